@@ -1,0 +1,174 @@
+"""Train Stable-Baselines3's PPO on an EnvPool task, in an environment that does not have perdure installed.
+
+Usage: python sb3_train.py CONFIG.json OUT.json
+
+The configuration is written by the caller from perdure's own presets, so both sides read the same numbers. OUT.json gets
+the training episodes, the final deterministic evaluation, and the time spent inside ``PPO.learn``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import envpool
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+NO_LIMIT = 1_000_000_000
+"""EnvPool's own limit is put out of reach: this adapter keeps the horizon, so a fall on the limit step stays a fall."""
+
+
+class EnvPoolVecEnv(VecEnv):
+    """EnvPool behind SB3's contract: same-step reset, ``terminal_observation`` and ``TimeLimit.truncated`` set."""
+
+    def __init__(self, task: str, num_envs: int, seed: int, horizon: int) -> None:
+        self.pool = envpool.make(
+            task, env_type="gymnasium", num_envs=num_envs, num_threads=num_envs, seed=seed, max_episode_steps=NO_LIMIT
+        )
+        self.horizon = horizon
+        self.elapsed = np.zeros(num_envs, dtype=np.int64)
+        self.returns = np.zeros(num_envs)
+        self.steps = 0
+        self.episodes: list[tuple[int, float, int]] = []
+        box = self.pool.observation_space
+        action_space = spaces.Box(-1.0, 1.0, self.pool.action_space.shape, np.float32)
+        action_space.low[:] = self.pool.action_space.low
+        action_space.high[:] = self.pool.action_space.high
+        super().__init__(num_envs, spaces.Box(-np.inf, np.inf, box.shape, np.float64), action_space)
+
+    def reset(self) -> np.ndarray:
+        self.elapsed[:] = 0
+        self.returns[:] = 0
+        return self.pool.reset()[0]
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self.actions = actions.astype(np.float64)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observations, rewards, terminated, _, _ = self.pool.step(self.actions)
+        self.elapsed += 1
+        self.returns += rewards
+        self.steps += self.num_envs
+        horizon_end = self.elapsed >= self.horizon
+        dones = terminated | horizon_end
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if dones.any():
+            lanes = np.flatnonzero(dones)
+            observations = observations.copy()
+            for lane in lanes:
+                truncated = bool(horizon_end[lane] and not terminated[lane])
+                infos[lane] = {"terminal_observation": observations[lane].copy(), "TimeLimit.truncated": truncated}
+                self.episodes.append((self.steps, float(self.returns[lane]), int(self.elapsed[lane])))
+            observations[lanes] = self.pool.reset(lanes)[0]
+            self.elapsed[lanes] = 0
+            self.returns[lanes] = 0
+        return observations, rewards, dones, infos
+
+    def close(self) -> None:
+        self.pool.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self, attr_name, None)] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise NotImplementedError
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        raise NotImplementedError
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * self.num_envs
+
+
+def make_model(config: dict[str, Any], env: VecEnv) -> tuple[PPO, VecNormalize]:
+    """PPO and its normaliser from one flat configuration."""
+    normalised = VecNormalize(env, gamma=config["normalizer_gamma"])
+    activation = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}[config["activation"]]
+    hidden = list(config["hidden_sizes"])
+    model = PPO(
+        "MlpPolicy",
+        normalised,
+        learning_rate=config["learning_rate"],
+        n_steps=config["n_steps"],
+        batch_size=config["batch_size"],
+        n_epochs=config["n_epochs"],
+        gamma=config["gamma"],
+        gae_lambda=config["gae_lambda"],
+        clip_range=config["clip_range"],
+        ent_coef=config["ent_coef"],
+        vf_coef=config["vf_coef"],
+        max_grad_norm=config["max_grad_norm"],
+        policy_kwargs={
+            "net_arch": {"pi": hidden, "vf": hidden},
+            "activation_fn": activation,
+            "log_std_init": config["log_std_init"],
+            "ortho_init": config["ortho_init"],
+        },
+        seed=config["seed"],
+        device="cpu",
+    )
+    return model, normalised
+
+
+class Clock(BaseCallback):
+    """Time from the end of the first iteration on, so that neither side's start-up is counted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.marks: list[tuple[int, float]] = []
+
+    def _on_rollout_start(self) -> None:
+        self.marks.append((self.num_timesteps, time.perf_counter()))
+
+    def _on_step(self) -> bool:
+        return True
+
+
+def evaluate(model: PPO, normalised: VecNormalize, config: dict[str, Any], episodes: int) -> list[float]:
+    """Deterministic returns of one episode per evaluation environment, with the normaliser frozen."""
+    env = EnvPoolVecEnv(config["task"], episodes, config["seed"] + 10_000, config["horizon"])
+    observations = env.reset()
+    returns = np.zeros(episodes)
+    alive = np.ones(episodes, dtype=bool)
+    while alive.any():
+        actions, _ = model.predict(normalised.normalize_obs(observations), deterministic=True)
+        env.step_async(actions)
+        observations, rewards, dones, _ = env.step_wait()
+        returns += rewards * alive
+        alive &= ~dones
+    env.close()
+    return returns.tolist()
+
+
+def main() -> None:
+    config = json.loads(Path(sys.argv[1]).read_text())
+    out = Path(sys.argv[2])
+    torch.set_num_threads(config.get("threads", 1))
+    env = EnvPoolVecEnv(config["task"], config["n_envs"], config["seed"], config["horizon"])
+    model, normalised = make_model(config, env)
+    clock = Clock()
+    model.learn(config["total_steps"], callback=clock)
+    clock.marks.append((model.num_timesteps, time.perf_counter()))
+    (first, t0), (last, t1) = clock.marks[1], clock.marks[-1]
+    result = {
+        "config": config,
+        "steps_per_second": (last - first) / (t1 - t0),
+        "episodes": env.episodes,
+        "evaluation": evaluate(model, normalised, config, config.get("evaluation_episodes", 20)),
+    }
+    temporary = out.with_suffix(".tmp")
+    temporary.write_text(json.dumps(result))
+    os.replace(temporary, out)
+
+
+if __name__ == "__main__":
+    main()

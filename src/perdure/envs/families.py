@@ -1,0 +1,129 @@
+"""The suites that task names come from, each able to list its tasks and to build one.
+
+EnvPool keeps its own registry; a family is a rule that picks tasks out of it, so a task that a newer EnvPool adds to a
+suite appears here by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from perdure.envs.errors import UnknownTask
+from perdure.envs.world import World
+
+GYMNASIUM_PREFIX = "gymnasium:"
+
+
+@dataclass(frozen=True)
+class TaskListing:
+    """One line of what can be simulated."""
+
+    name: str
+    """What `make_world` takes."""
+    family: str
+    """The suite."""
+    default_horizon: int | None
+    """Steps per episode in the suite itself; None where only building the environment would tell."""
+
+
+class Family(Protocol):
+    """A suite of tasks."""
+
+    @property
+    def name(self) -> str:
+        """What the suite is called in lists and in a `TaskSpec`."""
+
+    def owns(self, task: str) -> bool:
+        """Whether the name is one of this suite's."""
+
+    def listings(self) -> list[TaskListing]:
+        """What `list_tasks` shows of it."""
+
+    def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
+        """Builds a world for one of its tasks."""
+
+
+@dataclass(frozen=True)
+class EnvPoolFamily:
+    """The EnvPool tasks that one module registers."""
+
+    name: str
+    """See `Family.name`."""
+    module: str
+    """EnvPool's module, e.g. "envpool.mujoco.gym"."""
+    prefix: str = ""
+    """Only tasks whose name begins like this."""
+
+    def owns(self, task: str) -> bool:
+        """See `Family.owns`."""
+        registered = _envpool_registry().get(task)
+        return registered is not None and registered[0] == self.module and task.startswith(self.prefix)
+
+    def listings(self) -> list[TaskListing]:
+        """See `Family.listings`; in alphabetical order."""
+        tasks = sorted(task for task in _envpool_registry() if self.owns(task))
+        return [TaskListing(task, self.name, _envpool_registry()[task][2].get("max_episode_steps")) for task in tasks]
+
+    def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
+        """See `Family.make`."""
+        from perdure.envs.envpool_world import EnvPoolWorld
+
+        return EnvPoolWorld(task, self.name, seeds, threads)
+
+
+@dataclass(frozen=True)
+class GymnasiumFamily:
+    """Every environment that Gymnasium can make by its id, written `gymnasium:<id>`."""
+
+    name: str = "Gymnasium"
+    """See `Family.name`."""
+
+    def owns(self, task: str) -> bool:
+        """See `Family.owns`."""
+        return task.startswith(GYMNASIUM_PREFIX)
+
+    def listings(self) -> list[TaskListing]:
+        """See `Family.listings`: one line, since most of Gymnasium's registry needs extra packages to build."""
+        return [TaskListing(f"{GYMNASIUM_PREFIX}<id>", self.name, None)]
+
+    def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
+        """See `Family.make`; `threads` is not used, the environments are stepped one after the other."""
+        from perdure.envs.gymnasium_world import GymnasiumWorld
+
+        return GymnasiumWorld.from_id(task.removeprefix(GYMNASIUM_PREFIX), seeds)
+
+
+FAMILIES: tuple[Family, ...] = (
+    EnvPoolFamily("EnvPool MuJoCo", "envpool.mujoco.gym"),
+    EnvPoolFamily("EnvPool dm_control", "envpool.mujoco.dmc"),
+    EnvPoolFamily("EnvPool Shadow hand", "envpool.mujoco.robotics", prefix="Hand"),
+    GymnasiumFamily(),
+)
+
+
+def family_of(task: str) -> Family:
+    """The suite a task name belongs to.
+
+    Args:
+        task: A name as `list_tasks` shows it.
+
+    Returns:
+        Its family.
+
+    Raises:
+        UnknownTask: If no suite owns the name.
+    """
+    for family in FAMILIES:
+        if family.owns(task):
+            return family
+    raise UnknownTask(task, (listing.name for family in FAMILIES for listing in family.listings()))
+
+
+def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
+    """EnvPool's tasks: name to (module, class name of the specification, its arguments)."""
+    import envpool.registration
+
+    registered: dict[str, tuple[str, str, dict[str, Any]]] = envpool.registration.registry.specs
+    return registered

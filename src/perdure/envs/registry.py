@@ -1,0 +1,50 @@
+"""From a task's name to a world, and the list of names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from perdure.envs.errors import WorldError
+from perdure.envs.families import FAMILIES, TaskListing, family_of
+from perdure.envs.world import World
+
+
+def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
+    """Builds a world with one lane per seed.
+
+    A lane's start states depend on its seed only: the same seed in two lanes, two worlds or two batches of different
+    size gives the same episodes under the same actions.
+
+    Args:
+        task: A name from `list_tasks`, or `gymnasium:<id>`.
+        seeds: One whole number in [0, 2^31) per lane.
+        threads: Threads that simulate; more than one helps where there are many lanes. Results do not depend on it.
+
+    Returns:
+        The world; every lane must be reset before it is stepped.
+
+    Raises:
+        UnknownTask: If there is no such task.
+        WorldError: If seeds or threads are not legal, or the task's actions are not one box.
+    """
+    if threads < 1:
+        raise WorldError(f"threads must be at least 1, got {threads}.")
+    return family_of(task).make(task, seeds, threads)
+
+
+def list_tasks(family: str | None = None) -> list[TaskListing]:
+    """Every task that can be simulated, as `perdure list` shows it.
+
+    Args:
+        family: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
+
+    Returns:
+        Listings, suite by suite, alphabetical inside one.
+
+    Raises:
+        WorldError: If there is no such suite.
+    """
+    names = [one.name for one in FAMILIES]
+    if family is not None and family not in names:
+        raise WorldError(f"There is no task family named {family!r}; the families are {', '.join(names)}.")
+    return [listing for one in FAMILIES if family in (None, one.name) for listing in one.listings()]

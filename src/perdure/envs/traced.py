@@ -1,0 +1,139 @@
+"""A world as pure functions that a compiled JAX program can call, so that a whole rollout is one program.
+
+EnvPool offers its engine to XLA directly. Any other world is called back from the program, one host call a step.
+Time limits are not applied here: the program that steps the world counts the steps and decides when a lane has ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.experimental import io_callback
+from numpy.typing import NDArray
+
+from perdure.envs.envpool_channel import observation_keys
+from perdure.envs.envpool_world import EnvPoolWorld
+
+if TYPE_CHECKING:
+    from perdure.envs.world import World
+
+Handle = Any
+"""What the engine threads through a program; an array or nothing."""
+
+
+class TracedStep(NamedTuple):
+    """One step of all lanes; arrays of float64 and bool."""
+
+    observations: jax.Array
+    rewards: jax.Array
+    terminated: jax.Array
+    truncated: jax.Array
+
+
+class TracedWorld(NamedTuple):
+    """``step(handle, actions)`` and ``reset(done)`` for use inside ``jax.jit`` under ``jax.enable_x64``."""
+
+    step: Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]
+    """Actions of shape (num_lanes, action_size), already inside the action box."""
+    reset: Callable[[jax.Array], jax.Array]
+    """Starts the lanes where ``done`` (num_lanes,) is true; observations (num_lanes, d), other rows zero."""
+
+
+class WorldSlot:
+    """Holds the world that a compiled program steps, so that one program outlives many worlds of the same shape."""
+
+    def __init__(self) -> None:
+        self._world: World | None = None
+        self.handle: Handle = None
+        """What the program needs first; set by :meth:`fill`."""
+        self.pool_step: Callable[..., Any] | None = None
+        """The engine's own traced step, if it has one."""
+
+    def fill(self, world: World) -> None:
+        """Puts in a world that has been reset. It must not be stepped elsewhere until :meth:`clear`."""
+        self._world = world
+        if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
+            self.handle, _, _, self.pool_step = world.pool.xla()
+        else:
+            self.handle, self.pool_step = jnp.zeros(()), None
+
+    def clear(self) -> None:
+        """Takes the world out."""
+        self._world = None
+
+    @property
+    def world(self) -> World:
+        """The world inside."""
+        if self._world is None:
+            raise RuntimeError("the slot is empty: fill it before the program runs")
+        return self._world
+
+
+def trace(slot: WorldSlot) -> TracedWorld:
+    """The functions of the world in the slot, and of every world of the same task and size put there later."""
+    return TracedWorld(_callback_step(slot) if slot.pool_step is None else _pool_step(slot.pool_step), _reset(slot))
+
+
+def _pool_step(pool_step: Callable[..., Any]) -> Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]:
+    def step(handle: Handle, actions: jax.Array) -> tuple[Handle, TracedStep]:
+        handle, (observations, rewards, terminated, truncated, _) = pool_step(handle, actions)
+        return handle, TracedStep(observations, rewards.astype(jnp.float64), terminated, truncated)
+
+    return step
+
+
+def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]:
+    lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
+    flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)
+    shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
+
+    def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
+        step = slot.world.step(_float64(actions))
+        return _bits(step.observations), _bits(step.rewards), step.terminated, step.truncated
+
+    def step(handle: Handle, actions: jax.Array) -> tuple[Handle, TracedStep]:
+        bits = jax.lax.bitcast_convert_type(actions, jnp.uint32)
+        observations, rewards, terminated, truncated = io_callback(on_host, shapes, bits)
+        return handle, TracedStep(_traced_float64(observations), _traced_float64(rewards), terminated, truncated)
+
+    return step
+
+
+def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
+    lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
+
+    def on_host(done: jax.Array) -> NDArray[np.uint32]:
+        ended = np.flatnonzero(np.asarray(done))
+        observations = np.zeros((lanes, size))
+        observations[ended] = slot.world.reset(ended)
+        return _bits(observations)
+
+    def reset(done: jax.Array) -> jax.Array:
+        return _traced_float64(io_callback(on_host, _bits_shape(lanes, size), done))
+
+    return reset
+
+
+# JAX runs host callbacks on a thread of its own, where 64-bit numbers are off and a float64 would silently become a
+# float32. So they cross as pairs of 32-bit words.
+
+
+def _bits(values: NDArray[np.float64]) -> NDArray[np.uint32]:
+    return np.ascontiguousarray(values, np.float64)[..., None].view(np.uint32)
+
+
+def _float64(bits: jax.Array) -> NDArray[np.float64]:
+    return np.ascontiguousarray(bits).view(np.float64)[..., 0]
+
+
+def _bits_shape(*shape: int) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct((*shape, 2), jnp.uint32)
+
+
+def _traced_float64(bits: jax.Array) -> jax.Array:
+    result: jax.Array = jax.lax.bitcast_convert_type(bits, jnp.float64)
+    return result

@@ -1,0 +1,188 @@
+"""Any Gymnasium `VectorEnv` behind the vector contract."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from perdure.envs.errors import WorldError
+from perdure.envs.lanes import MAX_SEED, LaneBook, checked_actions, checked_seeds
+from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec
+
+
+class VectorEnvWorld:
+    """Lanes of one `VectorEnv` (see `World`).
+
+    A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
+    have ended get the action nearest to zero and what they do is ignored. Every episode is started with a seed made
+    from the lane's seed and the number of its episode, so whatever an ended lane went through leaves no trace.
+
+    All three autoreset modes work: `AutoresetMode.DISABLED` is the plain one; with `NEXT_STEP` the self-made resets
+    happen in ended lanes only; with `SAME_STEP` the last observation is taken from `info["final_obs"]`. Resetting some
+    of the lanes needs a `VectorEnv` that follows Gymnasium's `options["reset_mask"]`; resetting all at once does not.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        seeds: Sequence[int],
+        name: str = "custom",
+        family: str = "Gymnasium",
+        default_horizon: int | None = None,
+    ) -> None:
+        """Takes over a vector of environments.
+
+        Args:
+            env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
+                `truncated`.
+            seeds: One per environment, see `checked_seeds`.
+            name: Goes into the spec.
+            family: Goes into the spec.
+            default_horizon: Goes into the spec; None takes the environment's own limit.
+
+        Raises:
+            WorldError: If seeds and environments do not match, the spaces do not fit the contract or the vector does
+                not say how it resets itself.
+        """
+        from gymnasium.vector import AutoresetMode
+
+        self._seeds = checked_seeds(seeds)
+        if env.num_envs != len(self._seeds):
+            raise WorldError(f"{name}: {env.num_envs} environments need as many seeds, got {len(self._seeds)}.")
+        self._mode = env.metadata.get("autoreset_mode")
+        if not isinstance(self._mode, AutoresetMode):
+            modes = ", ".join(mode.name for mode in AutoresetMode)
+            raise WorldError(f"{name}: metadata['autoreset_mode'] must be one of {modes}, got {self._mode!r}.")
+        self._env = env
+        self._space, self._action_space = env.single_observation_space, env.single_action_space
+        limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
+        engine = getattr(env, "envs", [env])[0]
+        self._spec = spec_of(name, family, engine, (self._space, self._action_space), limit)
+        self._book = LaneBook(len(self._seeds))
+        self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
+        self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
+        self._shown: FloatArray | None = None  # what the vector showed last, all lanes
+
+    @property
+    def spec(self) -> TaskSpec:
+        """See `World.spec`."""
+        return self._spec
+
+    @property
+    def num_lanes(self) -> int:
+        """See `World.num_lanes`."""
+        return self._book.num_lanes
+
+    @property
+    def horizons(self) -> FloatArray:
+        """See `World.horizons`."""
+        return self._book.horizons
+
+    @property
+    def elapsed(self) -> IntArray:
+        """See `World.elapsed`."""
+        return self._book.elapsed
+
+    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+        """See `World.reset`."""
+        chosen, checked = self._book.lanes_to_reset(lanes, horizons)
+        mask = np.zeros(self.num_lanes, dtype=np.bool_)
+        mask[chosen] = True
+        shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
+        self._episodes[chosen] += 1
+        self._book.begin(chosen, checked)
+        return shown[chosen]
+
+    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
+        """See `World.step`; all running lanes must be stepped together."""
+        from gymnasium.vector import AutoresetMode
+
+        chosen = self._book.lanes_to_step(lanes)
+        self._refuse_leaving_lanes_behind(chosen)
+        clipped = checked_actions(actions, chosen, self._spec)
+        if self._mode is AutoresetMode.DISABLED and self._over.any():
+            self._reset_inside(self._over.copy(), [None] * self.num_lanes)
+        idle = np.clip(np.zeros(self._spec.action_size), self._spec.action_low, self._spec.action_high)
+        everyone = np.tile(idle, (self.num_lanes, 1))
+        everyone[chosen] = clipped
+        batch, rewards, terminated, truncated, info = self._env.step(shaped_actions(self._action_space, everyone))
+        self._shown = self._rows(batch)
+        self._over = np.asarray(terminated | truncated)
+        last = self._shown
+        if self._mode is AutoresetMode.SAME_STEP:
+            last = self._with_final_observations(last, info)
+        elapsed, horizon_end = self._book.advance(chosen, self._over[chosen])
+        rewards = np.asarray(rewards, dtype=np.float64)[chosen]
+        return Step(last[chosen], rewards, terminated[chosen], truncated[chosen], horizon_end, elapsed)
+
+    def close(self) -> None:
+        """See `World.close`."""
+        if not self._book.closed:
+            self._book.closed = True
+            self._env.close()
+
+    def _episode_seed(self, lane: int) -> int:
+        seed, episode = self._seeds[lane], int(self._episodes[lane])
+        if episode == 0:
+            return seed
+        return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0]) & MAX_SEED
+
+    def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
+        """Resets where the mask says; everything at the very first time, since a vector has to start as a whole."""
+        if mask.all() or self._shown is None:
+            observations, _ = self._env.reset(seed=list(seeds))
+            self._shown, self._over = self._rows(observations), np.zeros_like(mask)
+            return self._shown
+        only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
+        observations, _ = self._env.reset(seed=only_masked, options={"reset_mask": mask.copy()})
+        shown = self._rows(observations)
+        kept = ~mask & self._book.running
+        if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
+            raise WorldError(
+                f"{self._spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
+                "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
+                "GymnasiumWorld."
+            )
+        self._shown, self._over = shown, self._over & ~mask
+        return shown
+
+    def _refuse_leaving_lanes_behind(self, chosen: IntArray) -> None:
+        behind = self._book.running
+        behind[chosen] = False
+        if behind.any():
+            raise WorldError(
+                f"{self._spec.name}: a VectorEnv moves all lanes at once, but lanes {np.flatnonzero(behind)} are "
+                "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
+            )
+
+    def _rows(self, batch: Any) -> FloatArray:
+        """A batch of observations as vectors, shape (num_lanes, observation_size), in memory of its own."""
+        from gymnasium.spaces import Box
+        from gymnasium.vector.utils import iterate
+
+        if isinstance(self._space, Box):
+            return np.array(batch, dtype=np.float64).reshape(self.num_lanes, -1)
+        lanes = iterate(self._env.observation_space, batch)
+        return np.stack([flat_observation(self._space, observation) for observation in lanes])
+
+    def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
+        """What was shown, with the last observation where the vector already shows the first of the next episode."""
+        last = shown.copy()
+        for lane in np.flatnonzero(self._over):
+            last[lane] = flat_observation(self._space, _lane_of(self._space, info["final_obs"], int(lane)))
+        return last
+
+
+def _lane_of(space: Any, tree: Any, lane: int) -> Any:
+    """One lane of a batched info entry: a branch per part of the space, with masks of Gymnasium's own beside them."""
+    from gymnasium.spaces import Dict, Tuple
+
+    if isinstance(space, Dict) and isinstance(tree, dict):
+        return {key: _lane_of(part, tree[key], lane) for key, part in space.items()}
+    if isinstance(space, Tuple) and isinstance(tree, tuple):
+        return tuple(_lane_of(part, branch, lane) for part, branch in zip(space, tree, strict=True))
+    return tree[lane]

@@ -1,0 +1,127 @@
+"""The vector contract every world keeps: independent lanes, no reset that was not asked for, three separate ends.
+
+A *lane* is one running episode. Its start states depend on its seed and on its own earlier episodes, never on its
+place in the batch nor on its neighbours. How an episode ended stays in three arrays: the task's own end (`terminated`),
+an end the engine imposed (`truncated`) and the horizon set from outside (`horizon_end`). Only a learner decides what
+`horizon_end` means for a value.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class TaskSpec:
+    """What a policy must know about a task before it meets it."""
+
+    name: str
+    """The name `make_world` knows the task by."""
+    family: str
+    """The suite the task comes from, as `list_tasks` groups it."""
+    engine: str
+    """Simulator and version, e.g. "EnvPool 1.2.5, MuJoCo 3.6.0": returns are comparable only under the same one."""
+    observation_size: int
+    """Length of one observation, after flattening."""
+    action_low: FloatArray
+    """Lowest action per component, shape (action_size,); read-only."""
+    action_high: FloatArray
+    """Highest action per component, shape (action_size,); read-only."""
+    default_horizon: int
+    """Steps per episode the suite itself would use. A fact about the suite: no world applies it."""
+
+    def __post_init__(self) -> None:
+        """Takes read-only copies of the bounds, so that no caller can move the box of a running world."""
+        for field in ("action_low", "action_high"):
+            bound = np.array(getattr(self, field), dtype=np.float64)
+            bound.flags.writeable = False
+            object.__setattr__(self, field, bound)
+
+    @property
+    def action_size(self) -> int:
+        """Number of action components."""
+        return len(self.action_low)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """What one step did; row i belongs to the i-th lane that was stepped. All arrays belong to the caller."""
+
+    observations: FloatArray
+    """Shape (n, observation_size): the last observation of the step, never one from after a reset."""
+    rewards: FloatArray
+    """Shape (n,)."""
+    terminated: BoolArray
+    """Shape (n,): the task itself ended the episode (a fall)."""
+    truncated: BoolArray
+    """Shape (n,): the engine cut the episode for a reason of its own, which is not our horizon."""
+    horizon_end: BoolArray
+    """Shape (n,): the lane has completed its horizon; may be true together with `terminated`."""
+    elapsed: IntArray
+    """Shape (n,): steps since the lane's reset, this one included."""
+
+    @property
+    def ended(self) -> BoolArray:
+        """Shape (n,): the lane must be reset before it can be stepped again."""
+        return self.terminated | self.truncated | self.horizon_end
+
+
+class World(Protocol):
+    """Many lanes of one task behind one interface. Implementations never reset a lane by themselves."""
+
+    @property
+    def spec(self) -> TaskSpec:
+        """What is being simulated."""
+
+    @property
+    def num_lanes(self) -> int:
+        """Number of lanes."""
+
+    @property
+    def horizons(self) -> FloatArray:
+        """A copy of each lane's horizon in steps, shape (num_lanes,); infinite before the first reset."""
+
+    @property
+    def elapsed(self) -> IntArray:
+        """A copy of each lane's steps since its reset, shape (num_lanes,)."""
+
+    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+        """Starts a new episode in these lanes and leaves the others untouched.
+
+        Args:
+            lanes: Lane numbers, shape (n,), each at most once; None for all. Running lanes may be reset too.
+            horizons: Steps each episode may last, one number or shape (n,): whole and at least 1, or infinite.
+
+        Returns:
+            First observations, shape (n, observation_size), rows as in `lanes`.
+
+        Raises:
+            WorldError: If a lane or horizon is not legal; nothing was reset.
+        """
+
+    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
+        """Moves these lanes by one step and leaves the others untouched.
+
+        Args:
+            actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it.
+            lanes: Lane numbers, shape (n,), each at most once; None for all.
+
+        Returns:
+            What happened, rows as in `lanes`.
+
+        Raises:
+            WorldError: If a lane has ended or was never reset, or an action is NaN or has the wrong shape; nothing
+                was stepped.
+        """
+
+    def close(self) -> None:
+        """Gives the simulators back; the world cannot be used afterwards. Closing twice is allowed."""

@@ -1,0 +1,47 @@
+"""How time is treated: embeddings of the time-to-go, clocks for deployment, laws of the training horizon.
+
+| file | what it holds |
+|---|---|
+| `embedding.py` | the idea of phi(t, T); `linear.py`, `geometric.py` |
+| `clock.py` | the idea of a clock, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
+| `law.py` | the idea of a law of T; `fixed.py`, `uniform.py`, `infinite.py` |
+| `protocol.py` | `HorizonProtocol`: all of it in one record |
+| `registry.py` | by name to JSON and back |
+| `wrappers/` | the same for Gymnasium environments, for use with any library |
+| `errors.py` | `HorizonError` |
+"""
+
+from perdure.horizon.clock import Clock, clock_from_json, parse_clock
+from perdure.horizon.constant import Constant
+from perdure.horizon.countdown import Countdown
+from perdure.horizon.embedding import Embedding
+from perdure.horizon.errors import HorizonError
+from perdure.horizon.fixed import Fixed
+from perdure.horizon.geometric import Geometric, geometric_size
+from perdure.horizon.infinite import Infinite
+from perdure.horizon.lane_clocks import LaneClocks
+from perdure.horizon.law import HorizonLaw
+from perdure.horizon.linear import Linear
+from perdure.horizon.periodic import Periodic
+from perdure.horizon.protocol import HorizonProtocol
+from perdure.horizon.uniform import Uniform
+
+__all__ = [
+    "Clock",
+    "Constant",
+    "Countdown",
+    "Embedding",
+    "Fixed",
+    "Geometric",
+    "HorizonError",
+    "HorizonLaw",
+    "HorizonProtocol",
+    "Infinite",
+    "LaneClocks",
+    "Linear",
+    "Periodic",
+    "Uniform",
+    "clock_from_json",
+    "geometric_size",
+    "parse_clock",
+]

@@ -1,0 +1,62 @@
+"""The abstract idea of a clock: what a policy is told about time at deployment."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from perdure.horizon.errors import HorizonError
+from perdure.horizon.registry import from_json, to_json
+
+
+class Clock(ABC):
+    """Reads the (t, T) that an embedding is given off the steps that have really passed.
+
+    Subclasses are frozen dataclasses with one number, ``steps``, and use array operators only.
+    """
+
+    name: ClassVar[str]
+    """How files and command lines call it."""
+    steps: float
+    """The clock's one setting, in steps."""
+
+    def __post_init__(self) -> None:
+        """Refuse a negative or undefined number of steps."""
+        if not self.steps >= 0:
+            raise HorizonError(f"a {self.name} clock needs 0 steps or more, got {self.steps}")
+
+    @abstractmethod
+    def time(self, elapsed: Any) -> tuple[Any, Any]:
+        """(t, T) for elapsed steps of shape (n,): two arrays of shape (n,)."""
+
+    @property
+    def label(self) -> str:
+        """Short text for tables, such as "constant(500)"."""
+        return f"{self.name}({self.steps:g})" if self.steps < 1e6 else f"{self.name}({self.steps:.0f})"
+
+    def to_json(self) -> dict[str, Any]:
+        """The clock as plain JSON values."""
+        return to_json(self)
+
+
+def clock_from_json(values: Any) -> Clock:
+    """The clock that :meth:`Clock.to_json` described.
+
+    Raises:
+        HorizonError: If there is no such clock or its number of steps is out of range.
+    """
+    return from_json(Clock, values)  # type: ignore[type-abstract]
+
+
+def parse_clock(text: str) -> Clock:
+    """The clock that a command line names, "constant:500", "periodic:200", "countdown:100000" or the label itself.
+
+    Raises:
+        HorizonError: If the text names no clock.
+    """
+    name, _, steps = text.strip().replace("(", ":").rstrip(")").partition(":")
+    try:
+        number = float(steps)
+    except ValueError:
+        raise HorizonError(f"a clock is written name:steps, for example constant:500, got {text!r}") from None
+    return clock_from_json({"name": name, "steps": number})

@@ -1,0 +1,5 @@
+"""What can be wrong with a statement about time."""
+
+
+class HorizonError(ValueError):
+    """An embedding, a clock, a law of the horizon or a protocol that contradicts itself."""

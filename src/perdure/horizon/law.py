@@ -1,0 +1,39 @@
+"""The abstract idea of a law of the training horizon: how long the next episode may last."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from perdure.horizon.errors import HorizonError
+from perdure.horizon.registry import to_json
+
+
+class HorizonLaw(ABC):
+    """A distribution over horizons. Subclasses are frozen dataclasses and use array operators only."""
+
+    name: ClassVar[str]
+    """How files and command lines call it."""
+
+    @property
+    @abstractmethod
+    def longest(self) -> float:
+        """The longest horizon it draws, in steps; may be infinite."""
+
+    @abstractmethod
+    def from_uniform(self, u: Any) -> Any:
+        """Horizons in steps, same shape as ``u``, from numbers drawn uniformly in [0, 1)."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The law as plain JSON values."""
+        return to_json(self)
+
+
+def check_steps(name: str, steps: float) -> None:
+    """Refuses a horizon that is no whole number of steps from 1 up.
+
+    Raises:
+        HorizonError: With the name of the field and the bad value.
+    """
+    if not (steps >= 1 and float(steps).is_integer()):
+        raise HorizonError(f"{name} must be a whole number of steps, at least 1, got {steps}")

@@ -1,0 +1,33 @@
+"""The linear embedding: the share of the episode that is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from perdure.horizon.embedding import Embedding
+
+
+@dataclass(frozen=True)
+class Linear(Embedding):
+    """phi(t, T) = 1 - t/T (Pardo et al., Time limits in reinforcement learning, 2018).
+
+    0 when nothing is left (t >= T, also T = 0), 1 for an infinite horizon. With random horizons it does not tell how
+    many steps are left, and as a constant clock it is 1 for every C > 0.
+    """
+
+    name: ClassVar[str] = "linear"
+
+    @property
+    def size(self) -> int:
+        """One number."""
+        return 1
+
+    def __call__(self, elapsed: Any, horizon: Any) -> Any:
+        """Shape (*batch, 1)."""
+        left = horizon > elapsed
+        # Adding ~left keeps 0/0 out where nothing is left; multiplying by left makes that case exactly 0.
+        share = (1.0 - elapsed / (horizon + (1.0 - left))) * left
+        return share[..., None] if hasattr(share, "ndim") else np.asarray(share)[..., None]

@@ -1,0 +1,136 @@
+"""Policies as files: one safetensors file with everything inside. Reading one never runs code.
+
+The file's text metadata holds a JSON description under ``perdure.policy`` and the SHA-256 of description and tensors
+under ``sha256``, so that a file that was changed after it was written is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.policy.errors import PolicyError, PolicyFileError
+from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.store import write_whole
+
+FORMAT = "perdure.policy"
+VERSION = 1
+MAX_HEADER = 10_000_000
+"""Bytes; a policy's header is a few thousand."""
+
+Tensors = dict[str, NDArray[Any]]
+
+
+def save_policy(policy: Policy, path: str | Path) -> Path:
+    """Writes the policy, whole or not at all. The same policy gives the same bytes."""
+    from safetensors.numpy import save
+
+    tensors: Tensors = {name: np.ascontiguousarray(policy.weights[name]) for name in sorted(policy.weights)}
+    tensors["normalizer.mean"] = policy.normalizer.mean
+    tensors["normalizer.var"] = policy.normalizer.var
+    description = _describe(policy)
+    metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
+    write_whole(Path(path), _stable_header(save(tensors, metadata)))
+    return Path(path)
+
+
+def load_policy(path: str | Path) -> Policy:
+    """Reads a policy.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        PolicyFileError: If the file is not a policy, is damaged or was changed, with what is wrong.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise PolicyFileError(f"{path} is a folder, not a policy file")
+    data = path.read_bytes()
+    metadata, tensors = _parse(path, data)
+    if FORMAT not in metadata:
+        raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy")
+    if metadata.get("sha256") != _digest(metadata[FORMAT], tensors):
+        raise PolicyFileError(f"{path} was changed after it was written: its contents do not match its checksum")
+    try:
+        return _build(json.loads(metadata[FORMAT]), tensors)
+    except (KeyError, TypeError, PolicyError, ValueError) as error:
+        raise PolicyFileError(f"{path} cannot be read as a policy: {error}") from error
+
+
+def _parse(path: Path, data: bytes) -> tuple[dict[str, str], Tensors]:
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    try:
+        (size,) = struct.unpack("<Q", data[:8])
+        if size > min(MAX_HEADER, len(data) - 8):
+            raise PolicyFileError(f"{path} is not a perdure policy, or its end is missing")
+        header = json.loads(data[8 : 8 + size])
+        metadata = header.get("__metadata__", {})
+        return metadata, load(data)
+    except (struct.error, UnicodeDecodeError, json.JSONDecodeError, AttributeError):
+        raise PolicyFileError(f"{path} is not a perdure policy (a safetensors file is expected)") from None
+    except SafetensorError as error:
+        raise PolicyFileError(f"{path} is damaged, perhaps its end is missing: {error}") from None
+
+
+def _describe(policy: Policy) -> str:
+    task = policy.task
+    description = {
+        "version": VERSION,
+        "task": {
+            "name": task.name,
+            "observation_size": task.observation_size,
+            "action_low": list(task.action_low),
+            "action_high": list(task.action_high),
+        },
+        "activation": policy.activation,
+        "normalizer": {"clip": policy.normalizer.clip, "epsilon": policy.normalizer.epsilon},
+        "protocol": policy.protocol.to_json(),
+        "clock": None if policy.clock is None else policy.clock.to_json(),
+        "provenance": dict(policy.provenance),
+    }
+    return json.dumps(description, sort_keys=True, indent=1)
+
+
+def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
+    if description["version"] != VERSION:
+        raise PolicyError(f"its format is version {description['version']}; this perdure reads version {VERSION}")
+    task = description["task"]
+    normalizer = Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description["normalizer"])
+    clock = description["clock"]
+    return Policy(
+        task=TaskInfo(
+            task["name"], task["observation_size"], tuple(task["action_low"]), tuple(task["action_high"])
+        ),
+        weights=tensors,
+        activation=description["activation"],
+        normalizer=normalizer,
+        protocol=HorizonProtocol.from_json(description["protocol"]),
+        clock=None if clock is None else clock_from_json(clock),
+        provenance=description["provenance"],
+    )
+
+
+def _digest(description: str, tensors: Tensors) -> str:
+    digest = hashlib.sha256(description.encode())
+    for name in sorted(tensors):
+        array = np.ascontiguousarray(tensors[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _stable_header(data: bytes) -> bytes:
+    """The same file with its metadata in sorted order: safetensors writes it in the order of a hash table."""
+    (size,) = struct.unpack("<Q", data[:8])
+    header = json.loads(data[8 : 8 + size])
+    text = json.dumps({"__metadata__": dict(sorted(header.pop("__metadata__").items())), **header}).encode()
+    text += b" " * (-len(text) % 8)
+    return struct.pack("<Q", len(text)) + text + data[8 + size :]

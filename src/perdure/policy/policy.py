@@ -1,0 +1,149 @@
+"""A policy: everything that is needed to act, and to know where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.horizon import Clock, HorizonProtocol
+from perdure.policy.errors import PolicyError
+from perdure.policy.network import Perceptron
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Normalizer:
+    """Frozen statistics of the observations seen in training; see Stable-Baselines3's ``VecNormalize``."""
+
+    mean: FloatArray
+    """Shape (d,); d includes phi only in a replication (``HorizonProtocol.normalize_embedding``)."""
+    var: FloatArray
+    """Shape (d,)."""
+    clip: float = 10.0
+    """Normalised values are cut to +-clip."""
+    epsilon: float = 1e-8
+    """Added to the variance before its square root."""
+
+    @cached_property
+    def _std(self) -> FloatArray:
+        return np.sqrt(self.var + self.epsilon)
+
+    def __call__(self, observations: FloatArray) -> FloatArray:
+        """(observations - mean) / sqrt(var + epsilon), cut to +-clip; shape kept."""
+        scaled = (observations - self.mean) / self._std
+        np.clip(scaled, -self.clip, self.clip, out=scaled)
+        return scaled
+
+
+@dataclass(frozen=True)
+class TaskInfo:
+    """What the policy was trained on, so that it is not run on something else unnoticed."""
+
+    name: str
+    observation_size: int
+    action_low: tuple[float, ...]
+    action_high: tuple[float, ...]
+
+    @property
+    def action_size(self) -> int:
+        """Length of one action."""
+        return len(self.action_low)
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A deterministic policy: the mean of the trained Gaussian, cut to the action box.
+
+    Raises:
+        PolicyError: If weights, normaliser and protocol do not fit together.
+    """
+
+    task: TaskInfo
+    weights: Mapping[str, NDArray[np.float32]]
+    """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value``, and ``log_std``."""
+    activation: str
+    """"relu" or "tanh"."""
+    normalizer: Normalizer
+    protocol: HorizonProtocol
+    clock: Clock | None = None
+    """What the policy is told about time unless told otherwise; None for a policy without phi."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Method, seed, settings, versions and the command that made it. No time stamps: the same run, the same file."""
+
+    def __post_init__(self) -> None:
+        """Refuse parts that do not fit together."""
+        expected = self.task.observation_size + self.protocol.embedding_size
+        if self._actor.input_size != expected:
+            raise PolicyError(
+                f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
+                f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
+            )
+        normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
+        if self.normalizer.mean.shape != (normalized,) or self.normalizer.var.shape != (normalized,):
+            raise PolicyError(f"{self.task.name}: the normaliser must have {normalized} means and variances")
+        if (self.clock is None) != (self.protocol.embedding is None):
+            raise PolicyError(f"{self.task.name}: a policy has a clock if, and only if, it has an embedding")
+
+    @cached_property
+    def _actor(self) -> Perceptron:
+        return Perceptron(self.weights, "policy", self.activation)
+
+    @cached_property
+    def _critic(self) -> Perceptron:
+        return Perceptron(self.weights, "value", self.activation)
+
+    @cached_property
+    def _box(self) -> tuple[FloatArray, FloatArray]:
+        return np.asarray(self.task.action_low), np.asarray(self.task.action_high)
+
+    def act(self, observations: ArrayLike, elapsed: ArrayLike, clock: Clock | None = None) -> FloatArray:
+        """Actions for observations of shape (n, observation_size): shape (n, action_size), inside the box.
+
+        A row's action does not depend on the other rows, bit for bit.
+
+        Args:
+            observations: As the world gives them.
+            elapsed: Steps since reset of each row, shape (n,).
+            clock: Replaces the policy's own clock; only for a policy with an embedding.
+
+        Raises:
+            PolicyError: If shapes do not fit, or a clock is given to a policy without phi.
+        """
+        clock = clock or self.clock
+        steps = np.asarray(elapsed, np.float64)
+        if clock is None:
+            return self.act_at(observations, steps, np.full(steps.shape, np.inf))
+        if self.protocol.embedding is None:
+            raise PolicyError(f"this {self.task.name} policy has no time-to-go input, so it takes no clock")
+        return self.act_at(observations, *clock.time(steps))
+
+    def act_at(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
+        """As :meth:`act`, with the time already read off a clock: phi(elapsed, horizons), shapes (n,)."""
+        actions = self._actor(self.inputs(observations, elapsed, horizons)).astype(np.float64)
+        return np.clip(actions, *self._box, out=actions)
+
+    def value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
+        """The critic's estimate in scaled reward, shape (n,)."""
+        return self._critic(self.inputs(observations, elapsed, horizons))[:, 0].astype(np.float64)
+
+    def inputs(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> NDArray[np.float32]:
+        """What the networks see: normalised observation and phi, shape (n, input_size), float32."""
+        rows = np.asarray(observations, np.float64)
+        if rows.ndim != 2 or rows.shape[1] != self.task.observation_size:
+            raise PolicyError(
+                f"{self.task.name}: observations must have shape (n, {self.task.observation_size}), got {rows.shape}"
+            )
+        if self.protocol.embedding is None:
+            return self.normalizer(rows).astype(np.float32)
+        phi = self.protocol.embed(np.asarray(elapsed, np.float64), np.asarray(horizons, np.float64))
+        if phi.shape[:-1] != rows.shape[:1]:
+            raise PolicyError(f"{self.task.name}: elapsed must have shape ({len(rows)},), got {phi.shape[:-1]}")
+        if self.protocol.normalize_embedding:
+            return self.normalizer(np.concatenate([rows, phi], axis=1)).astype(np.float32)
+        return np.concatenate([self.normalizer(rows), phi], axis=1).astype(np.float32)

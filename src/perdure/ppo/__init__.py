@@ -1,0 +1,39 @@
+"""PPO as in Stable-Baselines3, with the horizon as a setting of its own, compiled to one program an iteration.
+
+| file | what it holds |
+|---|---|
+| `config.py`, `presets.py`, `methods.py` | the settings; tuned numbers for each task with their source; methods as data |
+| `networks.py`, `normalizer.py` | policy and value network; running normalisation |
+| `rollout.py` | collecting experience inside one compiled loop |
+| `advantages.py`, `learner.py`, `update.py` | what a rollout is worth; minibatches; loss and Adam |
+| `segment.py`, `state.py`, `checkpoint.py` | a run as a chain of segments that survives kill -9 |
+| `runs.py`, `export.py` | training runs, and the files they leave |
+| `progress.py`, `tensorboard.py` | watching a run |
+| `errors.py` | `ConfigError`, `CheckpointError` |
+"""
+
+from perdure.ppo.config import PPOConfig
+from perdure.ppo.errors import CheckpointError, ConfigError
+from perdure.ppo.methods import METHODS, Method, default_clock, method_config
+
+__all__ = [
+    "METHODS",
+    "CheckpointError",
+    "ConfigError",
+    "Method",
+    "PPOConfig",
+    "Report",
+    "TrainRun",
+    "default_clock",
+    "method_config",
+    "train",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Loads the learner, and with it JAX, only when it is asked for."""
+    if name in ("train", "TrainRun", "Report"):
+        from perdure.ppo import runs as module
+
+        return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,135 @@
+"""The learner's settings: what Stable-Baselines3 calls the arguments of ``PPO``, plus the horizon protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self
+
+from perdure.horizon import Fixed, HorizonProtocol
+from perdure.ppo.errors import ConfigError
+
+Activation = Literal["relu", "tanh"]
+
+
+def _default_protocol() -> HorizonProtocol:
+    return HorizonProtocol(embedding=None, horizon=Fixed(1000), end="truncated", gamma=0.99, normalizer_gamma=0.99)
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """One training run, but for its task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
+
+    gamma lives in the protocol, because it is a statement about the horizon.
+
+    Raises:
+        ConfigError: If a value is out of its range or the rollout cannot be cut into whole minibatches.
+    """
+
+    protocol: HorizonProtocol = field(default_factory=_default_protocol)
+    """How time is treated: embedding, law of the training horizon, what its end means, gamma, normaliser gamma."""
+    total_steps: int = 1_000_000
+    """Environment steps to train for, over all environments; rounded up to whole rollouts."""
+    n_envs: int = 1
+    """Environments of one seed, stepped side by side."""
+    n_steps: int = 2048
+    """Steps of each environment in one rollout."""
+    batch_size: int = 64
+    """Transitions in one minibatch; must divide n_envs * n_steps."""
+    n_epochs: int = 10
+    """Passes over each rollout."""
+    gae_lambda: float = 0.95
+    """lambda of the generalised advantage estimate."""
+    learning_rate: float = 3e-4
+    """Adam's step size, constant."""
+    clip_range: float = 0.2
+    """Epsilon of the clipped policy ratio."""
+    ent_coef: float = 0.0
+    """Weight of the entropy bonus."""
+    vf_coef: float = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: float = 0.5
+    """Global norm to which a gradient is cut."""
+    hidden_sizes: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of the policy and of the value network, which share nothing."""
+    activation: Activation = "tanh"
+    """Non-linearity of the hidden layers."""
+    log_std_init: float = 0.0
+    """Start value of the log standard deviation, which does not depend on the observation."""
+    ortho_init: bool = True
+    """Orthogonal start weights; otherwise torch's default (uniform, 1 / sqrt(fan in))."""
+    segment_steps: int = 50_000
+    """Steps between checkpoints, rounded to whole rollouts. At each one the environments are built afresh from
+    (seed, segment), interrupted or not, so this number is part of what a run is."""
+
+    def __post_init__(self) -> None:
+        """Refuse settings that cannot be trained."""
+        for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs", "segment_steps"):
+            _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            _require(_positive(getattr(self, name)), name, getattr(self, name), "a positive number")
+        for name in ("ent_coef", "vf_coef"):
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        _require(0 <= self.gae_lambda <= 1, "gae_lambda", self.gae_lambda, "in [0, 1]")
+        _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
+        _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
+        _require(
+            self.rollout_size % self.batch_size == 0,
+            "batch_size",
+            self.batch_size,
+            f"a divisor of n_envs * n_steps = {self.rollout_size}",
+        )
+
+    @property
+    def rollout_size(self) -> int:
+        """Transitions in one rollout."""
+        return self.n_envs * self.n_steps
+
+    @property
+    def iterations(self) -> int:
+        """Rollouts in the whole run."""
+        return math.ceil(self.total_steps / self.rollout_size)
+
+    @property
+    def segment_iterations(self) -> int:
+        """Rollouts between two checkpoints."""
+        return max(1, round(self.segment_steps / self.rollout_size))
+
+    @property
+    def segments(self) -> int:
+        """Checkpoints in the whole run, the last one included."""
+        return math.ceil(self.iterations / self.segment_iterations)
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings as plain JSON values."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        values["protocol"] = self.protocol.to_json()
+        values["hidden_sizes"] = list(self.hidden_sizes)
+        return values
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """The settings back from :meth:`to_json`.
+
+        Raises:
+            ConfigError: If a field is unknown, missing or out of range.
+        """
+        known = {f.name for f in dataclasses.fields(cls)}
+        if unknown := sorted(set(values) - known):
+            raise ConfigError(f"unknown PPO setting {', '.join(unknown)}; the settings are {', '.join(sorted(known))}")
+        if missing := sorted(known - set(values)):
+            raise ConfigError(f"missing PPO setting {', '.join(missing)}")
+        rest = dict(values)
+        rest["protocol"] = HorizonProtocol.from_json(values["protocol"])
+        rest["hidden_sizes"] = tuple(values["hidden_sizes"])
+        return cls(**rest)
+
+
+def _positive(value: float) -> bool:
+    return value > 0 and math.isfinite(value)
+
+
+def _require(condition: bool, name: str, value: object, valid: str) -> None:
+    if not condition:
+        raise ConfigError(f"{name} is {value!r}; it must be {valid}")

@@ -1,0 +1,89 @@
+"""From the end of a training run to the files it leaves behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import io
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy import Normalizer, Policy, TaskInfo
+from perdure.ppo.config import PPOConfig
+from perdure.ppo.methods import METHODS, default_clock, method_config
+from perdure.ppo.normalizer import CLIP, EPSILON
+from perdure.ppo.state import EPISODE_COLUMNS, ITERATION_COLUMNS, SeedState
+from perdure.store import write_whole
+
+if TYPE_CHECKING:
+    from perdure.envs import TaskSpec
+    from perdure.ppo.runs import TrainRun
+
+
+def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
+    """The policy of the final weights, with everything needed to act and to know where it came from."""
+    moments = state.statistics.observations
+    return Policy(
+        task=TaskInfo(
+            spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
+        ),
+        weights={name: np.asarray(value) for name, value in state.params.items()},
+        activation=run.config.activation,
+        normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), CLIP, EPSILON),
+        protocol=run.config.protocol,
+        clock=default_clock(run.config),
+        provenance={
+            "method": run.method,
+            "seed": state.seed,
+            "config": run.config.to_json(),
+            "engine": spec.engine,
+            "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy")},
+            "command": command(run, spec, state.seed),
+        },
+    )
+
+
+def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
+    """The command that makes this policy again."""
+    words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
+    if run.method in METHODS:
+        words += _overrides(run.config, method_config(run.method, run.task, spec.observation_size), "--ppo")
+    return shlex.join(words)
+
+
+def _overrides(config: Any, default: Any, flag: str) -> list[str]:
+    words: list[str] = []
+    for each in dataclasses.fields(config):
+        value, usual = getattr(config, each.name), getattr(default, each.name)
+        name = f"{flag}.{each.name.replace('_', '-')}"
+        if value == usual:
+            continue
+        if dataclasses.is_dataclass(value) and type(value) is type(usual):
+            words += _overrides(value, usual, name)
+        elif isinstance(value, bool):
+            words.append(name if value else f"{flag}.no-{each.name.replace('_', '-')}")
+        elif isinstance(value, tuple):
+            words += [name, *(str(item) for item in value)]
+        else:
+            words += [name, str(value)]
+    return words
+
+
+def write_curves(state: SeedState, folder: Path) -> None:
+    """``episodes.parquet`` and ``iterations.parquet``: the learning curves, without a clock's reading in them."""
+    _write_table(folder / "episodes.parquet", EPISODE_COLUMNS, state.episodes)
+    _write_table(folder / "iterations.parquet", ITERATION_COLUMNS, state.iterations)
+
+
+def _write_table(path: Path, columns: tuple[str, ...], rows: NDArray[np.float64]) -> None:
+    import polars as pl
+
+    buffer = io.BytesIO()
+    pl.DataFrame({name: rows[:, i] for i, name in enumerate(columns)}).write_parquet(buffer)
+    write_whole(path, buffer.getvalue())
+
+

@@ -1,0 +1,73 @@
+"""Policy and value networks: two multilayer perceptrons that share nothing, and a Gaussian of constant width.
+
+As in Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so that a file of them can be read by eye:
+``policy.0.weight`` (in, out), ``policy.0.bias`` (out,), ..., ``value.2.weight``, ``log_std`` (action_size,).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+
+if TYPE_CHECKING:
+    from perdure.ppo.config import PPOConfig
+
+Params = dict[str, jax.Array]
+
+LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOConfig) -> Params:
+    """Start weights of both networks, float32.
+
+    Orthogonal with gain sqrt(2) in the hidden layers, 0.01 for the action mean and 1 for the value (Stable-Baselines3),
+    or uniform in +-1/sqrt(fan in) for weights and biases (torch's ``Linear``) when ``config.ortho_init`` is off.
+    """
+    params: Params = {"log_std": jnp.full((action_size,), config.log_std_init, jnp.float32)}
+    for name, out_size, out_gain in (("policy", action_size, 0.01), ("value", 1, 1.0)):
+        key, net_key = jax.random.split(key)
+        sizes = (input_size, *config.hidden_sizes, out_size)
+        for layer, (fan_in, fan_out) in enumerate(zip(sizes, sizes[1:], strict=False)):
+            gain = out_gain if layer == len(sizes) - 2 else math.sqrt(2.0)
+            layer_key = jax.random.fold_in(net_key, layer)
+            weight, bias = _init_layer(layer_key, fan_in, fan_out, gain, config.ortho_init)
+            params[f"{name}.{layer}.weight"], params[f"{name}.{layer}.bias"] = weight, bias
+    return params
+
+
+def _init_layer(
+    key: jax.Array, fan_in: int, fan_out: int, gain: float, orthogonal: bool
+) -> tuple[jax.Array, jax.Array]:
+    if orthogonal:
+        weight = jax.nn.initializers.orthogonal(gain)(key, (fan_in, fan_out), jnp.float32)
+        return weight, jnp.zeros((fan_out,), jnp.float32)
+    bound = 1.0 / math.sqrt(fan_in)
+    weight_key, bias_key = jax.random.split(key)
+    weight = jax.random.uniform(weight_key, (fan_in, fan_out), jnp.float32, -bound, bound)
+    return weight, jax.random.uniform(bias_key, (fan_out,), jnp.float32, -bound, bound)
+
+
+def forward(params: Params, network: str, inputs: jax.Array, activation: str) -> jax.Array:
+    """Output of ``network`` ("policy" or "value") for inputs of shape (n, input_size): shape (n, outputs)."""
+    layers = sum(name.startswith(f"{network}.") for name in params) // 2
+    squash = {"relu": jax.nn.relu, "tanh": jnp.tanh}[activation]
+    hidden = inputs
+    for layer in range(layers):
+        hidden = hidden @ params[f"{network}.{layer}.weight"] + params[f"{network}.{layer}.bias"]
+        if layer < layers - 1:
+            hidden = squash(hidden)
+    return hidden
+
+
+def log_prob(mean: jax.Array, log_std: jax.Array, actions: jax.Array) -> jax.Array:
+    """Log density of a diagonal Gaussian, summed over the action's dimensions: (n, a), (a,), (n, a) -> (n,)."""
+    z = (actions - mean) * jnp.exp(-log_std)
+    return (-0.5 * jnp.square(z) - log_std - LOG_SQRT_2PI).sum(axis=-1)
+
+
+def entropy(log_std: jax.Array) -> jax.Array:
+    """Entropy of the Gaussian in nats: sum_i (1/2 + log sqrt(2 pi) + log std_i). It is the same for every state."""
+    return (0.5 + LOG_SQRT_2PI + log_std).sum()

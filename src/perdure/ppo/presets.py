@@ -1,0 +1,120 @@
+"""Tuned PPO hyperparameters for each task, and where every number is from.
+
+All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
+22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.
+The zoo trains all six with ``normalize: true``: observations and rewards, with the reward normaliser's gamma equal to
+the algorithm's.
+
+| task | gamma | envs | steps | batch | epochs | lambda | step size | network | total steps | from |
+|---|---|---|---|---|---|---|---|---|---|---|
+| HalfCheetah | 0.98 | 1 | 512 | 64 | 20 | 0.92 | 2.0633e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
+| Hopper | 0.999 | 1 | 512 | 32 | 5 | 0.99 | 9.80828e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
+| Walker2d | 0.99 | 1 | 512 | 32 | 20 | 0.95 | 5.05041e-5 | 64, 64 tanh | 1e6 | zoo, tuned; the zoo names no network |
+| Humanoid | 0.95 | 1 | 512 | 256 | 5 | 0.9 | 3.56987e-5 | 256, 256 relu | 1e7 | zoo, tuned |
+| Swimmer | 0.9999 | 4 | 1024 | 256 | 10 | 0.98 | 6e-4 | 64, 64 tanh | 1e6 | zoo, tuned (#335, 2023-01) |
+| Ant | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | zoo's entry is SB3's defaults |
+| any other | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | Stable-Baselines3's defaults |
+
+The zoo holds a tuned entry for Ant that is commented out (10 million steps); "tuned" values for Ant do not exist there.
+Before 2023-01 it trained Swimmer with defaults and gamma = 0.9999.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+DEFAULT_GAMMA = 0.99
+"""Stable-Baselines3's."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Tuned gamma, and the fields of :class:`~perdure.ppo.config.PPOConfig` that differ from its defaults."""
+
+    gamma: float
+    settings: dict[str, Any]
+
+
+_WIDE = {"hidden_sizes": (256, 256), "activation": "relu", "log_std_init": -2.0, "ortho_init": False}
+
+PRESETS: dict[str, Preset] = {
+    "HalfCheetah": Preset(
+        0.98,
+        {
+            "n_steps": 512,
+            "batch_size": 64,
+            "n_epochs": 20,
+            "gae_lambda": 0.92,
+            "learning_rate": 2.0633e-5,
+            "ent_coef": 4.01762e-4,
+            "clip_range": 0.1,
+            "max_grad_norm": 0.8,
+            "vf_coef": 0.58096,
+            **_WIDE,
+        },
+    ),
+    "Hopper": Preset(
+        0.999,
+        {
+            "n_steps": 512,
+            "batch_size": 32,
+            "n_epochs": 5,
+            "gae_lambda": 0.99,
+            "learning_rate": 9.80828e-5,
+            "ent_coef": 2.29519e-3,
+            "clip_range": 0.2,
+            "max_grad_norm": 0.7,
+            "vf_coef": 0.835671,
+            **_WIDE,
+        },
+    ),
+    "Walker2d": Preset(
+        0.99,
+        {
+            "n_steps": 512,
+            "batch_size": 32,
+            "n_epochs": 20,
+            "gae_lambda": 0.95,
+            "learning_rate": 5.05041e-5,
+            "ent_coef": 5.85045e-4,
+            "clip_range": 0.1,
+            "max_grad_norm": 1.0,
+            "vf_coef": 0.871923,
+        },
+    ),
+    "Humanoid": Preset(
+        0.95,
+        {
+            "n_steps": 512,
+            "batch_size": 256,
+            "n_epochs": 5,
+            "gae_lambda": 0.9,
+            "learning_rate": 3.56987e-5,
+            "ent_coef": 2.38306e-3,
+            "clip_range": 0.3,
+            "max_grad_norm": 2.0,
+            "vf_coef": 0.431892,
+            "total_steps": 10_000_000,
+            # Humanoid steps slowly: shorter segments keep what a kill can cost under a minute.
+            "segment_steps": 20_000,
+            **_WIDE,
+        },
+    ),
+    "Swimmer": Preset(
+        0.9999,
+        {
+            "n_envs": 4,
+            "n_steps": 1024,
+            "batch_size": 256,
+            "gae_lambda": 0.98,
+            "learning_rate": 6e-4,
+        },
+    ),
+    "Ant": Preset(0.99, {}),
+}
+
+
+def preset(task: str) -> Preset:
+    """The preset of a task in any of its versions ("Hopper-v3", "Hopper-v5"); defaults for a task without one."""
+    return PRESETS.get(task.removeprefix("gymnasium:").split("-")[0], Preset(DEFAULT_GAMMA, {}))

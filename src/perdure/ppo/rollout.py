@@ -1,0 +1,266 @@
+"""Collecting experience: n_steps of every environment as one compiled program.
+
+Several seeds may share one program and one pool of environments, to share the cost of handing work to the pool's
+threads. Each seed's arithmetic is written out by itself on its own rows, so that a seed trained beside others is bit
+for bit the seed trained alone.
+
+The loop does only what the next action depends on, in few large arrays, because each array costs the compiled loop about
+a microsecond a step. Everything else is computed for the whole rollout afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from perdure.envs.traced import Handle, TracedStep, TracedWorld
+from perdure.ppo.advantages import Ends
+from perdure.ppo.networks import Params, forward
+from perdure.ppo.normalizer import RunningMoments, merge, normalize, scale_rewards
+
+if TYPE_CHECKING:
+    from perdure.envs.world import TaskSpec
+    from perdure.ppo.config import PPOConfig
+
+
+class Lanes(NamedTuple):
+    """Where one seed's environments are."""
+
+    observations: jax.Array
+    """As the world gave them, (n_envs, observation_size), float64."""
+    counters: jax.Array
+    """Rows elapsed, horizon, discounted, returns; shape (4, n_envs), float64."""
+
+    @property
+    def elapsed(self) -> jax.Array:
+        """Steps since reset, (n_envs,)."""
+        return self.counters[0]
+
+    @property
+    def horizons(self) -> jax.Array:
+        """Steps the running episode may last, (n_envs,); may be infinite."""
+        return self.counters[1]
+
+    @property
+    def discounted(self) -> jax.Array:
+        """Running discounted reward, whose spread scales the rewards, (n_envs,)."""
+        return self.counters[2]
+
+    @property
+    def returns(self) -> jax.Array:
+        """Undiscounted return of the running episode, (n_envs,)."""
+        return self.counters[3]
+
+
+def start_lanes(config: PPOConfig, observations: jax.Array, uniform: jax.Array) -> Lanes:
+    """Environments that have just been reset; ``uniform`` in [0, 1), shape (n_envs,), draws their horizons."""
+    zeros = jnp.zeros_like(uniform)
+    return Lanes(observations, jnp.stack([zeros, config.protocol.horizon.from_uniform(uniform), zeros, zeros]))
+
+
+class Statistics(NamedTuple):
+    """What the normaliser of one seed has seen."""
+
+    observations: RunningMoments
+    returns: RunningMoments
+
+
+class Experience(NamedTuple):
+    """What one seed's environments went through, to learn from: float32. Leading axes (n_steps, n_envs)."""
+
+    inputs: jax.Array
+    """What the networks saw; here the leading axis is n_steps + 1: the last row follows the rollout."""
+    last_inputs: jax.Array
+    """What the networks would have seen of the state a step led to, before any reset."""
+    actions: jax.Array
+    """As sampled, before clipping to the action box."""
+    rewards: jax.Array
+    """Scaled."""
+    ends: Ends
+
+
+class Episodes(NamedTuple):
+    """The running episodes at each step, for the learning curve. Axes (n_steps, n_envs)."""
+
+    returns: jax.Array
+    """Undiscounted and unscaled return so far, float64."""
+    lengths: jax.Array
+    """Steps so far."""
+    done: jax.Array
+    """The episode ended with this step."""
+
+
+class SeedRollout(NamedTuple):
+    """What a rollout leaves of one seed."""
+
+    lanes: Lanes
+    statistics: Statistics
+    experience: Experience
+    episodes: Episodes
+
+
+class _Trace(NamedTuple):
+    """What the loop writes down at each step."""
+
+    inputs: jax.Array
+    actions: jax.Array
+    observations: jax.Array
+    """After the step, before any reset."""
+    counters: jax.Array
+    """After the step, before any reset; shape (4, n_envs)."""
+    outcome: jax.Array
+    """Rows reward, terminated, truncated; shape (3, n_envs)."""
+    moments: jax.Array
+    """Mean and variance of the observations, after the step; shape (2, d)."""
+    return_var: jax.Array
+    """Variance of the running discounted reward, after the step."""
+
+
+def network_inputs(
+    config: PPOConfig, moments: RunningMoments, observations: jax.Array, elapsed: jax.Array, horizons: jax.Array
+) -> jax.Array:
+    """Normalised observation and phi side by side, float32. phi passes the normaliser only in a replication."""
+    phi = config.protocol.embed(elapsed, horizons)
+    if config.protocol.normalize_embedding:
+        return normalize(moments, jnp.concatenate([observations, phi], axis=-1))
+    return jnp.concatenate([normalize(moments, observations), phi.astype(jnp.float32)], axis=-1)
+
+
+def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> RunningMoments:
+    """Moments with the present observation of each environment taken in."""
+    observations = lanes.observations
+    if config.protocol.normalize_embedding:
+        phi = config.protocol.embed(lanes.elapsed, lanes.horizons)
+        observations = jnp.concatenate([observations, phi], axis=-1)
+    return merge(moments, observations)
+
+
+def make_rollout(
+    world: TracedWorld, spec: TaskSpec, config: PPOConfig
+) -> Callable[..., tuple[Handle, tuple[SeedRollout, ...]]]:
+    """A function that carries some seeds through ``config.n_steps`` steps; to be compiled under x64.
+
+    It takes (handle, lanes, statistics, params, keys), each but the handle a tuple with one entry for a seed.
+    """
+    low, high = jnp.asarray(spec.action_low), jnp.asarray(spec.action_high)
+    n_envs = config.n_envs
+
+    def rollout(
+        handle: Handle,
+        lanes: tuple[Lanes, ...],
+        statistics: tuple[Statistics, ...],
+        params: tuple[Params, ...],
+        keys: tuple[jax.Array, ...],
+    ) -> tuple[Handle, tuple[SeedRollout, ...]]:
+        seeds = range(len(keys))
+        draws = tuple(_draw(key, config, len(spec.action_low)) for key in keys)
+
+        def step(carry: tuple[Handle, Any], draw: tuple[_Draws, ...]) -> tuple[tuple[Handle, Any], Any]:
+            handle, before = carry
+            acted = [_act(config, params[i], *before[i], draw[i]) for i in seeds]
+            sent = jnp.concatenate([actions for _, actions in acted]).astype(jnp.float64)
+            handle, stepped = world.step(handle, jnp.clip(sent, low, high))
+            rows = [_rows(stepped, i, n_envs) for i in seeds]
+            counters = [_count(config, before[i][0], rows[i].rewards) for i in seeds]
+            done = jnp.concatenate([_ends(rows[i], counters[i]).done for i in seeds])
+            # Resets leave the program, so they are paid for only when an episode ends.
+            fresh = jax.lax.cond(
+                done.any(),
+                lambda: jnp.where(done[:, None], world.reset(done), stepped.observations),
+                lambda: stepped.observations,
+            )
+            after, traces = [], []
+            for i in seeds:
+                mine = slice(i * n_envs, (i + 1) * n_envs)
+                horizons = config.protocol.horizon.from_uniform(draw[i].horizon)
+                now = Lanes(fresh[mine], jnp.where(done[mine], _restart(horizons), counters[i]))
+                seen = before[i][1]
+                seen = Statistics(observe(config, seen.observations, now), merge(seen.returns, counters[i][2][:, None]))
+                after.append((now, seen))
+                traces.append(_trace(acted[i], rows[i], counters[i], seen))
+            return (handle, tuple(after)), tuple(traces)
+
+        start = tuple(zip(lanes, statistics, strict=True))
+        (handle, last), traces = jax.lax.scan(step, (handle, start), draws)
+        return handle, tuple(_finish(config, *last[i], traces[i]) for i in seeds)
+
+    return rollout
+
+
+class _Draws(NamedTuple):
+    """All randomness of a rollout, drawn before it: leading axes (n_steps, n_envs)."""
+
+    noise: jax.Array
+    horizon: jax.Array
+
+
+def _draw(key: jax.Array, config: PPOConfig, action_size: int) -> _Draws:
+    noise_key, horizon_key = jax.random.split(key)
+    shape = (config.n_steps, config.n_envs)
+    noise = jax.random.normal(noise_key, (*shape, action_size), jnp.float32)
+    return _Draws(noise, jax.random.uniform(horizon_key, shape, jnp.float64))
+
+
+def _inputs(config: PPOConfig, lanes: Lanes, statistics: Statistics) -> jax.Array:
+    return network_inputs(config, statistics.observations, lanes.observations, lanes.elapsed, lanes.horizons)
+
+
+def _act(
+    config: PPOConfig, params: Params, lanes: Lanes, statistics: Statistics, draw: _Draws
+) -> tuple[jax.Array, jax.Array]:
+    inputs = _inputs(config, lanes, statistics)
+    mean = forward(params, "policy", inputs, config.activation)
+    return inputs, mean + jnp.exp(params["log_std"]) * draw.noise
+
+
+def _rows(step: TracedStep, seed: int, n_envs: int) -> TracedStep:
+    return TracedStep(*(x[seed * n_envs : (seed + 1) * n_envs] for x in step))
+
+
+def _count(config: PPOConfig, lanes: Lanes, rewards: jax.Array) -> jax.Array:
+    gamma = config.protocol.normalizer_gamma
+    return jnp.stack(
+        [lanes.elapsed + 1, lanes.horizons, lanes.discounted * gamma + rewards, lanes.returns + rewards]
+    )
+
+
+def _restart(horizons: jax.Array) -> jax.Array:
+    zeros = jnp.zeros_like(horizons)
+    return jnp.stack([zeros, horizons, zeros, zeros])
+
+
+def _ends(step: TracedStep, counters: jax.Array) -> Ends:
+    return Ends(step.terminated, step.truncated, counters[0] >= counters[1])
+
+
+def _trace(
+    acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.Array, statistics: Statistics
+) -> _Trace:
+    return _Trace(
+        inputs=acted[0],
+        actions=acted[1],
+        observations=step.observations,
+        counters=counters,
+        outcome=jnp.stack([step.rewards, step.terminated, step.truncated]),
+        moments=jnp.stack([statistics.observations.mean, statistics.observations.var]),
+        return_var=statistics.returns.var,
+    )
+
+
+def _finish(config: PPOConfig, lanes: Lanes, statistics: Statistics, trace: _Trace) -> SeedRollout:
+    """What follows from the trace for all steps at once. Arrays of the trace have leading axis n_steps."""
+    elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
+    rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))
+    ends = Ends(terminated > 0, truncated > 0, elapsed >= horizons)
+    moments = RunningMoments(trace.moments[:, :1], trace.moments[:, 1:], statistics.observations.count)
+    experience = Experience(
+        inputs=jnp.concatenate([trace.inputs, _inputs(config, lanes, statistics)[None]]),
+        last_inputs=network_inputs(config, moments, trace.observations, elapsed, horizons),
+        actions=trace.actions,
+        rewards=scale_rewards(trace.return_var, rewards),
+        ends=ends,
+    )
+    return SeedRollout(lanes, statistics, experience, Episodes(returns, elapsed, ends.done))

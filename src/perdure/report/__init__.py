@@ -1,0 +1,67 @@
+"""Tables in, figures and a page out: reads extrapolation tables, never simulates.
+
+    schema.py           the Parquet table: columns, version, read_table, write_table
+    statistics.py       estimates with intervals: training runs are the units
+    groups.py           the lanes of a table that share policy, clock and task
+    charts.py           what a chart is, whatever draws it
+    figures.py          which charts a table gives
+    table.py            the summary table
+    verdict.py          the sentence on top
+    png_renderer.py     a chart as PNG (matplotlib)
+    plotly_renderer.py  a chart for the page (plotly.js)
+    page.py             write_report: the self-contained page, the PNG files beside it
+    errors.py           ReportError
+
+Of perdure the package imports only `store.write_whole`. Its parts are loaded when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from perdure.report.errors import ReportError
+
+if TYPE_CHECKING:
+    from perdure.report.schema import COLUMNS, SCHEMA_NAME, SCHEMA_VERSION, check_table, read_table, write_table
+    from perdure.report.statistics import (
+        Bootstrap,
+        Interval,
+        Units,
+        bootstrap_interval,
+        difference_interval,
+        make_units,
+        mean_interval,
+        survival_interval,
+    )
+
+__all__ = [
+    "COLUMNS",
+    "SCHEMA_NAME",
+    "SCHEMA_VERSION",
+    "Bootstrap",
+    "Interval",
+    "ReportError",
+    "Units",
+    "bootstrap_interval",
+    "check_table",
+    "difference_interval",
+    "make_units",
+    "mean_interval",
+    "read_table",
+    "survival_interval",
+    "write_table",
+]
+
+_NAMES = {
+    "schema": ("COLUMNS", "SCHEMA_NAME", "SCHEMA_VERSION", "check_table", "read_table", "write_table"),
+    "statistics": (
+        *("Bootstrap", "Interval", "Units", "bootstrap_interval"),
+        *("difference_interval", "make_units", "mean_interval", "survival_interval"),
+    ),
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

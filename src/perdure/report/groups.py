@@ -1,0 +1,145 @@
+"""Groups: the lanes of a table that share task, policy and clock. What a curve, a row, a dot is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+NO_CLOCK = "none"
+GOING_SHARE = 0.1
+"""A living lane is no longer going when its last tenth earns less than this share of its first tenth per step."""
+_KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Lanes that share task, line and clock."""
+
+    task: str
+    line: str
+    """Who acts: the method, its training seeds pooled; the policy's label where that would mix policies."""
+    clock: str
+    clock_kind: str
+    clock_steps: float
+    train_horizon: float
+    """[steps]; inf: trained without an end; nan: unknown."""
+    test_horizon: int
+    steps: IntArray
+    """Checkpoints, shape (steps,), rising."""
+    runs: IntArray
+    """Which training run each lane belongs to, shape (lanes,)."""
+    returns: FloatArray
+    """Shape (lanes, steps)."""
+    alive: BoolArray
+    """Shape (lanes, steps)."""
+    end_steps: IntArray
+    """Shape (lanes,)."""
+    end_reasons: tuple[str, ...]
+    stuck_steps: IntArray
+    """At the last checkpoint, shape (lanes,)."""
+    first_tenth: FloatArray
+    """Reward per step, shape (lanes,)."""
+    last_tenth: FloatArray
+
+    @property
+    def lanes(self) -> int:
+        """Number of lanes."""
+        return len(self.runs)
+
+    @property
+    def num_runs(self) -> int:
+        """Number of training runs."""
+        return len(np.unique(self.runs))
+
+    @property
+    def label(self) -> str:
+        """What a reader calls it, e.g. "geometric · constant(500)"."""
+        return self.line if self.clock_kind == NO_CLOCK else f"{self.line} \u00b7 {self.clock}"
+
+    @property
+    def is_tuned_by_steps(self) -> bool:
+        """Whether the clock has a number C to choose."""
+        return self.clock_kind in ("constant", "periodic")
+
+    @cached_property
+    def going(self) -> BoolArray:
+        """Which lanes are alive at the end and still earn: a fallen robot that lies still is alive, but not going."""
+        silent = (self.first_tenth > 0.0) & (self.last_tenth < GOING_SHARE * self.first_tenth)
+        return self.alive[:, -1] & ~silent
+
+
+def make_groups(frame: pl.DataFrame) -> tuple[Group, ...]:
+    """Split an extrapolation table into its groups.
+
+    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
+    constant, periodic, each by its number of steps.
+    """
+    frame = _name_lines(frame).sort("policy", "train_seed", "eval_seed", "step")
+    groups = [_make_group(part) for part in frame.partition_by("task", "line", "clock")]
+    order = {key: index for index, key in enumerate(_first_seen(frame))}
+    return tuple(sorted(groups, key=lambda group: (order[group.task, group.line], *_clock_order(group))))
+
+
+def tasks_of(groups: tuple[Group, ...]) -> tuple[str, ...]:
+    """Return the tasks of the groups, each once, in order."""
+    return tuple(dict.fromkeys(group.task for group in groups))
+
+
+def _name_lines(frame: pl.DataFrame) -> pl.DataFrame:
+    """Add the column `line`, and `place`: the row at which the table first names it."""
+    kind = ["task", "method", "train_horizon"]
+    policies = pl.struct("policy", "train_seed").n_unique().over(kind)
+    pooled = pl.col("train_seed").n_unique().over(kind) == policies
+    ambiguous = pl.col("train_horizon").n_unique().over("task", "method") > 1
+    method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", _horizon_text())).otherwise(pl.lit(""))
+    named = frame.with_row_index("place").with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
+    return named.with_columns(place=pl.col("place").min().over("task", "line"))
+
+
+def _horizon_text() -> pl.Expr:
+    horizon = pl.col("train_horizon")
+    whole = horizon.is_finite()
+    number = pl.when(whole).then(horizon).otherwise(0.0).cast(pl.Int64).cast(pl.String)
+    return pl.when(whole).then(number).when(horizon.is_nan()).then(pl.lit("?")).otherwise(pl.lit("\u221e"))
+
+
+def _first_seen(frame: pl.DataFrame) -> Iterator[tuple[str, str]]:
+    seen = frame.select("task", "line", "place").unique()
+    first = seen.with_columns(task_place=pl.col("place").min().over("task")).sort("task_place", "place", "line")
+    yield from first.select("task", "line").iter_rows()
+
+
+def _clock_order(group: Group) -> tuple[int, str, float, str]:
+    kind = group.clock_kind
+    place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
+    return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
+
+
+def _make_group(part: pl.DataFrame) -> Group:
+    steps = part["step"].unique().sort().to_numpy()
+    lanes = len(part) // len(steps)
+    last = part.filter(pl.col("step") == steps[-1])
+    head = last.row(0, named=True)
+    return Group(
+        **{name: head[name] for name in ("task", "line", "clock", "clock_kind", "clock_steps")},
+        train_horizon=head["train_horizon"],
+        test_horizon=head["test_horizon"],
+        steps=steps,
+        runs=last.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
+        returns=part["return"].to_numpy().reshape(lanes, len(steps)),
+        alive=part["alive"].to_numpy().reshape(lanes, len(steps)),
+        end_steps=last["end_step"].to_numpy(),
+        end_reasons=tuple(last["end_reason"]),
+        stuck_steps=last["stuck_steps"].to_numpy(),
+        first_tenth=last["first_tenth"].to_numpy(),
+        last_tenth=last["last_tenth"].to_numpy(),
+    )

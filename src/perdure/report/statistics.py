@@ -1,0 +1,263 @@
+"""Estimates with intervals.
+
+The unit that is resampled is the training run: the lanes (evaluation seeds) of one run are averaged first, because they
+share everything the training did [Agarwal et al., 2021, "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice"; Patterson et al., 2024, "Empirical Design in Reinforcement Learning"]. With one training run only, the lanes
+are resampled and the interval says so: it then speaks about start states, not about training again.
+"""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.report.errors import ReportError
+
+FloatArray = NDArray[np.float64]
+Statistic = Literal["mean", "iqm"]
+
+TRAINING_SEEDS = "training seeds"
+EVALUATION_SEEDS_ONLY = "evaluation seeds only"
+_BATCH_ELEMENTS = 4_000_000
+
+
+def _mean(values: FloatArray, axis: int) -> FloatArray:
+    return np.asarray(np.mean(values, axis=axis))
+
+
+def _middle_mean(values: FloatArray, axis: int) -> FloatArray:
+    from scipy.stats import trim_mean
+
+    return np.asarray(trim_mean(values, 0.25, axis=axis))
+
+
+_STATISTICS: dict[str, Callable[..., Any]] = {"mean": _mean, "iqm": _middle_mean}
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """How intervals are made (`scipy.stats.bootstrap`)."""
+
+    statistic: Statistic = "mean"
+    """"mean", or "iqm": the mean of the middle half (a quarter of the units is cut at each end)."""
+    method: Literal["percentile", "BCa"] = "percentile"
+    """"percentile" [Efron, 1979], or "BCa": bias-corrected and accelerated [Efron, 1987]."""
+    confidence: float = 0.95
+    resamples: int = 2000
+
+    def __post_init__(self) -> None:
+        if self.statistic not in _STATISTICS:
+            raise ReportError(f"Unknown statistic {self.statistic!r}; known are {', '.join(_STATISTICS)}.")
+        if self.method not in ("percentile", "BCa"):
+            raise ReportError(f"Unknown bootstrap method {self.method!r}; known are percentile, BCa.")
+        if not 0.0 < self.confidence < 1.0:
+            raise ReportError(f"The confidence is {self.confidence}; it lies strictly between 0 and 1, such as 0.95.")
+        if self.resamples < 1:
+            raise ReportError(f"The number of resamples is {self.resamples}; it is at least 1.")
+
+
+DEFAULT = Bootstrap()
+"""The mean, 95 %, percentiles of 2,000 resamples."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """What is resampled: one row per training run, or per lane when there is one training run only."""
+
+    values: FloatArray
+    """Shape (count, *rest)."""
+    label: str
+    """`TRAINING_SEEDS` or `EVALUATION_SEEDS_ONLY`."""
+
+    @property
+    def count(self) -> int:
+        """Number of units."""
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate between two bounds. All three have the shape of one unit: () for a number, (steps,) for a curve."""
+
+    estimate: FloatArray
+    lower: FloatArray
+    """nan where no interval can be made: one unit only, or a value that is not finite."""
+    upper: FloatArray
+    label: str
+    """What was resampled."""
+    count: int
+    """How many units were resampled."""
+
+
+def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
+    """Average the lanes of each training run.
+
+    Args:
+        values: One row per lane, shape (lanes, *rest).
+        runs: Which training run each lane belongs to, shape (lanes,): numbers or text.
+
+    Returns:
+        One row per run, sorted by run; the lanes themselves when all belong to one run.
+
+    Raises:
+        ReportError: No lanes, or shapes that do not fit.
+    """
+    rows, names = np.asarray(values, dtype=np.float64), np.asarray(runs)
+    if rows.ndim == 0 or len(rows) == 0 or names.shape != rows.shape[:1]:
+        raise ReportError(f"Values of shape {rows.shape} do not fit runs of shape {names.shape}: one run per lane.")
+    distinct, index = np.unique(names, return_inverse=True)
+    if len(distinct) == 1:
+        return Units(rows, EVALUATION_SEEDS_ONLY)
+    return Units(np.stack([rows[index == run].mean(axis=0) for run in range(len(distinct))]), TRAINING_SEEDS)
+
+
+def bootstrap_interval(units: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
+    """Estimate a statistic over units, with a bootstrap interval at every point of a curve on its own.
+
+    A single unit, or a value that is not finite, gives nan bounds. Units that all agree give bounds equal to the
+    estimate: they show no spread, which is not certainty. Few units give intervals that are too narrow: with 5 normal
+    scores a 95 % percentile interval covers the true mean about 84 times in 100, with 24 about 94 times.
+
+    Args:
+        units: Rows to resample, from `make_units`.
+        rng: The only source of randomness.
+        how: Statistic, method, confidence, number of resamples.
+
+    Returns:
+        Estimate and bounds, each of the shape of one unit.
+    """
+    columns = units.values.reshape(units.count, -1)
+    finite = np.isfinite(columns).all(axis=0)
+    estimate = np.full(columns.shape[1], np.nan)
+    estimate[finite] = _STATISTICS[how.statistic](columns[:, finite], axis=0)
+    lower, upper = np.full_like(estimate, np.nan), np.full_like(estimate, np.nan)
+    if units.count > 1:
+        varied = finite & (columns != columns[:1]).any(axis=0)
+        agreed = finite & ~varied
+        lower[agreed] = upper[agreed] = estimate[agreed]
+        if varied.any():
+            lower[varied], upper[varied] = _resample((columns[:, varied],), _STATISTICS[how.statistic], rng, how)
+    shape = units.values.shape[1:]
+    return Interval(estimate.reshape(shape), lower.reshape(shape), upper.reshape(shape), units.label, units.count)
+
+
+def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
+    """Average lanes within training runs, then bootstrap over runs: `make_units` and `bootstrap_interval` in one."""
+    return bootstrap_interval(make_units(values, runs), rng, how)
+
+
+def survival_interval(
+    alive: ArrayLike, runs: ArrayLike, rng: np.random.Generator, how: Bootstrap = DEFAULT
+) -> Interval:
+    """Share of lanes still alive, with an interval at every step on its own.
+
+    With one training run the lanes are independent yes-or-no trials and the interval is Wilson's score interval
+    [Wilson, 1927], which keeps a width when all lanes survive. With several runs the shares of the runs are resampled.
+
+    Args:
+        alive: Shape (lanes, steps), or (lanes,) for one step.
+        runs: Which training run each lane belongs to, shape (lanes,).
+        rng: The only source of randomness.
+        how: Method, confidence, resamples; the statistic is always the mean.
+    """
+    units = make_units(alive, runs)
+    if units.label == TRAINING_SEEDS:
+        return bootstrap_interval(units, rng, Bootstrap("mean", how.method, how.confidence, how.resamples))
+    share = units.values.mean(axis=0)
+    lower, upper = wilson(share, units.count, how.confidence)
+    return Interval(share, lower, upper, units.label, units.count)
+
+
+def wilson(share: ArrayLike, count: int, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
+    """Wilson's score interval for a share p of n yes-or-no trials.
+
+    (p + z^2/2n -+ z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z the normal quantile [Wilson, 1927, JASA 22, p. 209].
+
+    Returns:
+        (lower, upper), each of the shape of `share`, within [0, 1].
+    """
+    from scipy.special import ndtri
+
+    p = np.asarray(share, dtype=np.float64)
+    z = float(ndtri(0.5 + confidence / 2.0))
+    middle = p + z * z / (2.0 * count)
+    spread = z * np.sqrt(p * (1.0 - p) / count + z * z / (4.0 * count * count))
+    scale = 1.0 + z * z / count
+    # Rounding must not push a bound past the estimate at shares of 0 and 1.
+    return np.clip((middle - spread) / scale, 0.0, p), np.clip((middle + spread) / scale, p, 1.0)
+
+
+def difference_interval(left: Units, right: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
+    """Difference of two independent groups' statistics, left minus right, with a bootstrap interval.
+
+    Both groups are resampled, each within itself. Units that belong together in pairs are better served by
+    `bootstrap_interval` over their differences.
+
+    Args:
+        left: Units whose values are numbers, shape (count,).
+        right: Likewise; the counts may differ.
+        rng: The only source of randomness.
+        how: Statistic, method, confidence, number of resamples.
+
+    Raises:
+        ReportError: A group's values are not one number per unit.
+    """
+    for units in (left, right):
+        if units.values.ndim != 1:
+            raise ReportError(f"A difference needs one number per unit, not values of shape {units.values.shape}.")
+    statistic, a, b = _STATISTICS[how.statistic], left.values, right.values
+    estimate = np.asarray(statistic(a, axis=0) - statistic(b, axis=0))
+    bound = np.full((), np.nan)
+    label = left.label if left.label == right.label else f"{left.label} against {right.label}"
+    count = min(left.count, right.count)
+    if count < 2 or not np.isfinite(estimate):
+        return Interval(estimate, bound, bound, label, count)
+    if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:
+        return Interval(estimate, estimate, estimate, label, count)
+
+    def difference(x: FloatArray, y: FloatArray, axis: int) -> FloatArray:
+        return np.asarray(statistic(x, axis=axis) - statistic(y, axis=axis))
+
+    lower, upper = _resample((a[:, None], b[:, None]), difference, rng, how)
+    return Interval(estimate, lower[0], upper[0], label, count)
+
+
+def _resample(
+    data: tuple[FloatArray, ...], statistic: Callable[..., FloatArray], rng: np.random.Generator, how: Bootstrap
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds for each column of `data`; every array is (count, columns)."""
+    from scipy.stats import bootstrap
+
+    size = max(array.size for array in data)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        result = bootstrap(
+            data,
+            statistic,
+            n_resamples=how.resamples,
+            batch=max(1, min(how.resamples, _BATCH_ELEMENTS // size)),
+            vectorized=True,
+            axis=0,
+            confidence_level=how.confidence,
+            method=how.method,
+            **{_generator_keyword(): rng},
+        )
+    low, high = result.confidence_interval
+    # BCa is 0/0 where leaving out any one unit changes nothing; the percentiles are still there.
+    tail = 0.5 - how.confidence / 2.0
+    fallback_low, fallback_high = np.quantile(result.bootstrap_distribution, (tail, 1.0 - tail), axis=-1)
+    return np.where(np.isnan(low), fallback_low, low), np.where(np.isnan(high), fallback_high, high)
+
+
+@cache
+def _generator_keyword() -> str:
+    from scipy.stats import bootstrap
+
+    return "rng" if "rng" in inspect.signature(bootstrap).parameters else "random_state"  # renamed in SciPy 1.15

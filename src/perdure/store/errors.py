@@ -1,0 +1,5 @@
+"""The store's own exception."""
+
+
+class StoreError(ValueError):
+    """A unit cannot be stored or found as asked; the message names the unit and says why."""

@@ -1,0 +1,150 @@
+"""What makes a unit: a readable key and the SHA-256 of its config."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from perdure.store.errors import StoreError
+from perdure.store.whole import write_whole
+
+RECORD = "unit.json"
+"""The file inside every unit that says what the unit is."""
+
+_PART = re.compile(r"[A-Za-z0-9_(][A-Za-z0-9._+=,@()-]*")
+_LONGEST_KEY = 200
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Identity:
+    """One unit: the key people read and the config that must not differ under it."""
+
+    key: str
+    """Parts joined by "/", e.g. "Hopper-v3/geometric/seed-0"."""
+    config: Mapping[str, Any]
+    """JSON values only."""
+    digest: str
+    """SHA-256 of the config as canonical JSON, in hexadecimal."""
+
+    @classmethod
+    def of(cls, key: str, config: Mapping[str, Any]) -> Identity:
+        """Check the key, bring the config to plain JSON values and compute its digest.
+
+        Raises:
+            StoreError: The key leaves the store or is not readable, or the config holds something JSON cannot.
+        """
+        checked, text = check_key(key), canonical_json(config, f"the config of {key!r}")
+        return cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
+
+    def write(self, folder: Path) -> None:
+        """Put the record of this unit into `folder`."""
+        record = {"key": self.key, "sha256": self.digest, "config": self.config}
+        write_whole(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
+
+    @classmethod
+    def read(cls, folder: Path) -> Identity:
+        """Read the record in `folder`.
+
+        Raises:
+            StoreError: The record is damaged, or was edited so that its digest no longer fits.
+        """
+        path = folder / RECORD
+        try:
+            record = json.loads(path.read_bytes())
+            identity = cls.of(record["key"], record["config"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise StoreError(f"{path} is damaged: {error!r}.") from error
+        if identity.digest != record.get("sha256"):
+            raise StoreError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
+        return identity
+
+    def check_same(self, other: Identity, where: str) -> None:
+        """Refuse `other` (what was asked for) unless it is this unit (what is stored).
+
+        Raises:
+            StoreError: With the fields that differ.
+        """
+        if self.key != other.key:
+            raise StoreError(f"{where} holds the unit {self.key!r}, not {other.key!r}.")
+        if self.digest != other.digest:
+            fields = describe_difference(self.config, other.config)
+            raise StoreError(
+                f"{other.key!r} is in {where} with another config: {fields}. Choose another key or remove that unit."
+            )
+
+
+def config_digest(config: Mapping[str, Any]) -> str:
+    """Return the SHA-256, in hexadecimal, of `config` as canonical JSON (sorted keys, no spaces).
+
+    Raises:
+        StoreError: The config holds something JSON cannot.
+    """
+    return hashlib.sha256(canonical_json(config, "the config").encode()).hexdigest()
+
+
+def canonical_json(config: Mapping[str, Any], name: str) -> str:
+    """Return `config` as JSON text that depends on its content only.
+
+    Raises:
+        StoreError: Something in it is no JSON value (NaN and infinity are none either); the sentence calls it `name`.
+    """
+    if not isinstance(config, Mapping):
+        raise StoreError(f"{name} must be a mapping, not {type(config).__name__}.")
+    for field, value in flatten(config):
+        if not isinstance(value, str | int | float | bool | None):
+            raise StoreError(f"{name} has {field} = {value!r} ({type(value).__name__}), which JSON cannot hold.")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise StoreError(f'{name} has {field} = {value}, which JSON cannot hold: write it as text, e.g. "inf".')
+    return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=True, default=dict)
+
+
+def check_key(key: str) -> str:
+    """Return `key` when it is readable and stays inside the store.
+
+    Raises:
+        StoreError: Otherwise, with what a key may be.
+    """
+    parts = key.split("/") if isinstance(key, str) else []
+    readable = all(_PART.fullmatch(part) and part != RECORD for part in parts)
+    if not parts or not readable or len(key) > _LONGEST_KEY:
+        raise StoreError(
+            f"{key!r} cannot be a unit's key: use parts of letters, digits and . _ + = , @ ( ) - joined by '/', "
+            f'none of them starting with a dot or a dash, such as "Hopper-v3/geometric/seed-0".'
+        )
+    return key
+
+
+def describe_difference(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
+    """Name the fields in which two configs differ, with both values."""
+    old, new = dict(flatten(stored)), dict(flatten(asked))
+    fields = [field for field in sorted(old | new) if _show(old, field) != _show(new, field)]
+    shown = [f"{field} is {_show(old, field)} there and {_show(new, field)} here" for field in fields[:_SHOWN]]
+    rest = [f"{len(fields) - _SHOWN} more fields"] if len(fields) > _SHOWN else []
+    return ", ".join(shown + rest)
+
+
+def flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (dotted name, value) of every leaf; an empty mapping or list is a leaf too, the text "{}" or "[]"."""
+    if name and not value and isinstance(value, Mapping | list | tuple):
+        yield name, "{}" if isinstance(value, Mapping) else "[]"
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            if not isinstance(key, str):
+                raise StoreError(f"the config has the key {key!r} under {name or 'its top'}: keys must be text.")
+            yield from flatten(item, f"{name}.{key}" if name else key)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from flatten(item, f"{name}[{index}]")
+    else:
+        yield name, value
+
+
+def _show(fields: Mapping[str, Any], field: str) -> str:
+    return repr(fields[field]) if field in fields else "not set"

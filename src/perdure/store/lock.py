@@ -1,0 +1,61 @@
+"""Advisory file locks: held by a process, let go of by the kernel when that process dies, however it dies."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def acquire(path: Path, wait: bool = False) -> int | None:
+    """Lock the file at `path`, creating it when it is not there.
+
+    Args:
+        path: The lock file. Its folder must exist.
+        wait: Wait for another holder instead of giving up.
+
+    Returns:
+        An open file descriptor that holds the lock until `release`, or None when somebody else holds it.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        except BaseException:
+            os.close(descriptor)
+            raise
+        if is_still_at(descriptor, path):
+            return descriptor
+        # Between open and flock the former holder removed the file: what we locked is no longer at this path.
+        os.close(descriptor)
+
+
+def is_still_at(descriptor: int, path: Path) -> bool:
+    """Say whether the open file `descriptor` is the one that now lies at `path`."""
+    try:
+        there = os.stat(path)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(os.fstat(descriptor), there)
+
+
+def release(descriptor: int, path: Path) -> None:
+    """Remove the lock file and let go of it, in that order, so that nobody can lock a file about to vanish."""
+    path.unlink(missing_ok=True)
+    os.close(descriptor)
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Hold the lock at `path` for the length of a block, waiting for it where needed."""
+    descriptor = acquire(path, wait=True)
+    assert descriptor is not None
+    try:
+        yield
+    finally:
+        release(descriptor, path)

@@ -1,0 +1,105 @@
+"""One file, written whole: a reader, a crash or a full disk sees the old file or the new one, never half of it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from perdure.store.lock import is_still_at
+
+
+def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
+    """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
+
+    Missing folders are made. A symbolic link at `path` stays, its target is replaced. What a killed writer of the same
+    path left behind is removed.
+
+    Args:
+        path: Where the file shall be.
+        data: Bytes, or text that is encoded as UTF-8 without changing line ends.
+
+    Returns:
+        `path` as a `Path`.
+
+    Raises:
+        OSError: The disk is full, the folder cannot be written, ...; it names `path`, and the old file is untouched.
+    """
+    target = Path(os.path.realpath(path))
+    payload = data.encode() if isinstance(data, str) else data
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(target)
+        temporary, descriptor = _open_temporary(target)
+        try:
+            _write_all(descriptor, payload)
+            os.replace(temporary, target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        finally:
+            os.close(descriptor)
+        sync_folder(target.parent)
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
+    return Path(path)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names inside `folder` durable (POSIX: fsync of the directory)."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_file(path: Path) -> None:
+    """Make the content of the file at `path` durable."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _write_all(descriptor: int, payload: bytes) -> None:
+    view = memoryview(payload)
+    while view:
+        view = view[os.write(descriptor, view) :]
+    os.fsync(descriptor)
+
+
+def _open_temporary(target: Path) -> tuple[Path, int]:
+    """Make a new locked file beside `target`; the lock tells others that its writer lives."""
+    while True:
+        temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if is_still_at(descriptor, temporary):
+            return temporary, descriptor
+        os.close(descriptor)  # another writer took it for a leftover before it was locked
+
+
+def _remove_leftovers(target: Path) -> None:
+    prefix = _prefix(target)
+    for entry in list(os.scandir(target.parent)):
+        if entry.name.startswith(prefix) and entry.is_file(follow_symlinks=False):
+            with suppress(OSError):
+                _remove_if_dead(Path(entry.path))
+
+
+def _remove_if_dead(leftover: Path) -> None:
+    descriptor = os.open(leftover, os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        leftover.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _prefix(target: Path) -> str:
+    # A long name leaves no room for a token within the 255 bytes a file name may have.
+    return f".{target.name.encode()[:180].decode(errors='ignore')}.partial-"

@@ -1,0 +1,235 @@
+"""What every world promises, on a sample of every family (`make test`) and on every registered task (`make verify`)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from worlds import CASES, SAMPLE_CASES, Case, actions_of, trajectories
+
+from perdure.envs import World, WorldError
+
+SEEDS = [11, 12, 13]
+STEPS = 6
+
+
+@pytest.fixture(params=CASES)
+def case(request: pytest.FixtureRequest) -> Case:
+    return request.param
+
+
+@pytest.fixture
+def world(case: Case) -> Iterator[World]:
+    built = case.build(SEEDS)
+    yield built
+    built.close()
+
+
+every_sample = pytest.mark.parametrize("case", SAMPLE_CASES, indirect=True)
+
+
+def plan(world: World, steps: int = STEPS) -> np.ndarray:
+    """Actions of all lanes, shape (steps, lanes, action_size)."""
+    return np.stack([actions_of(seed, world, steps) for seed in SEEDS], axis=1)
+
+
+def test_the_same_seeds_give_the_same_trajectories_and_other_seeds_do_not(case: Case, world: World) -> None:
+    ours = trajectories(world, SEEDS, STEPS)
+    again = trajectories(case.build(SEEDS), SEEDS, STEPS)
+    assert all(np.array_equal(a, b) for a, b in zip(ours, again, strict=True))
+    others = trajectories(case.build([91, 92, 93]), SEEDS, STEPS)  # the same actions from other seeds
+    assert not any(np.array_equal(a, b) for a, b in zip(ours, others, strict=True))
+
+
+def test_a_lane_does_not_feel_its_place_nor_its_neighbours(case: Case, world: World) -> None:
+    ours = dict(zip(SEEDS, trajectories(world, SEEDS, STEPS), strict=True))
+    for seeds in ([13, 11], [12], [12, 13, 12, 11, 11]):
+        for seed, lane in zip(seeds, trajectories(case.build(seeds), seeds, STEPS), strict=True):
+            assert np.array_equal(lane, ours[seed]), f"seed {seed} among {seeds}"
+
+
+def test_the_order_in_which_lanes_are_named_does_not_matter(case: Case, world: World) -> None:
+    ours = trajectories(world, SEEDS, STEPS)
+    shuffled = trajectories(case.build(SEEDS), SEEDS, STEPS, order=[2, 0, 1])
+    assert all(np.array_equal(a, b) for a, b in zip(ours, shuffled, strict=True))
+
+
+def test_observations_rewards_and_flags_have_the_promised_shapes(world: World) -> None:
+    spec = world.spec
+    assert world.num_lanes == len(SEEDS)
+    assert spec.default_horizon >= 1
+    assert spec.action_low.shape == spec.action_high.shape == (spec.action_size,)
+    assert world.reset().shape == (3, spec.observation_size)
+    step = world.step(plan(world)[0])
+    assert step.observations.shape == (3, spec.observation_size)
+    assert step.observations.dtype == step.rewards.dtype == np.float64
+    assert step.rewards.shape == step.terminated.shape == step.truncated.shape == step.horizon_end.shape == (3,)
+    assert step.terminated.dtype == step.truncated.dtype == step.horizon_end.dtype == np.bool_
+    assert step.elapsed.tolist() == [1, 1, 1]
+    assert np.isfinite(step.observations).all()
+
+
+def test_each_lane_ends_at_exactly_its_own_horizon(world: World) -> None:
+    actions, alive = plan(world), np.arange(3)
+    world.reset(horizons=np.array([1.0, 3.0, np.inf]))
+    assert world.horizons.tolist() == [1, 3, np.inf]
+    completed = {}
+    for k in range(3):
+        step = world.step(actions[k][alive], alive)
+        assert not step.terminated.any()
+        assert not step.truncated.any()
+        assert (step.elapsed == k + 1).all()
+        completed |= dict.fromkeys(alive[step.horizon_end].tolist(), k + 1)
+        alive = alive[~step.ended]
+    assert completed == {0: 1, 1: 3}
+    assert world.elapsed.tolist() == [1, 3, 3]
+
+
+def test_the_last_observation_is_the_one_the_episode_would_have_had_without_a_horizon(case: Case, world: World) -> None:
+    actions = plan(world)
+    unlimited = case.build(SEEDS)
+    unlimited.reset()
+    first = world.reset(horizons=3)
+    for k in range(3):
+        limited, free = world.step(actions[k]), unlimited.step(actions[k])
+    assert limited.horizon_end.all()
+    assert not free.horizon_end.any()
+    assert np.array_equal(limited.observations, free.observations)
+    assert np.array_equal(limited.rewards, free.rewards)
+    assert not (limited.observations == first).all(axis=1).any()
+
+
+@every_sample
+def test_an_ended_lane_is_refused_until_it_is_reset_and_the_refusal_moves_nothing(case: Case, world: World) -> None:
+    actions, twin = plan(world), case.build(SEEDS)
+    for one in (world, twin):
+        one.reset(horizons=np.array([1.0, np.inf, np.inf]))
+        one.step(actions[0])
+    with pytest.raises(WorldError, match="Lanes 0 have ended"):
+        world.step(actions[1])
+    rest = np.array([1, 2])
+    assert np.array_equal(world.step(actions[1][1:], rest).observations, twin.step(actions[1][1:], rest).observations)
+    again = world.reset(np.array([0]), horizons=2)
+    assert again.shape == (1, world.spec.observation_size)
+    assert world.elapsed.tolist() == [0, 2, 2]
+    assert world.step(actions[2]).horizon_end.tolist() == [False, False, False]
+
+
+@every_sample
+def test_lanes_that_were_never_reset_are_refused(world: World) -> None:
+    with pytest.raises(WorldError, match="Lanes 0, 1, 2 were never reset"):
+        world.step(plan(world)[0])
+    world.reset(np.array([1]))
+    with pytest.raises(WorldError, match="Lanes 0, 2 were never reset"):
+        world.step(plan(world)[0])
+    assert world.step(plan(world)[0][1:2], np.array([1])).elapsed.tolist() == [1]
+
+
+def test_stepping_some_lanes_leaves_the_others_where_they_are(case: Case, world: World) -> None:
+    if not case.partial:
+        world.reset()
+        with pytest.raises(WorldError, match=r"lanes \[0 2\] are running"):
+            world.step(plan(world)[0][1:2], np.array([1]))
+        return
+    actions, twin = plan(world), case.build(SEEDS)
+    world.reset(), twin.reset()
+    for k in range(3):
+        expected = twin.step(actions[k])
+    for k in range(3):  # lane 1 alone first, then the other two
+        alone = world.step(actions[k][1:2], np.array([1]))
+    assert world.elapsed.tolist() == [0, 3, 0]
+    for k in range(3):
+        others = world.step(actions[k][[2, 0]], np.array([2, 0]))
+    assert np.array_equal(alone.observations[0], expected.observations[1])
+    assert np.array_equal(others.observations, expected.observations[[2, 0]])
+    assert np.array_equal(others.rewards, expected.rewards[[2, 0]])
+
+
+def test_resetting_one_lane_leaves_the_others_where_they_are(case: Case, world: World) -> None:
+    actions, twin = plan(world), case.build(SEEDS)
+    for one in (world, twin):
+        one.reset()
+        one.step(actions[0])
+    world.reset(np.array([1]))
+    assert world.elapsed.tolist() == [1, 0, 1]
+    ours, expected = world.step(actions[1]), twin.step(actions[1])
+    assert np.array_equal(ours.observations[[0, 2]], expected.observations[[0, 2]])
+    assert not np.array_equal(ours.observations[1], expected.observations[1])
+
+
+@every_sample
+def test_without_a_horizon_no_episode_is_cut(world: World) -> None:
+    world.reset()
+    assert np.isinf(world.horizons).all()
+    for k in range(3):
+        assert not world.step(plan(world)[k]).horizon_end.any()
+
+
+@every_sample
+def test_impossible_horizons_are_refused(world: World) -> None:
+    for horizon in (0, -1, 2.5, np.nan, "long", [1, 2]):
+        with pytest.raises(WorldError, match="horizon"):
+            world.reset(horizons=horizon)
+    with pytest.raises(WorldError, match="never reset"):
+        world.step(plan(world)[0])
+
+
+@every_sample
+def test_impossible_lanes_are_refused(world: World) -> None:
+    world.reset()
+    for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1):
+        with pytest.raises(WorldError, match=r"[Ll]anes"):
+            world.reset(lanes)
+        with pytest.raises(WorldError, match=r"[Ll]anes"):
+            world.step(plan(world)[0], lanes)
+    assert world.elapsed.tolist() == [0, 0, 0]
+
+
+@every_sample
+def test_actions_of_a_wrong_shape_or_without_a_value_are_refused_and_move_nothing(case: Case, world: World) -> None:
+    actions, twin = plan(world), case.build(SEEDS)
+    world.reset(), twin.reset()
+    nan = actions[0].copy()
+    nan[1, -1] = np.nan
+    with pytest.raises(WorldError, match="lane 1 is NaN"):
+        world.step(nan)
+    for wrong in (actions[0][:2], actions[0][:, :0], actions[0].ravel(), "left"):
+        with pytest.raises(WorldError, match="actions must"):
+            world.step(wrong)
+    assert np.array_equal(world.step(actions[0]).observations, twin.step(actions[0]).observations)
+
+
+def test_actions_are_clipped_to_the_box(case: Case, world: World) -> None:
+    spec, twin = world.spec, case.build(SEEDS)
+    world.reset(), twin.reset()
+    beyond = np.stack([spec.action_high + 5, spec.action_low - 5, np.full(spec.action_size, np.inf)])
+    edge = np.stack([spec.action_high, spec.action_low, spec.action_high])
+    before = beyond.copy()
+    clipped, exact = world.step(beyond), twin.step(edge)
+    assert np.array_equal(clipped.observations, exact.observations)
+    assert np.array_equal(clipped.rewards, exact.rewards)
+    assert np.array_equal(beyond, before)
+
+
+def test_results_belong_to_the_caller(case: Case, world: World) -> None:
+    actions, twin = plan(world), case.build(SEEDS)
+    twin.reset()
+    kept = [world.reset()]
+    for k in range(3):
+        step, expected = world.step(actions[k]), twin.step(actions[k])
+        assert np.array_equal(step.observations, expected.observations)
+        assert not any(np.shares_memory(step.observations, earlier) for earlier in kept)
+        kept.append(step.observations)
+        for array in (step.observations, step.rewards, step.elapsed, step.horizon_end, world.elapsed, world.horizons):
+            array[:] = 1  # a caller may scribble on what it was given
+
+
+@every_sample
+def test_a_closed_world_is_refused_and_closes_twice(case: Case) -> None:
+    world = case.build(SEEDS)
+    world.reset()
+    world.close()
+    world.close()
+    with pytest.raises(WorldError, match="closed"):
+        world.reset()
+    with pytest.raises(WorldError, match="closed"):
+        world.step(plan(world)[0])

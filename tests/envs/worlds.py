@@ -1,0 +1,97 @@
+"""The worlds that the contract is tested on: a sample of every family, and for `make verify` every registered task."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from counting import factories
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from perdure.envs import World, list_tasks, make_world
+from perdure.envs.gymnasium_world import GymnasiumWorld
+from perdure.envs.vector_env_world import VectorEnvWorld
+
+SAMPLE = {
+    "Hopper-v3",
+    "HalfCheetah-v4",
+    "Humanoid-v5",
+    "InvertedPendulum-v2",
+    "CheetahRun-v1",
+    "HumanoidWalk-v1",
+    "PendulumSwingup-v1",
+    "HandReach-v3",
+    "HandManipulateBlock_ContinuousTouchSensors-v1",
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to build a world from seeds."""
+
+    name: str
+    build: Callable[[Sequence[int]], World]
+    partial: bool = True
+    """Whether a running lane may be left out of a step."""
+
+
+def counting_world(seeds: Sequence[int], **options: Any) -> GymnasiumWorld:
+    return GymnasiumWorld(factories(len(seeds), **options), seeds)
+
+
+def counting_vector(seeds: Sequence[int], mode: AutoresetMode, **options: Any) -> VectorEnvWorld:
+    return VectorEnvWorld(SyncVectorEnv(factories(len(seeds), **options), autoreset_mode=mode), seeds)
+
+
+def _task(name: str) -> Case:
+    return Case(name, lambda seeds: make_world(name, seeds))
+
+
+def _all_cases() -> list[Any]:
+    names = [listing.name for listing in list_tasks() if not listing.name.startswith("gymnasium:")]
+    cases = [pytest.param(_task(name), id=name, marks=[] if name in SAMPLE else pytest.mark.verify) for name in names]
+    cases += [pytest.param(_task(name), id=name) for name in ("gymnasium:Pendulum-v1", "gymnasium:Hopper-v5")]
+    cases.append(pytest.param(Case("counting", counting_world), id="counting"))
+    cases.append(pytest.param(Case("falling", lambda seeds: counting_world(seeds, falls_after=4)), id="falling"))
+    for mode in AutoresetMode:
+
+        def build(seeds: Sequence[int], mode: AutoresetMode = mode) -> World:
+            return counting_vector(seeds, mode, falls_after=4)
+
+        cases.append(pytest.param(Case(f"vector-{mode.name}", build, partial=False), id=f"vector-{mode.name}"))
+    return cases
+
+
+CASES = _all_cases()
+"""For what depends on the task."""
+SAMPLE_CASES = [case for case in CASES if not case.marks]
+"""For what is decided before a task is touched."""
+
+
+def actions_of(seed: int, world: World, steps: int) -> np.ndarray:
+    """A lane's actions, shape (steps, action_size): they follow the seed, wherever its lane lies."""
+    spec = world.spec
+    return np.random.default_rng(seed).uniform(0.5 * spec.action_low, 0.5 * spec.action_high, (steps, spec.action_size))
+
+
+def trajectories(
+    world: World, seeds: Sequence[int], steps: int, order: Sequence[int] | None = None
+) -> list[np.ndarray]:
+    """Steps every lane `steps` times, resetting each where it ends.
+
+    Returns per lane one row per event (reset or step): observation, reward, terminated, truncated.
+    """
+    order = list(range(len(seeds))) if order is None else list(order)
+    plans = [actions_of(seed, world, steps) for seed in seeds]
+    rows: list[list[np.ndarray]] = [[np.append(first, [0.0, 0.0, 0.0])] for first in world.reset()]
+    for k in range(steps):
+        result = world.step(np.stack([plans[lane][k] for lane in order]), np.array(order))
+        for row, lane in enumerate(order):
+            ends = [result.rewards[row], result.terminated[row], result.truncated[row]]
+            rows[lane].append(np.append(result.observations[row], ends))
+        ended = np.array(order)[result.ended]
+        if len(ended):
+            for lane, first in zip(ended, world.reset(ended), strict=True):
+                rows[lane].append(np.append(first, [0.0, 0.0, 0.0]))
+    return [np.stack(lane) for lane in rows]

@@ -1,0 +1,79 @@
+"""Synthetic extrapolation tables whose truth is known."""
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+
+CHECKPOINTS = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
+
+
+def lane_rows(lane, ends, rate, last_rate=None, checkpoints=CHECKPOINTS):
+    """Rows of one lane: `rate` reward per step until `ends` (inf: never); the last tenth at `last_rate` if it lives.
+
+    Its return after s steps is rate * min(s, ends) exactly (last_rate None), and it is alive at s when ends >= s.
+    """
+    horizon = checkpoints[-1]
+    survives = ends > horizon
+    end_step = horizon if survives else int(ends)
+    reason = "survived" if survives else lane.pop("reason", "terminated")
+    lane.pop("reason", None)
+    late = rate if last_rate is None else last_rate
+    base = {"test_horizon": horizon, "end_reason": reason, "end_step": end_step} | lane
+    first = rate * min(end_step, horizon // 10) / (horizon // 10)
+    return [
+        base
+        | {
+            "step": step,
+            "return": rate * min(step, end_step) + (late - rate) * max(0, min(step, end_step) - horizon * 9 // 10),
+            "alive": step <= end_step,
+            "stuck_steps": int(lane.get("stuck_steps", 0) * min(step, end_step) / end_step) if end_step else 0,
+            "first_tenth": first if step >= horizon // 10 or not survives else math.nan,
+            "last_tenth": (late if survives else 0.0) if step == horizon or not survives else math.nan,
+        }
+        for step in checkpoints
+    ]
+
+
+def clock_columns(clock):
+    """Split "constant(500)" into the three clock columns."""
+    kind, _, steps = clock.rstrip(")").partition("(")
+    return {"clock": clock, "clock_kind": kind, "clock_steps": float(steps) if steps else math.nan}
+
+
+def build(groups, lanes=8, train_seeds=(0,), checkpoints=CHECKPOINTS, seed=0):
+    """Build a table.
+
+    Each group is a dictionary: task, method, clock, train_horizon, rate (reward per step), and one of
+    hazard (probability to end per step: P(alive at s) = (1 - hazard)^s) or ends (one end step per lane). `spread` is
+    the standard deviation of the rate over lanes; `last_rate` replaces the rate in the last tenth.
+    """
+    rng = np.random.default_rng(seed)
+    rows = []
+    for group in groups:
+        group = dict(group)
+        hazard, ends = group.pop("hazard", 0.0), group.pop("ends", None)
+        rate, last_rate, spread = group.pop("rate", 1.0), group.pop("last_rate", None), group.pop("spread", 0.0)
+        base = {"task": "Hopper-v3", "method": "geometric", "train_horizon": 1000.0}
+        base |= clock_columns(group.pop("clock", "constant(500)")) | group
+        for train_seed in train_seeds:
+            policy = group.get("policy", f"{base['task']}-{base['method']}-seed{train_seed}")
+            for lane in range(lanes):
+                end = ends[lane] if ends is not None else rng.geometric(hazard) if hazard else math.inf
+                labels = base | {"policy": policy, "train_seed": train_seed, "eval_seed": lane}
+                own_rate = rng.normal(rate, spread) if spread else rate
+                rows += lane_rows(labels, end, own_rate, last_rate, checkpoints)
+    return typed(pl.DataFrame(rows))
+
+
+def typed(frame):
+    from perdure.report import COLUMNS
+
+    return frame.select(pl.col(name).cast(kind) for name, kind in COLUMNS.items())
+
+
+@pytest.fixture(scope="session")
+def synthetic():
+    """The builder of synthetic tables."""
+    return build

@@ -1,0 +1,117 @@
+"""The table: what was written is read back, and nothing else is taken for it."""
+
+import math
+import random
+
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perdure.report import COLUMNS, ReportError, check_table, read_table, write_table
+
+
+@pytest.fixture(scope="module")
+def frame(synthetic):
+    return synthetic([{"hazard": 1e-4}, {"clock": "none", "method": "ppo", "train_horizon": math.inf}], lanes=3)
+
+
+def test_a_table_is_read_back_as_written_with_its_metadata(tmp_path, frame):
+    path = write_table(tmp_path / "deep" / "table.parquet", frame, {"command": 'perdure extrapolate "a b" --c 5'})
+    back, metadata = read_table(path)
+    assert back.equals(frame, null_equal=True)
+    assert back.schema == dict(COLUMNS)
+    assert metadata == {"command": 'perdure extrapolate "a b" --c 5'}
+    notes = pl.read_parquet_metadata(path)
+    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "1")
+
+
+def test_the_same_table_gives_the_same_bytes(tmp_path, frame):
+    first = write_table(tmp_path / "a", frame, {}).read_bytes()
+    assert write_table(tmp_path / "b", frame.select(reversed(frame.columns)), {}).read_bytes() == first
+
+
+def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
+    odd = frame.with_columns(pl.lit(math.nan).alias("train_horizon"), pl.lit(-math.inf).alias("return"))
+    back, _ = read_table(write_table(tmp_path / "t", odd, {}))
+    assert back["train_horizon"].is_nan().all()
+    assert (back["return"] == -math.inf).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda f: f.drop("alive"), r"missing columns \['alive'\]"),
+        (lambda f: f.with_columns(extra=1), r"unknown columns \['extra'\]"),
+        (lambda f: f.with_columns(pl.col("step").cast(pl.Int32)), "'step' is Int32, not Int64"),
+        (lambda f: f.clear(), "has no rows"),
+        (lambda f: f.with_columns(pl.lit(None, pl.String).alias("task")), r"missing values in \['task'\]"),
+        (lambda f: f.with_columns(pl.lit("tired").alias("end_reason")), "tired.*known are survived, terminated"),
+        (lambda f: f.with_columns(pl.lit(0).cast(pl.Int64).alias("step")), "checkpoint step 0"),
+        (lambda f: f.with_columns((pl.col("step") * 2).alias("step")), "checkpoint step 200000"),
+        (lambda f: pl.concat([f, f.head(1)]), "twice at step 100"),
+        (lambda f: f.slice(1), "do not share their checkpoint steps"),
+        (lambda f: f.with_columns(pl.col("test_horizon") + pl.col("eval_seed")), "do not share"),
+    ],
+)
+def test_a_frame_that_does_not_fit_is_refused_with_its_fault(tmp_path, frame, change, named):
+    with pytest.raises(ReportError, match=named):
+        write_table(tmp_path / "t", change(frame), {})
+    assert not (tmp_path / "t").exists()
+    check_table(frame, "the unchanged frame")
+
+
+@pytest.mark.parametrize("metadata", [{"schema": "mine"}, {"sha256": "0"}, {"command": 3}])
+def test_metadata_that_would_clash_is_refused(tmp_path, frame, metadata):
+    with pytest.raises(ReportError, match=next(iter(metadata))):
+        write_table(tmp_path / "t", frame, metadata)
+
+
+def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
+    (tmp_path / "text").write_text("policy,step\n")
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "cut").write_bytes(write_table(tmp_path / "t", frame, {}).read_bytes()[:-20])
+    frame.write_parquet(tmp_path / "foreign")
+    frame.write_parquet(tmp_path / "old", metadata={"schema": "perdure.extrapolation", "version": "0"})
+    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "1"})
+    expected = {
+        "absent": "does not exist",
+        ".": "is not a file",
+        "text": "is not a Parquet file",
+        "empty": "is not a Parquet file",
+        "cut": "damaged",
+        "foreign": "not a table of the schema perdure.extrapolation",
+        "old": "has version 0 .* reads version 1",
+        "bare": "SHA-256",
+    }
+    for name, sentence in expected.items():
+        with pytest.raises(ReportError, match=sentence) as refusal:
+            read_table(tmp_path / name)
+        assert "\n" not in str(refusal.value)
+        assert str(tmp_path) in str(refusal.value)
+
+
+def test_no_flipped_bit_goes_unnoticed(tmp_path, frame):
+    whole = write_table(tmp_path / "t", frame, {"command": "perdure extrapolate"}).read_bytes()
+    rng = random.Random(0)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
+        (tmp_path / "damaged").write_bytes(damaged)
+        try:
+            back, metadata = read_table(tmp_path / "damaged")
+        except ReportError:
+            continue
+        assert back.equals(frame, null_equal=True)
+        assert metadata == {"command": "perdure extrapolate"}
+
+
+@settings(max_examples=40, deadline=None)
+@given(label=st.text(max_size=20), number=st.floats(), seed=st.integers(-(2**63), 2**63 - 1))
+def test_any_label_and_number_survives_the_file(tmp_path_factory, frame, label, number, seed):
+    odd = frame.filter((pl.col("method") == "ppo") & (pl.col("eval_seed") == 0)).with_columns(
+        policy=pl.lit(label), train_seed=pl.lit(seed, pl.Int64), first_tenth=pl.lit(number, pl.Float64)
+    )
+    path = tmp_path_factory.getbasetemp() / "any.parquet"
+    back, _ = read_table(write_table(path, odd, {"command": label}))
+    assert back.equals(odd, null_equal=True)

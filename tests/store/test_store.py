@@ -1,0 +1,349 @@
+"""Store: a unit is there with all its files, or not at all."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from perdure.store import Store, StoreError, config_digest
+
+KEY = "Hopper-v3/geometric/seed-0"
+CONFIG = {"gamma": 1.0, "protocol": {"horizon": [200, 1000]}, "seed": 0}
+
+
+def put(store, key=KEY, config=CONFIG, text="done"):
+    with store.write(key, config) as folder:
+        (folder / "curve.csv").write_text(text)
+
+
+def fail_in(block, error):
+    with block as folder:
+        (folder / "half").write_text("x")
+        raise error
+
+
+def hidden(store, name):
+    folder = store.root / name
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+
+
+def start(script, *arguments):
+    command = [sys.executable, "-c", textwrap.dedent(script), *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def test_a_unit_appears_only_when_its_block_ends(tmp_path):
+    store = Store(tmp_path / "runs")
+    with store.write(KEY, CONFIG) as folder:
+        (folder / "curve.csv").write_text("1,2")
+        assert not store.done(KEY)
+        assert not (store.root / KEY).exists()
+        assert folder.stat().st_dev == store.root.stat().st_dev
+    assert store.done(KEY)
+    assert store.done(KEY, CONFIG)
+    assert (store.get(KEY) / "curve.csv").read_text() == "1,2"
+    assert store.config(KEY) == CONFIG
+    assert hidden(store, ".writing") == hidden(store, ".locks") == []
+
+
+def test_a_block_that_fails_leaves_nothing(tmp_path):
+    store = Store(tmp_path)
+    with pytest.raises(ZeroDivisionError):
+        fail_in(store.write(KEY, CONFIG), ZeroDivisionError)
+    assert not store.done(KEY)
+    assert store.keys() == ()
+    assert hidden(store, ".writing") == hidden(store, ".locks") == []
+
+
+def test_a_missing_unit_is_refused_by_name(tmp_path):
+    with pytest.raises(StoreError, match="'a/b' is not in"):
+        Store(tmp_path).get("a/b")
+    assert not Store(tmp_path / "never-made").done("a/b")
+
+
+def test_another_config_under_the_same_key_is_refused_with_the_differing_fields(tmp_path):
+    store = Store(tmp_path)
+    put(store)
+    other = {"gamma": 0.99, "protocol": {"horizon": [200, 500]}, "seed": 0, "steps": 7}
+    for ask in (store.done, store.get):
+        with pytest.raises(StoreError) as refusal:
+            ask(KEY, other)
+    sentence = str(refusal.value)
+    assert "gamma is 1.0 there and 0.99 here" in sentence
+    assert "protocol.horizon[1] is 1000 there and 500 here" in sentence
+    assert "steps is not set there and 7 here" in sentence
+    assert "seed is" not in sentence
+    with pytest.raises(StoreError, match="gamma"), store.write(KEY, other):
+        pytest.fail("the block must not run")
+    with pytest.raises(StoreError, match="gamma"), store.workspace(KEY, other):
+        pytest.fail("the block must not run")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [({"a": {}}, {}), ({"a": {}}, {"a": []}), ({"a": 1}, {"a": True}), ({"a": 1}, {"a": 1.0})]
+)
+def test_configs_that_python_might_call_equal_still_differ_and_are_named(tmp_path, old, new):
+    store = Store(tmp_path)
+    put(store, "unit", old)
+    with pytest.raises(StoreError, match="a is"):
+        store.get("unit", new)
+
+
+def test_the_digest_is_the_sha256_of_sorted_compact_json_whatever_the_order():
+    # printf '{"a":[1,2],"b":0.5}' | sha256sum
+    expected = "4b8a4d176b97e138cb0757014304f14d85691b24fa0981375208f3c15391c0a9"
+    assert config_digest({"b": 0.5, "a": (1, 2)}) == expected
+    assert config_digest({"a": [1, 2], "b": 0.5}) == expected
+
+
+@pytest.mark.parametrize(
+    ("config", "named"),
+    [
+        ({"a": {"gamma": float("nan")}}, "a.gamma = nan"),
+        ({"horizon": float("inf")}, "horizon = inf"),
+        ({"n": np.int64(3)}, "int64"),
+        ({"path": object()}, "path"),
+        ({3: "x"}, "3"),
+        ([1, 2], "mapping"),
+    ],
+)
+def test_what_json_cannot_hold_is_refused_by_its_field(tmp_path, config, named):
+    with pytest.raises(StoreError, match=named), Store(tmp_path).write("unit", config):
+        pytest.fail("the block must not run")
+
+
+BAD_KEYS = [
+    "",
+    "/",
+    "..",
+    "../x",
+    "a/../b",
+    "a//b",
+    "/etc",
+    "a/",
+    ".hidden",
+    "a/.b",
+    "-rf",
+    "a\\b",
+    "a b",
+    "a\0b",
+    "\u00e9",
+]
+
+
+@pytest.mark.parametrize("key", [*BAD_KEYS, "a/unit.json", "a~b", "x" * 201, "<b>", "a\n", None])
+def test_keys_that_leave_the_store_or_cannot_be_read_are_refused(tmp_path, key):
+    store = Store(tmp_path / "root")
+    for ask in (store.done, store.get, store.remove):
+        with pytest.raises(StoreError, match="key"):
+            ask(key)
+    with pytest.raises(StoreError, match="key"), store.write(key, {}):
+        pytest.fail("the block must not run")
+    assert not store.root.exists()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(alphabet="ab./\\~-_ \0()", max_size=12))
+def test_every_accepted_key_is_a_folder_strictly_inside_the_root(key):
+    store = Store("/nowhere/store")
+    try:
+        store.done(key)
+    except StoreError:
+        return
+    assert os.path.normpath(f"/nowhere/store/{key}") == f"/nowhere/store/{key}"
+    assert os.path.normpath(f"/nowhere/store/{key}") != "/nowhere/store"
+
+
+def test_a_symbolic_link_does_not_lead_out_of_the_store(tmp_path):
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "root").mkdir()
+    (tmp_path / "root" / "link").symlink_to(tmp_path / "outside")
+    with pytest.raises(StoreError, match="symbolic link"):
+        put(Store(tmp_path / "root"), "link/unit")
+    assert list((tmp_path / "outside").iterdir()) == []
+
+
+def test_keys_lists_finished_units_only(tmp_path):
+    store = Store(tmp_path)
+    for key in ("b/two", "a", "b/one"):
+        put(store, key)
+    (tmp_path / "b" / "stray").mkdir()
+    with store.write("b/three", CONFIG):
+        assert store.keys() == ("a", "b/one", "b/two")
+    assert store.keys("b") == ("b/one", "b/three", "b/two")
+
+
+def test_a_unit_cannot_lie_inside_another_or_swallow_one(tmp_path):
+    store = Store(tmp_path)
+    put(store, "a/b")
+    with pytest.raises(StoreError, match="lies inside the unit 'a/b'"):
+        put(store, "a/b/c")
+    with pytest.raises(StoreError, match="in the way"):
+        put(store, "a")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(StoreError, match="in the way"):
+        put(store, "file")
+
+
+def test_remove_makes_room_for_another_config(tmp_path):
+    store = Store(tmp_path)
+    put(store)
+    store.remove(KEY)
+    assert not store.done(KEY)
+    put(store, config={"gamma": 0.5})
+    assert store.config(KEY) == {"gamma": 0.5}
+    assert hidden(store, ".writing") == []
+
+
+def test_an_edited_or_damaged_record_is_refused(tmp_path):
+    store = Store(tmp_path)
+    put(store)
+    record = store.get(KEY) / "unit.json"
+    record.write_text(record.read_text().replace("1.0", "0.9"))
+    with pytest.raises(StoreError, match="was changed after it was written"):
+        store.config(KEY)
+    for damage in ("", "{", "[]", json.dumps({"key": KEY})):
+        record.write_text(damage)
+        with pytest.raises(StoreError, match="damaged"):
+            store.get(KEY, CONFIG)
+
+
+def test_of_two_writers_of_one_unit_the_first_to_finish_is_kept_whole(tmp_path):
+    store = Store(tmp_path)
+    with store.write(KEY, CONFIG) as slow:
+        (slow / "curve.csv").write_text("slow")
+        put(store, text="fast")
+    assert (store.get(KEY) / "curve.csv").read_text() == "fast"
+    assert hidden(store, ".writing") == []
+
+
+def test_of_two_writers_with_different_configs_the_second_is_told(tmp_path):
+    store = Store(tmp_path)
+    with pytest.raises(StoreError, match="gamma"), store.write(KEY, {"gamma": 0.5}):
+        put(store)
+    assert store.config(KEY) == CONFIG
+
+
+WRITER = """
+    import os, sys
+    from perdure.store import Store
+    with Store(sys.argv[1]).write("unit", {"a": 1}) as folder:
+        for name in range(40):
+            (folder / str(name)).write_text(str(os.getpid()))
+"""
+
+
+def test_processes_that_write_one_unit_at_once_leave_one_whole_unit(tmp_path):
+    processes = [start(WRITER, tmp_path) for _ in range(5)]
+    assert [process.wait() for process in processes] == [0] * 5
+    folder = Store(tmp_path).get("unit", {"a": 1})
+    authors = {(folder / str(name)).read_text() for name in range(40)}
+    assert len(authors) == 1
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*map(str, range(40)), "unit.json"])
+    assert hidden(Store(tmp_path), ".writing") == hidden(Store(tmp_path), ".locks") == []
+
+
+KILLED = """
+    import sys, time
+    from perdure.store import Store
+    with getattr(Store(sys.argv[1]), sys.argv[2])("unit", {"a": 1}) as folder:
+        (folder / "half").write_text("x" * 1000)
+        print("ready", flush=True)
+        time.sleep(600)
+"""
+
+
+def test_kill_9_leaves_no_half_unit_and_the_next_writer_cleans_up(tmp_path):
+    process = start(KILLED, tmp_path, "write")
+    assert process.stdout.readline() == "ready\n"
+    store = Store(tmp_path)
+    store.clean()
+    assert len(hidden(store, ".writing")) == 1, "a living writer must keep its folder"
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not store.done("unit")
+    assert store.keys() == ()
+    with store.write("unit", {"a": 1}) as folder:
+        assert list(folder.iterdir()) == []
+        assert hidden(store, ".writing") == [folder.name]
+    assert store.done("unit")
+    assert hidden(store, ".writing") == hidden(store, ".locks") == []
+
+
+@pytest.mark.parametrize(("renames", "finished"), [(0, False), (1, False), (2, True)])
+def test_kill_9_at_any_rename_leaves_a_whole_unit_or_none(tmp_path, renames, finished):
+    # A write renames twice: its record inside the temporary folder, then the folder itself.
+    script = """
+        import os, signal, sys
+        from perdure.store import Store
+        left, rename = int(sys.argv[2]), os.replace
+        def rename_or_die(source, target):
+            global left
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            rename(source, target)
+            left -= 1
+            if left == 0 and int(sys.argv[2]) == 2:
+                os.kill(os.getpid(), signal.SIGKILL)
+        os.replace = rename_or_die
+        with Store(sys.argv[1]).write("unit", {"a": 1}) as folder:
+            (folder / "first").write_text("x")
+    """
+    assert start(script, tmp_path, renames).wait() == -signal.SIGKILL
+    store = Store(tmp_path)
+    assert store.done("unit") == finished
+    put(store, "unit", {"a": 1})
+    expected = ["first", "unit.json"] if finished else ["curve.csv", "unit.json"]
+    assert sorted(path.name for path in store.get("unit").iterdir()) == expected
+    assert hidden(store, ".writing") == hidden(store, ".locks") == []
+
+
+def test_a_workspace_survives_errors_and_is_promoted_when_it_finishes(tmp_path):
+    store = Store(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        fail_in(store.workspace(KEY, CONFIG), KeyboardInterrupt)
+    assert not store.done(KEY)
+    with store.workspace(KEY, CONFIG) as folder:
+        assert (folder / "half").read_text() == "x"
+        (folder / "policy").write_text("p")
+    assert (store.get(KEY, CONFIG) / "policy").read_text() == "p"
+    assert hidden(store, ".working") == hidden(store, ".locks") == []
+    with pytest.raises(StoreError, match="finished already"), store.workspace(KEY, CONFIG):
+        pytest.fail("the block must not run")
+
+
+def test_a_workspace_survives_kill_9_and_has_one_worker_at_a_time(tmp_path):
+    store = Store(tmp_path)
+    process = start(KILLED, tmp_path, "workspace")
+    assert process.stdout.readline() == "ready\n"
+    with pytest.raises(StoreError, match="worked on by another process"), store.workspace("unit", {"a": 1}):
+        pytest.fail("the block must not run")
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    with store.workspace("unit", {"a": 1}) as folder:
+        assert (folder / "half").read_text() == "x" * 1000
+    assert store.done("unit")
+
+
+def test_a_workspace_begun_with_another_config_is_refused(tmp_path):
+    store = Store(tmp_path)
+    with pytest.raises(RuntimeError), store.workspace("unit", {"steps": 100}):
+        raise RuntimeError
+    with pytest.raises(StoreError, match="steps is 100 there and 200 here"), store.workspace("unit", {"steps": 200}):
+        pytest.fail("the block must not run")
+
+
+def test_workspaces_of_nested_keys_do_not_meet(tmp_path):
+    store = Store(tmp_path)
+    with store.workspace("a", {}) as outer, store.workspace("b/a", {}) as inner:
+        assert inner != outer
+        assert inner not in outer.parents
+        assert outer not in inner.parents
+    assert store.keys() == ("a", "b/a")
