@@ -12,10 +12,12 @@ class Counting(gymnasium.Env):
 
     Observation: [start, steps], where start is drawn from the seeded generator at reset. Reward of step k under action
     a: 10 k + a. It ends by itself after `falls_after` steps; as a dictionary observation it is {"start", "steps"}.
+    With `one_memory` every observation is the same array, overwritten: a world that keeps it is caught. (Gymnasium's
+    own SyncVectorEnv keeps it, in `final_obs`.)
     """
 
-    def __init__(self, falls_after: float = np.inf, as_dict: bool = False) -> None:
-        self.falls_after, self.as_dict = falls_after, as_dict
+    def __init__(self, falls_after: float = np.inf, as_dict: bool = False, one_memory: bool = False) -> None:
+        self.falls_after, self.as_dict, self.one_memory = falls_after, as_dict, one_memory
         box = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float64)
         whole = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float64)
         self.observation_space = gymnasium.spaces.Dict({"start": box, "steps": box}) if as_dict else whole
@@ -26,8 +28,8 @@ class Counting(gymnasium.Env):
     def _observation(self) -> Any:
         if self.as_dict:
             return {"start": np.array([self.start]), "steps": np.array([float(self.steps)])}
-        self.shown[:] = self.start, self.steps  # the same memory every time: a world that keeps it is caught
-        return self.shown
+        self.shown[:] = self.start, self.steps
+        return self.shown if self.one_memory else self.shown.copy()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)

@@ -1,6 +1,7 @@
 """What every world promises, on a sample of every family (`make test`) and on every registered task (`make verify`)."""
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,25 +33,28 @@ def plan(world: World, steps: int = STEPS) -> np.ndarray:
     return np.stack([actions_of(seed, world, steps) for seed in SEEDS], axis=1)
 
 
+@cache
+def told(case: Case) -> list[np.ndarray]:
+    """The trajectories that others are compared with, simulated once per case."""
+    return trajectories(case.build(SEEDS), SEEDS, STEPS)
+
+
 def test_the_same_seeds_give_the_same_trajectories_and_other_seeds_do_not(case: Case, world: World) -> None:
-    ours = trajectories(world, SEEDS, STEPS)
-    again = trajectories(case.build(SEEDS), SEEDS, STEPS)
-    assert all(np.array_equal(a, b) for a, b in zip(ours, again, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(told(case), trajectories(world, SEEDS, STEPS), strict=True))
     others = trajectories(case.build([91, 92, 93]), SEEDS, STEPS)  # the same actions from other seeds
-    assert not any(np.array_equal(a, b) for a, b in zip(ours, others, strict=True))
+    assert not any(np.array_equal(a, b) for a, b in zip(told(case), others, strict=True))
 
 
-def test_a_lane_does_not_feel_its_place_nor_its_neighbours(case: Case, world: World) -> None:
-    ours = dict(zip(SEEDS, trajectories(world, SEEDS, STEPS), strict=True))
-    for seeds in ([13, 11], [12], [12, 13, 12, 11, 11]):
+def test_a_lane_does_not_feel_its_place_nor_its_neighbours(case: Case) -> None:
+    alone = dict(zip(SEEDS, told(case), strict=True))
+    for seeds in ([13], [12, 13, 12, 11]):
         for seed, lane in zip(seeds, trajectories(case.build(seeds), seeds, STEPS), strict=True):
-            assert np.array_equal(lane, ours[seed]), f"seed {seed} among {seeds}"
+            assert np.array_equal(lane, alone[seed]), f"seed {seed} among {seeds}"
 
 
 def test_the_order_in_which_lanes_are_named_does_not_matter(case: Case, world: World) -> None:
-    ours = trajectories(world, SEEDS, STEPS)
-    shuffled = trajectories(case.build(SEEDS), SEEDS, STEPS, order=[2, 0, 1])
-    assert all(np.array_equal(a, b) for a, b in zip(ours, shuffled, strict=True))
+    shuffled = trajectories(world, SEEDS, STEPS, order=[2, 0, 1])
+    assert all(np.array_equal(a, b) for a, b in zip(told(case), shuffled, strict=True))
 
 
 def test_observations_rewards_and_flags_have_the_promised_shapes(world: World) -> None:
@@ -157,6 +161,22 @@ def test_resetting_one_lane_leaves_the_others_where_they_are(case: Case, world: 
 
 
 @every_sample
+def test_an_episode_does_not_remember_how_the_one_before_it_went(case: Case) -> None:
+    world = case.build([11, 11])
+    actions = actions_of(11, world, STEPS)
+    world.reset(horizons=np.array([1.0, 3.0]))
+    world.step(actions[[0, 1]])
+    for k in (2, 3):
+        world.step(actions[[k]], np.array([1]))
+    first = world.reset()
+    assert np.array_equal(first[0], first[1])
+    for k in range(3):
+        step = world.step(actions[[k, k]])
+        assert np.array_equal(step.observations[0], step.observations[1])
+        assert step.rewards[0] == step.rewards[1]
+
+
+@every_sample
 def test_without_a_horizon_no_episode_is_cut(world: World) -> None:
     world.reset()
     assert np.isinf(world.horizons).all()
@@ -176,7 +196,7 @@ def test_impossible_horizons_are_refused(world: World) -> None:
 @every_sample
 def test_impossible_lanes_are_refused(world: World) -> None:
     world.reset()
-    for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1):
+    for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1, [[0], [1, 2]]):
         with pytest.raises(WorldError, match=r"[Ll]anes"):
             world.reset(lanes)
         with pytest.raises(WorldError, match=r"[Ll]anes"):
@@ -198,6 +218,7 @@ def test_actions_of_a_wrong_shape_or_without_a_value_are_refused_and_move_nothin
     assert np.array_equal(world.step(actions[0]).observations, twin.step(actions[0]).observations)
 
 
+@every_sample
 def test_actions_are_clipped_to_the_box(case: Case, world: World) -> None:
     spec, twin = world.spec, case.build(SEEDS)
     world.reset(), twin.reset()
@@ -210,6 +231,7 @@ def test_actions_are_clipped_to_the_box(case: Case, world: World) -> None:
     assert np.array_equal(beyond, before)
 
 
+@every_sample
 def test_results_belong_to_the_caller(case: Case, world: World) -> None:
     actions, twin = plan(world), case.build(SEEDS)
     twin.reset()

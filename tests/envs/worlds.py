@@ -20,7 +20,6 @@ SAMPLE = {
     "InvertedPendulum-v2",
     "CheetahRun-v1",
     "HumanoidWalk-v1",
-    "PendulumSwingup-v1",
     "HandReach-v3",
     "HandManipulateBlock_ContinuousTouchSensors-v1",
 }
@@ -52,8 +51,9 @@ def _all_cases() -> list[Any]:
     names = [listing.name for listing in list_tasks() if not listing.name.startswith("gymnasium:")]
     cases = [pytest.param(_task(name), id=name, marks=[] if name in SAMPLE else pytest.mark.verify) for name in names]
     cases += [pytest.param(_task(name), id=name) for name in ("gymnasium:Pendulum-v1", "gymnasium:Hopper-v5")]
-    cases.append(pytest.param(Case("counting", counting_world), id="counting"))
-    cases.append(pytest.param(Case("falling", lambda seeds: counting_world(seeds, falls_after=4)), id="falling"))
+    counting = Case("counting", lambda seeds: counting_world(seeds, one_memory=True))
+    falling = Case("falling", lambda seeds: counting_world(seeds, falls_after=4))
+    cases += [pytest.param(case, id=case.name) for case in (counting, falling)]
     for mode in AutoresetMode:
 
         def build(seeds: Sequence[int], mode: AutoresetMode = mode) -> World:

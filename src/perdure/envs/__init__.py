@@ -3,27 +3,35 @@
 | file | what it holds |
 |---|---|
 | `world.py` | the contract: `World`, what a step returns (`Step`), what a task is (`TaskSpec`) |
-| `lanes.py` | which lanes run and how long they may; the checks every world makes at its door |
+| `lanes.py`, `checks.py` | which lanes run and how long they may; the checks every world makes at its door |
 | `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and the short way past its Python wrapper |
 | `gymnasium_world.py`, `spaces.py` | single Gymnasium environments side by side; their spaces as vectors |
+| `blow_up.py` | asking MuJoCo whether a simulation blew up |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
 | `families.py`, `registry.py` | the suites task names come from; `make_world`, `list_tasks` |
+| `traced.py` | a world inside a compiled JAX program; not imported from here, so that importing stays light |
 | `errors.py` | `WorldError`, `UnknownTask` |
 """
 
+from perdure.envs.envpool_world import EnvPoolWorld
 from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.families import TaskListing
+from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.envs.registry import list_tasks, make_world
+from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
 
 __all__ = [
     "BoolArray",
+    "EnvPoolWorld",
     "FloatArray",
+    "GymnasiumWorld",
     "IntArray",
     "Step",
     "TaskListing",
     "TaskSpec",
     "UnknownTask",
+    "VectorEnvWorld",
     "World",
     "WorldError",
     "list_tasks",

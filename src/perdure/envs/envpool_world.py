@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.envpool_channel import Channel, observation_keys, open_channel
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import LaneBook, checked_actions, checked_seeds
+from perdure.envs.lanes import LaneBook
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9
@@ -80,7 +81,15 @@ class EnvPoolWorld:
         clipped = checked_actions(actions, chosen, self._spec).astype(self._action_dtype, copy=False)
         observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
         elapsed, horizon_end = self._book.advance(chosen, done)
-        return Step(observations, rewards.astype(np.float64), done & ~trunc, trunc, horizon_end, elapsed)
+        return Step(
+            observations,
+            rewards.astype(np.float64),
+            done & ~trunc,
+            trunc,
+            horizon_end,
+            elapsed,
+            np.zeros(len(chosen), np.bool_),
+        )
 
     def close(self) -> None:
         """See `World.close`."""

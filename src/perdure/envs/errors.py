@@ -42,5 +42,5 @@ def nearest_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
         At most `SUGGESTIONS` names; empty when nothing is similar.
     """
     by_folded = {candidate.casefold(): candidate for candidate in known}
-    close = difflib.get_close_matches(str(name).casefold(), by_folded, n=SUGGESTIONS, cutoff=0.6)
+    close = difflib.get_close_matches(str(name).casefold(), by_folded, n=SUGGESTIONS, cutoff=0.7)
     return tuple(by_folded[folded] for folded in close)

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from perdure.envs.blow_up import blow_ups
+from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.errors import UnknownTask, WorldError, nearest_names
-from perdure.envs.lanes import LaneBook, checked_actions, checked_seeds
+from perdure.envs.lanes import LaneBook
 from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
@@ -129,12 +131,13 @@ class GymnasiumWorld:
         shaped = shaped_actions(self._action_space, checked_actions(actions, chosen, self._spec))
         observations = np.empty((len(chosen), self._spec.observation_size))
         rewards = np.empty(len(chosen))
-        terminated, truncated = np.empty(len(chosen), np.bool_), np.empty(len(chosen), np.bool_)
+        terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
         for row, lane in enumerate(chosen):
             observation, rewards[row], terminated[row], truncated[row], _ = self._envs[lane].step(shaped[row])
             observations[row] = flat_observation(self._space, observation)
+            diverged[row] = blow_ups(self._envs[lane]) > 0
         elapsed, horizon_end = self._book.advance(chosen, terminated | truncated)
-        return Step(observations, rewards, terminated, truncated, horizon_end, elapsed)
+        return Step(observations, rewards, terminated, truncated, horizon_end, elapsed, diverged)
 
     def close(self) -> None:
         """See `World.close`."""

@@ -1,17 +1,16 @@
-"""What every world must know about its lanes, and the checks at its door."""
+"""What every world must know about its lanes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from perdure.envs.checks import checked_horizons, checked_lanes, named_lanes
 from perdure.envs.errors import WorldError
-from perdure.envs.world import BoolArray, FloatArray, IntArray, TaskSpec
+from perdure.envs.world import BoolArray, FloatArray, IntArray
 
-MAX_SEED = 2**31 - 1  # EnvPool's seeds are int32; one range for all worlds keeps a seed list portable
 NEVER = 2**62  # more steps than any computer makes; an integer's stand-in for infinity
 
 
@@ -130,125 +129,5 @@ class LaneBook:
     def _why_not(self, stopped: IntArray) -> str:
         never = stopped[~self._begun[stopped]]
         if len(never):
-            return f"Lanes {_short(never)} were never reset; reset them before the first step."
-        return f"Lanes {_short(stopped)} have ended; reset them before they are stepped again."
-
-
-def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
-    """Lane numbers as an array, or a sentence about what is wrong with them.
-
-    Args:
-        lanes: Whole numbers in [0, num_lanes), each at most once, at least one; shape (n,).
-        num_lanes: How many lanes exist.
-
-    Returns:
-        Shape (n,), int64.
-
-    Raises:
-        WorldError: If they are not that.
-    """
-    chosen = np.asarray(lanes)
-    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or chosen.size == 0:
-        raise WorldError(
-            f"lanes must be a non-empty list of lane numbers, got shape {chosen.shape} of {chosen.dtype}; "
-            "a mask becomes one with numpy.flatnonzero."
-        )
-    chosen = chosen.astype(np.int64, copy=False)
-    if (
-        np.count_nonzero(chosen[1:] > chosen[:-1]) == len(chosen) - 1
-    ):  # the usual case: ascending, hence unique, and its two ends bound the rest
-        legal = chosen[0] >= 0 and chosen[-1] < num_lanes
-    else:
-        legal = chosen.min() >= 0 and chosen.max() < num_lanes
-        if legal and np.bincount(chosen, minlength=num_lanes).max() > 1:
-            raise WorldError(f"Lanes may be named once each, got {_short(chosen)}.")
-    if not legal:
-        outside = chosen[(chosen < 0) | (chosen >= num_lanes)]
-        raise WorldError(f"Lanes {_short(outside)} do not exist; this world has lanes 0 to {num_lanes - 1}.")
-    return chosen
-
-
-def checked_horizons(horizons: npt.ArrayLike, chosen: IntArray) -> FloatArray:
-    """Horizons as one number per lane, or a sentence about what is wrong with them.
-
-    Args:
-        horizons: One number or shape (n,): whole and at least 1, or infinite.
-        chosen: Lane numbers, shape (n,).
-
-    Returns:
-        Shape (n,).
-
-    Raises:
-        WorldError: If they are not that.
-    """
-    try:
-        values = np.asarray(horizons, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise WorldError(f"horizons must be numbers of steps, got {horizons!r}.") from None
-    if values.ndim and values.shape != chosen.shape:
-        raise WorldError(
-            f"horizons must be one number or one per lane, shape {chosen.shape}, got shape {values.shape}."
-        )
-    values = np.broadcast_to(values, chosen.shape)
-    legal = (values >= 1) & (values == np.floor(values))  # NaN fails both, infinity passes both
-    if not legal.all():
-        worst = int(np.flatnonzero(~legal)[0])
-        raise WorldError(
-            f"A horizon is a whole number of steps, at least 1, or infinite; lane {chosen[worst]} got {values[worst]}."
-        )
-    return values
-
-
-def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) -> FloatArray:
-    """Actions clipped to the task's box, in an array of our own.
-
-    Args:
-        actions: Shape (n, action_size).
-        chosen: Lane numbers, shape (n,).
-        spec: Whose box it is.
-
-    Returns:
-        Shape (n, action_size), float64, C-contiguous.
-
-    Raises:
-        WorldError: If the shape is wrong or an entry is NaN.
-    """
-    try:
-        values = np.asarray(actions, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise WorldError(f"{spec.name}: actions must be an array of numbers, got {type(actions).__name__}.") from None
-    expected = (len(chosen), spec.action_size)
-    if values.shape != expected:
-        raise WorldError(f"{spec.name}: actions must have shape {expected} (lanes, components), got {values.shape}.")
-    if np.count_nonzero(np.isnan(values)):
-        row = int(np.flatnonzero(np.isnan(values).any(axis=1))[0])
-        raise WorldError(f"{spec.name}: the action for lane {chosen[row]} is NaN: {values[row]}.")
-    clipped = np.empty(expected)
-    np.maximum(values, spec.action_low, out=clipped)
-    return np.minimum(clipped, spec.action_high, out=clipped)
-
-
-def checked_seeds(seeds: Sequence[int]) -> list[int]:
-    """One seed per lane as plain integers.
-
-    Args:
-        seeds: At least one whole number in [0, 2^31); the same seed may appear in many lanes.
-
-    Returns:
-        The seeds.
-
-    Raises:
-        WorldError: If they are not that.
-    """
-    values = np.asarray(seeds)
-    if values.ndim != 1 or values.size == 0 or values.dtype.kind not in "iu":
-        raise WorldError(f"seeds must be a non-empty list of whole numbers, one per lane, got {seeds!r}.")
-    if values.min() < 0 or values.max() > MAX_SEED:
-        bad = values[(values < 0) | (values > MAX_SEED)][0]
-        raise WorldError(f"A seed lies between 0 and {MAX_SEED}, got {bad}.")
-    return [int(seed) for seed in values]
-
-
-def _short(lanes: IntArray, limit: int = 8) -> str:
-    shown = ", ".join(str(lane) for lane in lanes[:limit])
-    return shown if len(lanes) <= limit else f"{shown} and {len(lanes) - limit} more"
+            return f"Lanes {named_lanes(never)} were never reset; reset them before the first step."
+        return f"Lanes {named_lanes(stopped)} have ended; reset them before they are stepped again."

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import MAX_SEED, LaneBook, checked_actions, checked_seeds
+from perdure.envs.lanes import LaneBook
 from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec
 
@@ -117,7 +118,15 @@ class VectorEnvWorld:
             last = self._with_final_observations(last, info)
         elapsed, horizon_end = self._book.advance(chosen, self._over[chosen])
         rewards = np.asarray(rewards, dtype=np.float64)[chosen]
-        return Step(last[chosen], rewards, terminated[chosen], truncated[chosen], horizon_end, elapsed)
+        return Step(
+            last[chosen],
+            rewards,
+            terminated[chosen],
+            truncated[chosen],
+            horizon_end,
+            elapsed,
+            np.zeros(len(chosen), np.bool_),
+        )
 
     def close(self) -> None:
         """See `World.close`."""

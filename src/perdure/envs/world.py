@@ -68,6 +68,9 @@ class Step:
     """Shape (n,): the lane has completed its horizon; may be true together with `terminated`."""
     elapsed: IntArray
     """Shape (n,): steps since the lane's reset, this one included."""
+    diverged: BoolArray
+    """Shape (n,): the engine itself says that the simulation blew up in this step. False where it cannot be asked, as
+    in EnvPool; what it did then (a reset nobody asked for) is in the observation and the reward."""
 
     @property
     def ended(self) -> BoolArray:

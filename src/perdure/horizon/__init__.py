@@ -14,16 +14,16 @@
 from perdure.horizon.clock import Clock, clock_from_json, parse_clock
 from perdure.horizon.constant import Constant
 from perdure.horizon.countdown import Countdown
-from perdure.horizon.embedding import Embedding
+from perdure.horizon.embedding import Embedding, embedding_from_json
 from perdure.horizon.errors import HorizonError
 from perdure.horizon.fixed import Fixed
 from perdure.horizon.geometric import Geometric, geometric_size
 from perdure.horizon.infinite import Infinite
 from perdure.horizon.lane_clocks import LaneClocks
-from perdure.horizon.law import HorizonLaw
+from perdure.horizon.law import HorizonLaw, law_from_json
 from perdure.horizon.linear import Linear
 from perdure.horizon.periodic import Periodic
-from perdure.horizon.protocol import HorizonProtocol
+from perdure.horizon.protocol import End, HorizonProtocol
 from perdure.horizon.uniform import Uniform
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "Constant",
     "Countdown",
     "Embedding",
+    "End",
     "Fixed",
     "Geometric",
     "HorizonError",
@@ -42,6 +43,8 @@ __all__ = [
     "Periodic",
     "Uniform",
     "clock_from_json",
+    "embedding_from_json",
     "geometric_size",
+    "law_from_json",
     "parse_clock",
 ]

@@ -32,7 +32,7 @@ class Clock(ABC):
     @property
     def label(self) -> str:
         """Short text for tables, such as "constant(500)"."""
-        return f"{self.name}({self.steps:g})" if self.steps < 1e6 else f"{self.name}({self.steps:.0f})"
+        return f"{self.name}({str(float(self.steps)).removesuffix('.0')})"
 
     def to_json(self) -> dict[str, Any]:
         """The clock as plain JSON values."""
@@ -42,6 +42,9 @@ class Clock(ABC):
 def clock_from_json(values: Any) -> Clock:
     """The clock that :meth:`Clock.to_json` described.
 
+    Args:
+        values: ``{"name": ..., "steps": ...}``.
+
     Raises:
         HorizonError: If there is no such clock or its number of steps is out of range.
     """
@@ -49,10 +52,13 @@ def clock_from_json(values: Any) -> Clock:
 
 
 def parse_clock(text: str) -> Clock:
-    """The clock that a command line names, "constant:500", "periodic:200", "countdown:100000" or the label itself.
+    """The clock that a command line names: "constant:500", "periodic:200", "countdown:100000", or a clock's label.
+
+    Args:
+        text: Name and steps.
 
     Raises:
-        HorizonError: If the text names no clock.
+        HorizonError: If the text names no clock, or its number of steps is out of range.
     """
     name, _, steps = text.strip().replace("(", ":").rstrip(")").partition(":")
     try:

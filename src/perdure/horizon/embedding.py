@@ -5,14 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-from perdure.horizon.registry import to_json
+from perdure.horizon.registry import from_json, to_json
 
 
 class Embedding(ABC):
     """Maps elapsed steps t and a horizon T to the vector appended to the observation.
 
-    Subclasses are frozen dataclasses. They use array operators only, so one body serves Python numbers, NumPy arrays and
-    traced JAX arrays. More elapsed steps than the horizon count as nothing left.
+    Subclasses are frozen dataclasses. They use array operators only, so one body serves Python numbers, NumPy arrays
+    and traced JAX arrays. More elapsed steps than the horizon count as nothing left.
     """
 
     name: ClassVar[str]
@@ -25,8 +25,25 @@ class Embedding(ABC):
 
     @abstractmethod
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
-        """phi(elapsed, horizon), of shape (*batch, size), for two arrays of shape (*batch,); T may be infinite."""
+        """phi(t, T), of shape (*batch, size).
+
+        Args:
+            elapsed: t, steps since reset, shape (*batch,).
+            horizon: T, steps the episode may last, shape (*batch,); may be infinite.
+        """
 
     def to_json(self) -> dict[str, Any]:
         """The embedding as plain JSON values."""
         return to_json(self)
+
+
+def embedding_from_json(values: Any) -> Embedding:
+    """The embedding that :meth:`Embedding.to_json` described.
+
+    Args:
+        values: ``{"name": ..., field: value, ...}``.
+
+    Raises:
+        HorizonError: If there is no such embedding or a field is unknown or out of range.
+    """
+    return from_json(Embedding, values)  # type: ignore[type-abstract]

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.registry import to_json
+from perdure.horizon.registry import from_json, to_json
 
 
 class HorizonLaw(ABC):
@@ -29,8 +29,24 @@ class HorizonLaw(ABC):
         return to_json(self)
 
 
+def law_from_json(values: Any) -> HorizonLaw:
+    """The law that :meth:`HorizonLaw.to_json` described.
+
+    Args:
+        values: ``{"name": ..., field: value, ...}``.
+
+    Raises:
+        HorizonError: If there is no such law or a field is unknown or out of range.
+    """
+    return from_json(HorizonLaw, values)  # type: ignore[type-abstract]
+
+
 def check_steps(name: str, steps: float) -> None:
     """Refuses a horizon that is no whole number of steps from 1 up.
+
+    Args:
+        name: What the number is, for the message.
+        steps: The number.
 
     Raises:
         HorizonError: With the name of the field and the bad value.

@@ -26,8 +26,8 @@ class Linear(Embedding):
         return 1
 
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
-        """Shape (*batch, 1)."""
+        """phi(t, T), shape (*batch, 1)."""
         left = horizon > elapsed
-        # Adding ~left keeps 0/0 out where nothing is left; multiplying by left makes that case exactly 0.
+        # Where nothing is left, T + 1 keeps 0/0 out and the factor 0 decides; operators only, for traced arrays.
         share = (1.0 - elapsed / (horizon + (1.0 - left))) * left
         return share[..., None] if hasattr(share, "ndim") else np.asarray(share)[..., None]

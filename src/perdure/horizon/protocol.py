@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, Self, get_args
 
-from perdure.horizon.embedding import Embedding
+from perdure.horizon.embedding import Embedding, embedding_from_json
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw
-from perdure.horizon.registry import from_json
+from perdure.horizon.law import HorizonLaw, law_from_json
 
 End = Literal["terminated", "truncated"]
 
@@ -17,8 +16,8 @@ End = Literal["terminated", "truncated"]
 class HorizonProtocol:
     """What an agent knows about time, how long its episodes last, and what their end means.
 
-    gamma = 1 with ``end="truncated"`` is legal but leaves the value function without an anchor: V + c solves the same
-    equations for every constant c, so V may drift.
+    gamma = 1 with ``end="truncated"`` is legal, but a task that never ends by itself then has no anchor for V: V + c
+    solves the same equations for every constant c, so V may drift. So it is with gamma = 1 and an infinite horizon.
 
     Raises:
         HorizonError: If the parts contradict each other.
@@ -34,19 +33,27 @@ class HorizonProtocol:
     gamma: float
     """Discount of the objective, in [0, 1]."""
     normalizer_gamma: float
-    """Discount of the running return whose spread scales the rewards, in [0, 1]. A setting of its own: with gamma = 1 it
-    decides how large the rewards look to the value network."""
+    """Discount of the running return whose spread scales the rewards, in [0, 1]. A setting of its own: with gamma = 1
+    it decides how large the rewards look to the value network."""
     normalize_embedding: bool = False
     """Replication switch: phi passes the observation normaliser, as Stable-Baselines3 with VecNormalize would have it.
     Off, because a normalised phi means something else in training and in deployment."""
 
     def __post_init__(self) -> None:
         """Refuse contradictions."""
+        if not (self.embedding is None or isinstance(self.embedding, Embedding)):
+            raise HorizonError(
+                f"embedding must be an Embedding, such as Geometric(10), or None, got {self.embedding!r}"
+            )
+        if not isinstance(self.horizon, HorizonLaw):
+            raise HorizonError(f"horizon must be a HorizonLaw, such as Fixed(1000), got {self.horizon!r}")
+        check_end(self.end)
         for name in ("gamma", "normalizer_gamma"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise HorizonError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
-        if self.end not in get_args(End):
-            raise HorizonError(f"end must be one of {', '.join(get_args(End))}, got {self.end!r}")
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and 0 <= value <= 1):
+                raise HorizonError(f"{name} must be a number in [0, 1], got {value!r}")
+        if not isinstance(self.normalize_embedding, bool):
+            raise HorizonError(f"normalize_embedding must be True or False, got {self.normalize_embedding!r}")
         if self.normalize_embedding and self.embedding is None:
             raise HorizonError("normalize_embedding needs an embedding, and this protocol has none")
 
@@ -56,7 +63,12 @@ class HorizonProtocol:
         return 0 if self.embedding is None else self.embedding.size
 
     def embed(self, elapsed: Any, horizon: Any) -> Any:
-        """phi of shape (n, embedding_size) for NumPy or JAX arrays of shape (n,); (n, 0) without an embedding."""
+        """The vector phi, of shape (n, embedding_size), (n, 0) without an embedding.
+
+        Args:
+            elapsed: Steps since reset, NumPy or JAX, shape (n,).
+            horizon: T, NumPy or JAX, shape (n,); may be infinite.
+        """
         if self.embedding is None:
             return (0.0 * elapsed)[..., None][..., :0]
         return self.embedding(elapsed, horizon)
@@ -76,16 +88,34 @@ class HorizonProtocol:
     def from_json(cls, values: dict[str, Any]) -> Self:
         """The protocol that :meth:`to_json` described.
 
+        Args:
+            values: One entry for every field.
+
         Raises:
             HorizonError: If a part is missing, unknown or out of range.
         """
-        try:
-            parts = dict(values)
-            embedding, horizon = parts.pop("embedding"), parts.pop("horizon")
-            return cls(
-                embedding=None if embedding is None else from_json(Embedding, embedding),  # type: ignore[type-abstract]
-                horizon=from_json(HorizonLaw, horizon),  # type: ignore[type-abstract]
-                **parts,
+        if not isinstance(values, dict):
+            raise HorizonError(f"a horizon protocol is a table of fields, got {values!r}")
+        names, given = {field.name for field in fields(cls)}, set(values)
+        if given != names:
+            listing = "; ".join(
+                f"{word} {', '.join(sorted(some))}"
+                for word, some in (("missing", names - given), ("unknown", given - names))
+                if some
             )
-        except (KeyError, TypeError) as error:
-            raise HorizonError(f"a horizon protocol cannot be read from {values}: {error}") from None
+            raise HorizonError(f"a horizon protocol cannot be read: {listing}")
+        embedding = None if values["embedding"] is None else embedding_from_json(values["embedding"])
+        return cls(**{**values, "embedding": embedding, "horizon": law_from_json(values["horizon"])})
+
+
+def check_end(end: Any) -> None:
+    """Refuses what is no meaning of a horizon's end.
+
+    Args:
+        end: ``"terminated"`` or ``"truncated"``.
+
+    Raises:
+        HorizonError: If it is anything else.
+    """
+    if end not in get_args(End):
+        raise HorizonError(f"end must be one of {', '.join(get_args(End))}, got {end!r}")

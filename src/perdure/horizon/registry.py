@@ -1,12 +1,13 @@
 """Embeddings, clocks and laws by name, as policy files store them.
 
-A class is found by its ``name`` as soon as it subclasses the abstract idea (``Embedding``, ``Clock``, ``HorizonLaw``), so
-a new one is one new file, imported in ``__init__.py``.
+A class is found by its ``name`` as soon as it subclasses the abstract idea (``Embedding``, ``Clock``, ``HorizonLaw``):
+a new one is one new file, imported in ``__init__.py`` or anywhere else.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 from typing import Any, TypeVar
 
@@ -16,27 +17,63 @@ T = TypeVar("T")
 
 
 def to_json(thing: Any) -> dict[str, Any]:
-    """``{"name": ..., field: value, ...}`` of a frozen dataclass; infinity is written as the string "inf"."""
-    fields = {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)}
-    return {"name": thing.name, **{key: "inf" if value == math.inf else value for key, value in fields.items()}}
+    """``{"name": ..., field: value, ...}`` of a frozen dataclass of numbers.
+
+    Args:
+        thing: An embedding, a clock or a law. Infinity, which JSON does not have, becomes the string "inf"; NumPy
+            numbers become Python's.
+    """
+    return {"name": thing.name, **{f.name: _plain(getattr(thing, f.name)) for f in dataclasses.fields(thing)}}
 
 
 def from_json(base: type[T], values: Any) -> T:
     """The subclass of ``base`` that :func:`to_json` described.
 
+    Args:
+        base: The abstract idea, such as ``Embedding``.
+        values: ``{"name": ..., field: value, ...}``.
+
     Raises:
         HorizonError: If the name or a field is unknown, or a value is out of range.
     """
-    kinds = {kind.name: kind for kind in _subclasses(base)}  # type: ignore[attr-defined]
-    if not isinstance(values, dict) or values.get("name") not in kinds:
-        name = values.get("name") if isinstance(values, dict) else values
+    kinds = known(base)
+    name = values.get("name") if isinstance(values, dict) else values
+    if not (isinstance(values, dict) and isinstance(name, str) and name in kinds):
         raise HorizonError(f"unknown {base.__name__} {name!r}; the known ones are {', '.join(sorted(kinds))}")
-    kind = kinds[values["name"]]
     fields = {key: math.inf if value == "inf" else value for key, value in values.items() if key != "name"}
     try:
-        return kind(**fields)
+        return kinds[name](**fields)
     except TypeError as error:
-        raise HorizonError(f"{base.__name__} {values['name']!r} cannot be built from {fields}: {error}") from None
+        raise HorizonError(f"{base.__name__} {name!r} cannot be built from {fields}: {error}") from None
+
+
+def known(base: type[T]) -> dict[str, type[T]]:
+    """The concrete subclasses of ``base`` by name.
+
+    Args:
+        base: The abstract idea, such as ``Embedding``.
+
+    Raises:
+        HorizonError: If two of them have the same name, as after copying a file: a stored name must mean one thing.
+    """
+    kinds: dict[str, type[T]] = {}
+    for kind in _subclasses(base):
+        if inspect.isabstract(kind):
+            continue
+        name = kind.name  # type: ignore[attr-defined]
+        other = kinds.setdefault(name, kind)
+        if _path(other) != _path(kind):
+            raise HorizonError(f"{_path(other)} and {_path(kind)} are both named {name!r}: give one another name")
+    return kinds
+
+
+def _plain(value: Any) -> Any:
+    value = value.item() if hasattr(value, "item") else value
+    return "inf" if value == math.inf else value
+
+
+def _path(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
 
 
 def _subclasses(base: type[T]) -> list[type[T]]:

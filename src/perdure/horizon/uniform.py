@@ -33,5 +33,5 @@ class Uniform(HorizonLaw):
         return float(self.high)
 
     def from_uniform(self, u: Any) -> Any:
-        """low + floor(u * (high - low + 1))."""
+        """T = low + floor(u * (high - low + 1))."""
         return self.low + (u * (self.high - self.low + 1)) // 1

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-TILE = 32
+TILE = 24
 """Rows of one product. Small tiles waste less when few lanes are alive, large ones run at a better rate."""
 
 Float32Array = NDArray[np.float32]

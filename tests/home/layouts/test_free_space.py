@@ -1,6 +1,7 @@
 """Free space and geodesic distances against closed forms."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -31,6 +32,15 @@ def cell(space, x, y):
 def test_free_area_of_an_empty_room_is_the_room_shrunk_by_the_radius():
     space = space_of()
     assert space.areas == pytest.approx([5.4 * 3.4], rel=0.01)
+
+
+def test_grid_agrees_with_the_exact_test_at_every_cell():
+    space = space_of((2.5, 1.5, 3.5, 2.5), (5.8, 3.7, 7.0, 5.0), (-3.0, -3.0, -2.0, -2.0))
+    turned = np.concatenate([space.rectangles, [[1.2, 3.0, 0.5, 0.1, 0.6]]])
+    space = FreeSpace.of(ROOM, turned, 0.3)
+    rows, columns = np.indices(space.free.shape)
+    middles = np.stack([(columns + 0.5) * 0.05, (rows + 0.5) * 0.05], axis=-1).reshape(-1, 2)
+    assert (space.is_free(middles) == space.free.ravel()).all()
 
 
 def test_cells_are_free_exactly_from_the_radius_on():
@@ -71,7 +81,7 @@ def detour(start, end, corner, radius):
         total += math.sqrt(distance**2 - radius**2)
         bearing = math.atan2(point[1] - corner[1], point[0] - corner[0])
         angles.append(bearing - side * math.acos(radius / distance))
-    return total + radius * abs(angles[0] - angles[1])
+    return total + radius * ((angles[0] - angles[1]) % math.tau)
 
 
 def test_distance_around_the_end_of_a_wall_is_that_of_two_tangents_and_an_arc():
@@ -82,6 +92,7 @@ def test_distance_around_the_end_of_a_wall_is_that_of_two_tangents_and_an_arc():
     geodesic = space.distances(cell(space, *end))
     value = geodesic.values[cell(space, *start)[0]]
     tight = path_length(geodesic.path(np.array(start)))
+    assert shortest == pytest.approx(4.687, abs=1e-3)  # 2 * 2.0643 m of tangent and 0.3 m * 106.6 degrees of arc
     assert shortest - 0.01 <= value <= OVERESTIMATE * shortest + 0.1
     assert shortest - 0.01 <= tight <= 1.01 * shortest + 0.05
     assert value > 1.3 * math.dist(start, end)  # a map that forgot the wall would say 2.95 m
@@ -137,7 +148,7 @@ def test_every_step_and_every_tight_path_keeps_the_robot_clear(sizes, choice):
     geodesic = space.distances(np.array([goal]))
     raw, tight = (geodesic.path(space.centers[start], tight) for tight in (False, True))
     for points, spacing in ((raw, 0.05 * math.sqrt(2)), (tight, 0.025)):
-        legs = zip(points[:-1], points[1:], strict=True)
+        legs = pairwise(points)
         dense = [points] + [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in legs]
         clear = plane.clearance(np.concatenate(dense), space.rectangles).min()
         assert clear >= math.sqrt(0.3**2 - spacing**2 / 4) - 1e-9

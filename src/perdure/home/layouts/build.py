@@ -46,7 +46,8 @@ def build_apartment(
     for piece in (*apartment.walls, *apartment.pieces):
         _add_piece(spec, piece, looks, damping_scale)
     if looks:
-        _add_light_and_cameras(spec, apartment)
+        _add_light(spec, apartment)
+        _add_cameras(spec, apartment)
     return spec
 
 
@@ -145,7 +146,7 @@ def _box_inertia(moving: Articulation) -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (low + high), moving.mass / 12.0 * (square.sum() - square)
 
 
-def _add_light_and_cameras(spec: Any, apartment: Apartment) -> None:
+def _add_light(spec: Any, apartment: Apartment) -> None:
     import mujoco
 
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.42, 0.42, 0.42), (0.32, 0.32, 0.32)
@@ -159,17 +160,21 @@ def _add_light_and_cameras(spec: Any, apartment: Apartment) -> None:
         width=64,
         height=384,
     )
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
-    middle, (width, depth) = 0.5 * (low + high), high - low
     spec.worldbody.add_light(
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=(*middle, 6.0),
+        pos=(*np.mean(apartment.room, axis=0), 6.0),
         dir=(0.25, 0.35, -1.0),
         diffuse=(0.38, 0.37, 0.35),
         specular=(0.05, 0.05, 0.05),
         castshadow=True,
     )
+
+
+def _add_cameras(spec: Any, apartment: Apartment) -> None:
+    """`plan` looks straight down, `doll_house` at the kitchen's front from above."""
+    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    middle, (width, depth) = 0.5 * (low + high), high - low
     distance = max(depth, 0.75 * width) / (2.0 * math.tan(math.radians(22.5))) + 0.5
     spec.worldbody.add_camera(name="plan", pos=(*middle, distance), fovy=45.0)
     yaw = next((p.pose.yaw for p in apartment.pieces if p.kind == "kitchen_counter"), math.pi / 2.0)

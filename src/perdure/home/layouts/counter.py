@@ -59,35 +59,24 @@ _WALL = 0.012
 """Half thickness of a drawer's side and back walls and of its floor in [m]."""
 
 
-def _drawer(spec: _Drawer) -> Articulation:
-    low, front = spec.floor, 0.301
-    middle = 0.5 * (front - spec.front - 0.308)  # of the space between back and front, along x
-    half_x = 0.5 * (front - spec.front + 0.308)
-    grip = 0.35 * spec.half_width
-    solids = (
+def _drawer_solids(spec: _Drawer) -> tuple[Solid, ...]:
+    low, face, back = spec.floor, 0.301, -0.308
+    middle, half_x = 0.5 * (face - spec.front + back), 0.5 * (face - spec.front - back)  # between back and front
+    side_y, grip = spec.half_width - 0.01 - _WALL, 0.35 * spec.half_width
+    front = 0.5 * spec.front
+    return (
         Solid("floor", (middle, 0.0, low - _WALL), (half_x, spec.half_width - 0.01, _WALL), "white"),
-        Solid(
-            "front",
-            (front - 0.5 * spec.front, 0.0, 0.0),
-            (0.5 * spec.front, spec.half_width, spec.half_height),
-            "front",
-        ),
-        Solid("back", (-0.308 + _WALL, 0.0, 0.0), (_WALL, spec.half_width - 0.01, spec.half_height), "white"),
-        *(
-            Solid(
-                side,
-                (middle, sign * (spec.half_width - 0.01 - _WALL), 0.0),
-                (half_x, _WALL, spec.half_height),
-                "white",
-            )
-            for side, sign in (("left", 1.0), ("right", -1.0))
-        ),
-        Solid("bar", (front + 0.028, 0.0, 0.0), (0.007, grip, 0.008), "handle", "look"),
-        *(
-            Solid(f"post_{k}", (front + 0.012, sign * (grip - 0.01), 0.0), (0.012, 0.006, 0.006), "handle", "look")
-            for k, sign in ((0, 1.0), (1, -1.0))
-        ),
+        Solid("front", (face - front, 0.0, 0.0), (front, spec.half_width, spec.half_height), "front"),
+        Solid("back", (back + _WALL, 0.0, 0.0), (_WALL, spec.half_width - 0.01, spec.half_height), "white"),
+        Solid("left", (middle, side_y, 0.0), (half_x, _WALL, spec.half_height), "white"),
+        Solid("right", (middle, -side_y, 0.0), (half_x, _WALL, spec.half_height), "white"),
+        Solid("bar", (face + 0.028, 0.0, 0.0), (0.007, grip, 0.008), "handle", "look"),
+        Solid("post_0", (face + 0.012, grip - 0.01, 0.0), (0.012, 0.006, 0.006), "handle", "look"),
+        Solid("post_1", (face + 0.012, 0.01 - grip, 0.0), (0.012, 0.006, 0.006), "handle", "look"),
     )
+
+
+def _drawer(spec: _Drawer) -> Articulation:
     return Articulation(
         link=spec.link,
         joint=spec.joint,
@@ -97,7 +86,7 @@ def _drawer(spec: _Drawer) -> Articulation:
         limit=(0.0, TRAVEL),
         mass=spec.mass,
         damping=drawer_damping(spec.mass),
-        solids=solids,
+        solids=_drawer_solids(spec),
         handle=(HANDLE, 0.0, 0.0),
         handle_name=f"cab_push_point_{spec.marker}",
     )

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,9 +69,14 @@ class FreeSpace:
             raise HomeError(f"radius must be at least 0 and cell above 0, not {radius} and {cell}")
         low, high = np.min(room, axis=0), np.max(room, axis=0)
         columns, rows = np.ceil((high - low) / cell - 1e-9).astype(int)
-        points = _centers(low, cell, np.indices((rows, columns)).reshape(2, -1))
-        clear = plane.clearance(points, rectangles) >= radius
-        free = (clear & plane.inside(points, room)).reshape(rows, columns)
+        points = _centers(low, cell, np.indices((rows, columns)))  # (rows, columns, 2)
+        free = plane.inside(points.reshape(-1, 2), room).reshape(rows, columns)
+        for rectangle in rectangles:  # each one only looks at the cells around it
+            ring = (plane.corners(rectangle[None])[0] - low) / cell
+            (left, bottom), (right, top) = ring.min(axis=0) - radius / cell, ring.max(axis=0) + radius / cell
+            near = np.s_[max(int(bottom), 0) : max(int(top) + 1, 0), max(int(left), 0) : max(int(right) + 1, 0)]
+            local = points[near].reshape(-1, 2)
+            free[near] &= (plane.clearance(local, rectangle[None]) >= radius).reshape(free[near].shape)
         return FreeSpace(tuple(room), rectangles, radius, cell, free)
 
     @cached_property
@@ -215,8 +220,16 @@ def path_length(points: FloatArray) -> float:
 
 
 def free_space(apartment: Apartment, opened: Mapping[str, float] | None = None, radius: float = RADIUS) -> FreeSpace:
-    """The free space of an apartment with its drawers and doors at the positions `opened` (closed where not given)."""
-    return FreeSpace.of(apartment.room, apartment_footprints(apartment, opened), radius)
+    """The free space of an apartment with its drawers and doors at the positions `opened` (closed where not given).
+
+    The last ones asked for are kept and handed out again.
+    """
+    return _free_space(apartment, tuple(sorted((opened or {}).items())), radius)
+
+
+@lru_cache(maxsize=64)
+def _free_space(apartment: Apartment, opened: tuple[tuple[str, float], ...], radius: float) -> FreeSpace:
+    return FreeSpace.of(apartment.room, apartment_footprints(apartment, dict(opened)), radius)
 
 
 def _centers(low: FloatArray, cell: float, cells: NDArray[Any]) -> FloatArray:

@@ -1,0 +1,82 @@
+"""Noticing that the physics blew up.
+
+MuJoCo answers a diverging simulation by putting the world back to its start, with a warning in a log and nothing in the
+observation: the lane seems to live on, and the way back is paid for as one enormous, often positive, reward. Three
+signs are looked for. Each alone ends the lane as "diverged"; the step's reward is not counted.
+
+1. An observation or reward that is not finite.
+2. A reward far outside everything the lane has seen. A locomotion reward contains the speed, and a world put back from
+   x metres away moves at x / dt.
+3. A snap back: the observation jumps from far away to next to the lane's first one within a step, measured in the
+   standard deviations of the policy's normaliser.
+
+A world put back within the first metres of a lane, from an ordinary pose, escapes all three. Worlds that can ask their
+engine (single Gymnasium environments on MuJoCo) report it themselves, exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy import Moment
+
+REWARD_FACTOR = 10.0
+"""A reward is impossible if it exceeds this many times the largest before it ..."""
+REWARD_MARGIN = 50.0
+"""... plus this much, so that a lane's first, small rewards do not condemn the later ones."""
+FAR = 6.0
+"""Standard deviations from the first observation, in some component, that count as far away."""
+NEAR = 1.0
+"""Standard deviations from the first observation, in every component, that count as next to it."""
+
+
+class DivergenceWatch:
+    """Remembers, for each lane, what its rewards and its start looked like."""
+
+    def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64]) -> None:
+        """Starts at the lanes' first observations.
+
+        Args:
+            first_observations: Shape (lanes, d).
+            scale: Standard deviation of each component as the lane's policy knows it, shape (lanes, d).
+        """
+        self._first = first_observations.copy()
+        # A component that never varied in training says nothing about distance.
+        self._scale = np.where(scale > 1e-6, scale, np.inf)
+        self._largest = np.zeros(len(first_observations))
+
+    def diverged(self, moment: Moment) -> NDArray[np.bool_]:
+        """Which of the lanes that were just stepped have blown up, shape (n,)."""
+        lanes, rewards, after = moment.lanes, moment.step.rewards, moment.step.observations
+        with np.errstate(invalid="ignore", over="ignore"):
+            size = np.abs(rewards)
+            largest = self._largest[lanes]
+            # The sum is finite only if every term is: one pass instead of two.
+            bad = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
+            # The first reward has nothing to be compared with.
+            bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
+            suspects = np.flatnonzero(np.abs(after - moment.before).max(axis=1) > self._smallest_jump(lanes))
+            if len(suspects):
+                bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
+        self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
+        return bad
+
+    def _smallest_jump(self, lanes: NDArray[np.int64]) -> NDArray[np.float64]:
+        """A snap back moves some component by FAR - NEAR of its standard deviations; the smallest of them bounds it."""
+        return self._jump[lanes]
+
+    @property
+    def _jump(self) -> NDArray[np.float64]:
+        if not hasattr(self, "_jumps"):
+            self._jumps: NDArray[np.float64] = (FAR - NEAR) * self._scale.min(axis=1)
+        return self._jumps
+
+    def _snapped_back(
+        self, lanes: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        first, scale = self._first[lanes], self._scale[lanes]
+        was_far = (np.abs(before - first) / scale).max(axis=1) > FAR
+        is_near = (np.abs(after - first) / scale).max(axis=1) < NEAR
+        result: NDArray[np.bool_] = was_far & is_near
+        return result

@@ -1,0 +1,83 @@
+"""What is evaluated: every policy under every clock from every start state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from perdure.extrapolate.errors import ExtrapolationError
+from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
+
+FIRST_EVAL_SEED = 1_000_000
+"""Evaluation seed k starts a world from seed FIRST_EVAL_SEED + k."""
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """A closed-loop evaluation over lanes = policies x clocks x evaluation seeds.
+
+    Raises:
+        ExtrapolationError: If there is no lane or no step.
+        HorizonError: If a clock makes no sense.
+    """
+
+    policies: tuple[Path, ...]
+    """Policy files, all for one task."""
+    steps: int = 100_000
+    """T_test: how long each lane is asked to last."""
+    clocks: tuple[str, ...] = ("default",)
+    """What policies with a time-to-go input are told: "constant:500", "periodic:500", "countdown:100000", "countdown"
+    (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C = 0, 100, ..., 1000, constant and
+    periodic, and the countdown). Policies without that input run once."""
+    eval_seeds: int = 20
+    """Start states. The same seed starts from the same state under every policy and clock."""
+    max_lanes: int = field(default=48, kw_only=True)
+    """Lanes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
+
+    def __post_init__(self) -> None:
+        """Refuse an evaluation of nothing."""
+        for name, value in (("steps", self.steps), ("eval_seeds", self.eval_seeds), ("max_lanes", self.max_lanes)):
+            if value < 1:
+                raise ExtrapolationError(f"{name} must be at least 1, got {value}")
+        if not self.policies:
+            raise ExtrapolationError("no policy to evaluate: name at least one policy file")
+        if not self.clocks:
+            raise ExtrapolationError("no clock to evaluate under; leave the option out to use each policy's own")
+        self.deployment_clocks(None)
+
+    def deployment_clocks(self, default: Clock | None) -> tuple[Clock, ...]:
+        """The clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
+        clocks: list[Clock] = []
+        for text in self.clocks:
+            if text == "default":
+                clocks += [] if default is None else [default]
+            elif text == "countdown":
+                clocks.append(Countdown(float(self.steps)))
+            elif text == "sweep":
+                clocks += self._sweep()
+            else:
+                clocks.append(parse_clock(text))
+        return tuple(dict.fromkeys(clocks))
+
+    def _sweep(self) -> list[Clock]:
+        constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
+        # Periodic(0) is Constant(0), which is there already.
+        return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(self.steps))]
+
+
+@dataclass(frozen=True)
+class LaneSpec:
+    """One lane."""
+
+    policy: int
+    """Index into the policies."""
+    clock: Clock | None
+    """None for a policy without phi."""
+    eval_seed: int
+
+
+def split(lanes: Sequence[LaneSpec], size: int, parts: int) -> list[list[LaneSpec]]:
+    """Groups of at most ``size`` lanes, and at least ``parts`` of them if there are lanes enough, of even length."""
+    count = max(-(-len(lanes) // size), min(parts, len(lanes)))
+    return [list(lanes[len(lanes) * i // count : len(lanes) * (i + 1) // count]) for i in range(count)]

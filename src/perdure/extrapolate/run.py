@@ -1,0 +1,206 @@
+"""A whole evaluation: groups of lanes over the cores, finished groups kept, one table at the end."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.envs import make_world
+from perdure.extrapolate.errors import ExtrapolationError
+from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
+from perdure.extrapolate.result import ExtrapolationResult
+from perdure.policy import Policy, check_fit, load_policy
+from perdure.store import Store, config_digest
+
+if TYPE_CHECKING:
+    import polars as pl
+
+ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+
+Watcher = Callable[[int, int], None]
+"""Called with (lane steps made or no longer needed, lane steps in all)."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    lanes: tuple[LaneSpec, ...]
+    config: dict[str, Any]
+
+    @property
+    def key(self) -> str:
+        return f"groups/{config_digest(self.config)[:16]}"
+
+
+def extrapolate(
+    evaluation: Extrapolation,
+    out: str | Path,
+    *,
+    processes: int | None = None,
+    command: str = "",
+    watch: Watcher = lambda made, total: None,
+) -> ExtrapolationResult:
+    """Evaluates every lane and writes ``lanes.parquet`` into ``out``.
+
+    Finished groups of lanes are kept in ``out``: an evaluation that was interrupted goes on where it was, and one that
+    is repeated costs nothing. Results do not depend on the number of processes.
+
+    Args:
+        evaluation: What is evaluated.
+        out: A folder; made if it is missing.
+        processes: Worker processes; one for each core by default.
+        command: Stored with the table, so that a reader can repeat it.
+        watch: Told about progress.
+
+    Raises:
+        ExtrapolationError: If the policies do not belong to one task, or a worker failed.
+        PolicyFileError: If a policy file cannot be read.
+        OSError: If ``out`` cannot be written.
+    """
+    policies = [load_policy(path) for path in evaluation.policies]
+    _check(policies)
+    labels = policy_labels(evaluation.policies, policies)
+    groups = _plan(evaluation, policies, labels, workers := processes or len(os.sched_getaffinity(0)))
+    store = Store(out)
+    progress = _Progress([len(group.lanes) for group in groups], evaluation.steps, watch)
+
+    def work(number: int) -> None:
+        if not store.done(groups[number].key):
+            _run_worker(groups[number], evaluation, labels, store, lambda *now: progress.moved(number, *now))
+        progress.finished(number)
+
+    with ThreadPoolExecutor(workers) as pool:
+        for future in [pool.submit(work, number) for number in range(len(groups))]:
+            future.result()
+    return _collect(store, groups, Path(out), {"command": command})
+
+
+def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
+    """A short name for each policy: its method, and what else it takes to tell it from the others."""
+    labels = [str(policy.provenance.get("method", path.stem)) for path, policy in zip(paths, policies, strict=True)]
+    seeds = [policy.provenance.get("seed") for policy in policies]
+    by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
+    if len(by_run) == len(labels):
+        return labels
+    return [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
+
+
+def _check(policies: Sequence[Policy]) -> None:
+    names = sorted({policy.task.name for policy in policies})
+    if len(names) > 1:
+        raise ExtrapolationError(f"all policies of one evaluation must be for one task, these are for {', '.join(names)}")
+    world = make_world(names[0], [FIRST_EVAL_SEED])
+    try:
+        for policy in policies:
+            check_fit(policy, world)
+    finally:
+        world.close()
+
+
+def _plan(
+    evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequence[str], workers: int
+) -> list[_Group]:
+    lanes = [
+        LaneSpec(number, clock, seed)
+        for number, policy in enumerate(policies)
+        for clock in (
+            (None,) if policy.protocol.embedding is None else evaluation.deployment_clocks(policy.clock)
+        )
+        for seed in range(evaluation.eval_seeds)
+    ]
+    if not lanes:
+        raise ExtrapolationError("no lane to evaluate: these clocks fit none of the policies")
+    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in evaluation.policies]
+    return [
+        _Group(
+            tuple(group),
+            {
+                "steps": evaluation.steps,
+                "lanes": [
+                    [digests[lane.policy], labels[lane.policy], _clock_json(lane), lane.eval_seed] for lane in group
+                ],
+            },
+        )
+        for group in split(lanes, evaluation.max_lanes, workers)
+    ]
+
+
+def _clock_json(lane: LaneSpec) -> dict[str, Any] | None:
+    return None if lane.clock is None else lane.clock.to_json()
+
+
+def _run_worker(
+    group: _Group, evaluation: Extrapolation, labels: Sequence[str], store: Store, moved: Callable[[int, int], None]
+) -> None:
+    job = {
+        "policies": [str(path.resolve()) for path in evaluation.policies],
+        "labels": list(labels),
+        "lanes": [[lane.policy, _clock_json(lane), lane.eval_seed] for lane in group.lanes],
+        "steps": evaluation.steps,
+        "store": str(store.root),
+        "key": group.key,
+        "config": group.config,
+    }
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        json.dump(job, file)
+        file.flush()
+        words = [sys.executable, "-m", "perdure.extrapolate.worker", file.name]
+        environment = {**os.environ, **ONE_THREAD}
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+        ) as process:
+            errors: list[str] = []
+            # Both pipes are read, or a full one would stop the worker.
+            reader = threading.Thread(target=lambda: errors.extend(process.stderr or ()))
+            reader.start()
+            try:
+                for line in process.stdout or ():
+                    step, living = line.split()
+                    moved(int(step), int(living))
+            except BaseException:
+                process.kill()
+                raise
+            reader.join()
+        if process.returncode:
+            last = errors[-1].strip() if errors else f"exit code {process.returncode}"
+            raise ExtrapolationError(f"a worker process failed: {last}")
+
+
+class _Progress:
+    """Adds up what the groups report. Lanes that have ended need no more steps, and count as done."""
+
+    def __init__(self, lanes: Sequence[int], steps: int, watch: Watcher) -> None:
+        self._lanes, self._steps, self._watch = lanes, steps, watch
+        self._made = [0] * len(lanes)
+        self._lock = threading.Lock()
+
+    def moved(self, group: int, step: int, living: int) -> None:
+        ended = self._lanes[group] - living
+        self._set(group, step * living + self._steps * ended)
+
+    def finished(self, group: int) -> None:
+        self._set(group, self._lanes[group] * self._steps)
+
+    def _set(self, group: int, made: int) -> None:
+        with self._lock:
+            self._made[group] = made
+            self._watch(sum(self._made), sum(self._lanes) * self._steps)
+
+
+def _collect(store: Store, groups: Sequence[_Group], out: Path, notes: dict[str, str]) -> ExtrapolationResult:
+    import polars as pl
+
+    from perdure.extrapolate.worker import TABLE
+    from perdure.report import write_table
+
+    frame: pl.DataFrame = pl.concat([pl.read_parquet(store.get(group.key) / TABLE) for group in groups])
+    return ExtrapolationResult(frame, write_table(out / TABLE, frame, notes))

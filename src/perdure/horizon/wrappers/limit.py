@@ -1,0 +1,80 @@
+"""What the single and the vector limit share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.wrappers import TimeLimit
+
+from perdure.horizon.errors import HorizonError
+from perdure.horizon.law import HorizonLaw
+from perdure.horizon.protocol import check_end
+
+HORIZON_STREAM = 1
+"""Spawn key of the horizons' random numbers: seeded like the environment, but a stream of their own. From the same
+stream, long episodes would go with certain start states."""
+
+
+def horizon_generator(seed: int | None) -> np.random.Generator:
+    """The generator that draws the horizons of one environment.
+
+    Args:
+        seed: The environment's seed; None takes fresh entropy.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
+
+
+def draw_horizon(law: HorizonLaw, generator: np.random.Generator) -> float:
+    """T of the next episode, in steps.
+
+    Args:
+        law: Law of T.
+        generator: From :func:`horizon_generator`.
+    """
+    return float(law.from_uniform(generator.random()))
+
+
+def check_limit(env: Any, law: HorizonLaw, end: Any) -> None:
+    """Refuses a limit that cannot mean what it says.
+
+    Args:
+        env: Environment or vector environment to be limited.
+        law: Law of T.
+        end: What reaching T means.
+
+    Raises:
+        HorizonError: If law or end are none, or the environment would cut its episodes before the longest horizon.
+    """
+    if not isinstance(law, HorizonLaw):
+        raise HorizonError(f"a horizon limit needs a HorizonLaw, such as Uniform(200, 1000), got {law!r}")
+    check_end(end)
+    own = own_limit(env)
+    if own < law.longest:
+        raise HorizonError(
+            f"the environment cuts its episodes after {own:g} steps, before the longest horizon ({law.longest:g}): "
+            "make it without that limit (gymnasium.make with max_episode_steps=-1, envpool.make with a larger one)"
+        )
+
+
+def own_limit(env: Any) -> float:
+    """Steps after which the environment truncates by itself, as far as can be seen from outside; else infinity.
+
+    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv) and EnvPool's max_episode_steps.
+
+    Args:
+        env: Environment or vector environment.
+    """
+    if isinstance(env, gymnasium.vector.VectorEnv):
+        parts = getattr(env.unwrapped, "envs", [])
+        pool = getattr(env.unwrapped, "config", {})
+        pooled = pool.get("max_episode_steps", math.inf) if isinstance(pool, dict) else math.inf
+        return min([float(pooled), *(own_limit(part) for part in parts)])
+    limits = [math.inf]
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, TimeLimit):
+            limits.append(float(env._max_episode_steps))
+        env = env.env
+    return min(limits)

@@ -1,0 +1,137 @@
+"""Closed loop over lanes: policies act in a world, step by step, until every lane has ended.
+
+A lane's trajectory depends on its policy, its clock and its seed alone. Neither its neighbours nor the order of the
+lanes change one bit of it, because acting is row-invariant and worlds step lanes independently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.envs import FloatArray, IntArray, Step, World
+from perdure.horizon import Clock, LaneClocks
+from perdure.policy.errors import PolicyError
+from perdure.policy.policy import Policy
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """Who acts in one lane: a policy, and the clock it is told the time by (None for a policy without phi)."""
+
+    policy: Policy
+    clock: Clock | None
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What one step of the living lanes did. Rows belong to ``lanes``."""
+
+    lanes: IntArray
+    """Lanes that were stepped, shape (n,)."""
+    before: FloatArray
+    """Observations acted on, shape (n, observation_size)."""
+    step: Step
+    """What the world answered."""
+
+
+class ClosedLoop:
+    """Carries lanes on until they end. Lanes that have ended cost nothing.
+
+    Raises:
+        PolicyError: If there is not one pilot for each lane, or a policy does not fit the world.
+    """
+
+    def __init__(self, world: World, pilots: Sequence[Pilot]) -> None:
+        """Resets every lane of the world, with no horizon.
+
+        Args:
+            world: Where to act; one lane for each pilot.
+            pilots: Who acts in lane 0, 1, ...
+        """
+        if len(pilots) != world.num_lanes:
+            raise PolicyError(f"{len(pilots)} pilots for {world.num_lanes} lanes; each lane needs one")
+        for policy in {id(pilot.policy): pilot.policy for pilot in pilots}.values():
+            check_fit(policy, world)
+        self.world = world
+        self._pilots = list(pilots)
+        self._observations = world.reset()
+        self._elapsed = 0
+        self._live(np.arange(world.num_lanes))
+
+    @property
+    def living(self) -> IntArray:
+        """Lanes that the next step will move, shape (n,)."""
+        return self._living
+
+    @property
+    def observations(self) -> FloatArray:
+        """What the living lanes see now, shape (n, observation_size)."""
+        return self._observations
+
+    def advance(self) -> Moment:
+        """Moves every living lane by one step. Lanes that ended with it are not living afterwards."""
+        before = self._observations
+        actions = self._act(before)
+        step = self.world.step(actions, self._living)
+        moment = Moment(self._living, before, step)
+        self._observations = step.observations
+        self._elapsed += 1
+        if step.ended.any():
+            self.drop(self._living[step.ended])
+        return moment
+
+    def drop(self, lanes: NDArray[np.int64]) -> None:
+        """Takes lanes out; the others go on as if these had never been there."""
+        stays = ~np.isin(self._living, lanes)
+        self._observations = self._observations[stays]
+        self._live(self._living[stays])
+
+    def _act(self, observations: FloatArray) -> FloatArray:
+        if len(self._crews) == 1:
+            return self._crews[0].act(observations, self._elapsed)
+        actions = np.empty((len(observations), self.world.spec.action_size))
+        for crew in self._crews:
+            actions[crew.rows] = crew.act(observations[crew.rows], self._elapsed)
+        return actions
+
+    def _live(self, living: IntArray) -> None:
+        self._living = living
+        by_policy: dict[int, list[int]] = {}
+        for row, lane in enumerate(living):
+            by_policy.setdefault(id(self._pilots[lane].policy), []).append(row)
+        self._crews = [_Crew(rows, [self._pilots[living[row]] for row in rows]) for rows in by_policy.values()]
+
+
+class _Crew:
+    """The living lanes of one policy."""
+
+    def __init__(self, rows: list[int], pilots: list[Pilot]) -> None:
+        self.rows = np.array(rows)
+        self._policy = pilots[0].policy
+        clocks = [pilot.clock for pilot in pilots if pilot.clock is not None]
+        self._clocks = LaneClocks(clocks) if clocks else None
+        self._forever = np.full(len(rows), np.inf)
+
+    def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
+        steps = np.full(len(self.rows), float(elapsed))
+        times, horizons = (steps, self._forever) if self._clocks is None else self._clocks.time(steps)
+        return self._policy.act_at(observations, times, horizons)
+
+
+def check_fit(policy: Policy, world: World) -> None:
+    """Refuses a policy for another task.
+
+    Raises:
+        PolicyError: If observation or action sizes, or the action box, differ.
+    """
+    spec, task = world.spec, policy.task
+    same_box = np.array_equal(task.action_low, spec.action_low) and np.array_equal(task.action_high, spec.action_high)
+    if task.observation_size != spec.observation_size or not same_box:
+        raise PolicyError(
+            f"a policy for {task.name} (observations of {task.observation_size}, actions of {task.action_size}) cannot "
+            f"act in {spec.name} (observations of {spec.observation_size}, actions of {spec.action_size})"
+        )
