@@ -30,9 +30,9 @@ NO_LIMIT = 1_000_000_000
 class EnvPoolVecEnv(VecEnv):
     """EnvPool behind SB3's contract: same-step reset, ``terminal_observation`` and ``TimeLimit.truncated`` set."""
 
-    def __init__(self, task: str, num_envs: int, seed: int, horizon: int) -> None:
+    def __init__(self, task: str, num_envs: int, seed: int, horizon: int, threads: int = 1) -> None:
         self.pool = envpool.make(
-            task, env_type="gymnasium", num_envs=num_envs, num_threads=num_envs, seed=seed, max_episode_steps=NO_LIMIT
+            task, env_type="gymnasium", num_envs=num_envs, num_threads=threads, seed=seed, max_episode_steps=NO_LIMIT
         )
         self.horizon = horizon
         self.elapsed = np.zeros(num_envs, dtype=np.int64)

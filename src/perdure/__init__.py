@@ -1,1 +1,89 @@
-"""perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds."""
+"""perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
+
+| package | what it is for |
+|---|---|
+| `perdure.horizon` | how time is treated: embeddings, clocks, laws of the training horizon, Gymnasium wrappers |
+| `perdure.envs` | worlds behind one vector contract |
+| `perdure.policy` | the policy as one file |
+| `perdure.ppo` | the learner, and methods as data |
+| `perdure.extrapolate` | evaluation far beyond the training horizon |
+| `perdure.report` | tables in, figures and a page out |
+| `perdure.home` | the Home Assistant Benchmark |
+| `perdure.store` | finished work, written whole |
+
+The names below are the ones most programs need. Each is loaded when it is first used, so that ``import perdure`` loads
+nothing. A package and a function cannot share a name: the evaluation itself is ``perdure.extrapolate.extrapolate``.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from perdure.envs import list_tasks, make_world
+    from perdure.extrapolate import Extrapolation, ExtrapolationResult
+    from perdure.horizon import (
+        Constant,
+        Countdown,
+        Fixed,
+        Geometric,
+        HorizonProtocol,
+        Infinite,
+        Linear,
+        Periodic,
+        Uniform,
+        parse_clock,
+    )
+    from perdure.policy import Policy, load_policy, save_policy
+    from perdure.ppo import PPOConfig, TrainRun, method_config, train
+    from perdure.report import read_table, write_report
+
+__all__ = [
+    "Constant",
+    "Countdown",
+    "Extrapolation",
+    "ExtrapolationResult",
+    "Fixed",
+    "Geometric",
+    "HorizonProtocol",
+    "Infinite",
+    "Linear",
+    "PPOConfig",
+    "Periodic",
+    "Policy",
+    "TrainRun",
+    "Uniform",
+    "list_tasks",
+    "load_policy",
+    "make_world",
+    "method_config",
+    "parse_clock",
+    "read_table",
+    "save_policy",
+    "train",
+    "write_report",
+]
+
+_NAMES = {
+    "envs": ("list_tasks", "make_world"),
+    "extrapolate": ("Extrapolation", "ExtrapolationResult"),
+    "horizon": (
+        *("Constant", "Countdown", "Fixed", "Geometric", "HorizonProtocol"),
+        *("Infinite", "Linear", "Periodic", "Uniform", "parse_clock"),
+    ),
+    "policy": ("Policy", "load_policy", "save_policy"),
+    "ppo": ("PPOConfig", "TrainRun", "method_config", "train"),
+    "report": ("read_table", "write_report"),
+}
+_HOME = {name: package for package, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

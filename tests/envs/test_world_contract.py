@@ -69,6 +69,7 @@ def test_observations_rewards_and_flags_have_the_promised_shapes(world: World) -
     assert step.rewards.shape == step.terminated.shape == step.truncated.shape == step.horizon_end.shape == (3,)
     assert step.terminated.dtype == step.truncated.dtype == step.horizon_end.dtype == np.bool_
     assert step.elapsed.tolist() == [1, 1, 1]
+    assert step.diverged.tolist() == [False, False, False]
     assert np.isfinite(step.observations).all()
 
 

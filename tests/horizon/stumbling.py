@@ -10,8 +10,8 @@ import numpy as np
 class Stumbling(gymnasium.Env):
     """Observation [start, steps], start drawn in [0, 1) by the world's own generator at reset.
 
-    Episode number e terminates on step `falls[e]` and is truncated by the world itself on step `cuts[e]`; later episodes
-    do neither. Reward: steps so far. Info: {"steps": ...}, at reset {"start": ...}.
+    Episode number e terminates on step `falls[e]` and is truncated by the world itself on step `cuts[e]`; later
+    episodes do neither. Reward: steps so far. Info: {"steps": ...}, at reset {"start": ...}.
     """
 
     def __init__(self, falls: Sequence[float] = (), cuts: Sequence[float] = (), as_dict: bool = False) -> None:

@@ -27,11 +27,11 @@ def horizons_of(env, count, seed):
     return seen
 
 
-def test_step_T_terminates():
+def test_the_last_step_terminates():
     assert flags(limited(Fixed(3), "terminated"), 7) == [RUNS, RUNS, FELL, RUNS, RUNS, FELL, RUNS]
 
 
-def test_step_T_truncates_if_told_so():
+def test_the_last_step_truncates_if_told_so():
     assert flags(limited(Fixed(3), "truncated"), 7) == [RUNS, RUNS, CUT, RUNS, RUNS, CUT, RUNS]
 
 
@@ -116,6 +116,7 @@ def test_start_states_are_those_without_the_wrapper():
         assert np.array_equal(bare.reset(seed=seed)[0], env.reset(seed=seed)[0])
 
 
+@pytest.mark.filterwarnings("ignore:.*WARN:UserWarning")
 def test_gymnasium_approves():
     check_env(HorizonLimit(Stumbling(), Uniform(3, 8), "terminated"), skip_render_check=True)
 

@@ -113,6 +113,7 @@ def test_other_wrappers_may_stand_in_between():
     assert told(TimeToGoObservation(between, Linear()), 2) == [[1.0], [0.75], [0.5]]
 
 
+@pytest.mark.filterwarnings("ignore:.*WARN:UserWarning")
 @pytest.mark.parametrize("as_dict", [False, True])
 @pytest.mark.parametrize("clock", [None, Periodic(3)])
 def test_gymnasium_approves(as_dict, clock):

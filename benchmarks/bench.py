@@ -1,0 +1,177 @@
+"""``make bench``: perdure and its peers in turn on this machine; prints a table and writes benchmarks/latest.json.
+
+Each figure is a ratio of two measurements of one run, ours and the peer's, taken alternately; the median of the rounds
+is kept. The peer runs in an environment of its own (.venv-bench), as a subprocess. Nothing else should run meanwhile.
+
+python benchmarks/bench.py [NAME ...]     only the cases whose names contain one of the words
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from perdure.envs import make_world
+from perdure.ppo import method_config
+from perdure.store import write_whole
+
+HERE = Path(__file__).parent
+PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
+LATEST = HERE / "latest.json"
+ROUNDS = 3
+ITERATIONS = {"Hopper-v3": 16, "HalfCheetah-v3": 12, "Ant-v3": 5}
+"""Rollouts in one measurement; the first of SB3's and the first two of ours (compilation) do not count."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the result."""
+
+    ours: float
+    peer: float
+    unit: str
+    how: str
+
+    @property
+    def ratio(self) -> float:
+        return self.ours / self.peer
+
+
+def sb3_config(task: str, seed: int, iterations: int) -> dict[str, Any]:
+    """The settings that our preset gives this task, in the form the peer's script reads."""
+    world = make_world(task, [0])
+    config = method_config("ppo", task, world.spec.observation_size)
+    world.close()
+    values = {k: v for k, v in config.to_json().items() if k not in ("protocol", "segment_steps")}
+    horizon = int(config.protocol.horizon.longest)
+    gammas = {"gamma": config.protocol.gamma, "normalizer_gamma": config.protocol.normalizer_gamma}
+    steps = config.rollout_size * iterations
+    return {**values, **gammas, "horizon": horizon, "task": task, "seed": seed, "total_steps": steps}
+
+
+def ours(cores: str, *words: object) -> dict[str, float]:
+    """Runs our side, pinned to these cores."""
+    command = ["taskset", "-c", cores, sys.executable, str(HERE / "measure.py"), *(str(word) for word in words)]
+    output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+    result: dict[str, float] = json.loads(output.splitlines()[-1])
+    return result
+
+
+def peers(cores: str, script: str, configs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Runs the peer's script once for each configuration, all at the same time, pinned to these cores."""
+    with tempfile.TemporaryDirectory() as folder:
+        running = []
+        for number, config in enumerate(configs):
+            source, out = Path(folder, f"{number}.json"), Path(folder, f"{number}-out.json")
+            source.write_text(json.dumps(config))
+            command = ["taskset", "-c", cores, str(PEER_PYTHON), str(HERE / "peers" / script), str(source), str(out)]
+            quiet = subprocess.DEVNULL
+            running.append((subprocess.Popen(command, env=one_thread(), stdout=quiet, stderr=quiet), out))
+        for process, _ in running:
+            if process.wait():
+                raise RuntimeError(f"the peer failed: {process.args}")
+        return [json.loads(out.read_text()) for _, out in running]
+
+
+def one_thread() -> dict[str, str]:
+    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def alternate(mine: Callable[[], float], theirs: Callable[[], float]) -> tuple[float, float]:
+    """Medians of ours and the peer's over alternating rounds."""
+    pairs = [(mine(), theirs()) for _ in range(ROUNDS)]
+    return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
+
+
+def train_one_core(task: str) -> Figure:
+    config = sb3_config(task, 0, ITERATIONS[task])
+    values = alternate(
+        lambda: ours("0", "train", task, 1, ITERATIONS[task], 1)["steps_per_second"],
+        lambda: peers("0", "sb3_train.py", [config])[0]["steps_per_second"],
+    )
+    return Figure(*values, "env steps/s", "one seed, both pinned to core 0, rl-zoo settings, SB3 on EnvPool too")
+
+
+def train_five_seeds(task: str) -> Figure:
+    configs = [sb3_config(task, seed, ITERATIONS[task]) for seed in range(2)]
+    values = alternate(
+        lambda: ours("0,1", "train", task, 5, ITERATIONS[task], 2)["steps_per_second"],
+        lambda: sum(each["steps_per_second"] for each in peers("0,1", "sb3_train.py", configs)),
+    )
+    return Figure(*values, "env steps/s", "five seeds in one process on cores 0,1 against two SB3 processes on them")
+
+
+def evaluate_engine(task: str) -> Figure:
+    result = ours("0", "evaluate", task, 48, 2000)
+    how = "48 lanes x 2000 steps on core 0, against EnvPool's _send/_recv fed the same actions"
+    return Figure(result["ours"], result["engine"], "lane steps/s", how)
+
+
+def evaluate_sb3(task: str, forms: tuple[str, ...], how: str) -> Figure:
+    config = {**sb3_config(task, 0, 1), "cores": 2}
+    both = [
+        (2 * ours("0", "evaluate", task, 48, 2000)["ours"], peers("0,1", "sb3_evaluate.py", [config])[0])
+        for _ in range(1)
+    ]
+    mine = statistics.median(a for a, _ in both)
+    theirs = statistics.median(max(b[form] for form in forms) for _, b in both)
+    return Figure(mine, theirs, "env steps/s", how)
+
+
+def cases() -> dict[str, Callable[[], Figure]]:
+    """Every benchmark by name."""
+    table: dict[str, Callable[[], Figure]] = {}
+    for task in ITERATIONS:
+        table[f"train.{task}.vs_sb3"] = lambda task=task: train_one_core(task)
+        table[f"train-5-seeds.{task}.vs_sb3"] = lambda task=task: train_five_seeds(task)
+    for task in ("Hopper-v3", "HalfCheetah-v3"):
+        table[f"extrapolate.{task}.vs_engine"] = lambda task=task: evaluate_engine(task)
+    table["extrapolate.HalfCheetah-v3.vs_sb3_documented"] = lambda: evaluate_sb3(
+        "HalfCheetah-v3", ("documented",), "one process per core against evaluate_policy with one environment"
+    )
+    table["extrapolate.HalfCheetah-v3.vs_sb3_fastest"] = lambda: evaluate_sb3(
+        "HalfCheetah-v3",
+        ("subprocesses", "envpool"),
+        "one process per core against the faster of SubprocVecEnv and an EnvPool VecEnv of 48 lanes on 2 threads",
+    )
+    return table
+
+
+def main() -> None:
+    if not PEER_PYTHON.exists():
+        sys.exit("no .venv-bench: run `make bench`, which installs the peers")
+    words = sys.argv[1:]
+    results: dict[str, Any] = json.loads(LATEST.read_text()) if LATEST.exists() else {}
+    console = Console()
+    for name, case in cases().items():
+        if words and not any(word in name for word in words):
+            continue
+        console.print(f"{name} ...")
+        figure = case()
+        results[name] = {
+            "ours": round(figure.ours, 1),
+            "peer": round(figure.peer, 1),
+            "ratio": round(figure.ratio, 3),
+            "unit": figure.unit,
+            "how": figure.how,
+        }
+        write_whole(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
+    table = Table("benchmark", "ours", "peer", "ratio", "unit", "how")
+    for name, row in sorted(results.items()):
+        table.add_row(name, f"{row['ours']:,.0f}", f"{row['peer']:,.0f}", f"{row['ratio']:.2f}", row["unit"], row["how"])
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Our side of the benchmarks, run as a process of its own so that it can be pinned to cores: prints one JSON line.
+
+python benchmarks/measure.py train TASK SEEDS ITERATIONS THREADS
+python benchmarks/measure.py evaluate TASK LANES STEPS
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import time
+
+import numpy as np
+
+from perdure.envs import Step, make_world
+
+
+def train(task: str, seeds: int, iterations: int, threads: int) -> dict[str, float]:
+    """Environment steps a second, all seeds together, from the end of the second iteration on."""
+    from perdure.ppo import method_config
+    from perdure.ppo.segment import SegmentRunner
+    from perdure.ppo.state import start_state
+
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    config = method_config("ppo", task, spec.observation_size)
+    steps = config.rollout_size * iterations
+    config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
+    states = [start_state(seed, spec, config) for seed in range(seeds)]
+    marks: list[tuple[int, float]] = []
+    SegmentRunner(task, config, threads).run(states, lambda step, _: marks.append((step, time.perf_counter())))
+    (first, began), (last, ended) = marks[1], marks[-1]
+    return {"steps_per_second": (last - first) * seeds / (ended - began)}
+
+
+class Recording:
+    """A world that remembers what it was asked to do."""
+
+    def __init__(self, task: str, seeds: list[int]) -> None:
+        self._world = make_world(task, seeds)
+        self.log: list[tuple[np.ndarray, np.ndarray]] = []
+        self.spec, self.num_lanes = self._world.spec, self._world.num_lanes
+        self.reset, self.close = self._world.reset, self._world.close
+
+    def step(self, actions: np.ndarray, lanes: np.ndarray) -> Step:
+        self.log.append((actions, lanes.astype(np.int32)))
+        return self._world.step(actions, lanes)
+
+
+def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
+    """Lane steps a second of our closed loop, and of the engine alone fed with the same actions, in turn."""
+    import envpool
+
+    from perdure.extrapolate import LaneSpec, evaluate_lanes
+    from perdure.extrapolate.lanes import FIRST_EVAL_SEED
+    from perdure.policy import load_policy
+    from perdure.policy.shipped import find_policy
+
+    policy = load_policy(find_policy(f"{task}/geometric"))
+    specs = [LaneSpec(0, policy.clock, seed) for seed in range(lanes)]
+    seeds = [FIRST_EVAL_SEED + seed for seed in range(lanes)]
+    recording = Recording(task, seeds)
+    evaluate_lanes([policy], specs, steps, world=recording)
+    made = sum(len(ids) for _, ids in recording.log)
+    ours, engine = [], []
+    for _ in range(3):
+        began = time.perf_counter()
+        evaluate_lanes([policy], specs, steps)
+        ours.append(made / (time.perf_counter() - began))
+        pool = envpool.make(
+            task, env_type="gymnasium", num_envs=lanes, num_threads=1, seed=seeds, max_episode_steps=10**9
+        )
+        pool.reset()
+        send, receive = pool._send, pool._recv  # EnvPool's Python wrapper left out: this is the engine at its fastest
+        began = time.perf_counter()
+        for actions, ids in recording.log:
+            send([ids, ids, actions])
+            receive()
+        engine.append(made / (time.perf_counter() - began))
+    return {"ours": float(np.median(ours)), "engine": float(np.median(engine)), "lane_steps": made}
+
+
+if __name__ == "__main__":
+    kind, task, *numbers = sys.argv[1:]
+    print(json.dumps({"train": train, "evaluate": evaluate}[kind](task, *(int(n) for n in numbers))))

@@ -1,0 +1,46 @@
+"""The command line: one file for each command, its flags a dataclass, and no logic of its own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+USAGE = """perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
+
+  perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
+  perdure extrapolate POLICY...              run policies far beyond their training horizon, and report
+  perdure report TABLE                       make the report of an evaluation again
+  perdure list tasks|methods|policies        what there is
+  perdure inspect POLICY                     what is in a policy file
+
+Each command explains its options with --help.
+"""
+
+COMMANDS = {
+    "train": "train",
+    "extrapolate": "extrapolate",
+    "report": "report",
+    "list": "listing",
+    "inspect": "inspect",
+}
+"""Command to the module of this package that carries it out; loaded only when it is asked for."""
+
+
+def run(args: Sequence[str]) -> None:
+    """Carries out one command line, without the program's name.
+
+    Raises:
+        SystemExit: For --help, and with code 2 for flags that cannot be read.
+    """
+    if not args or args[0] in ("-h", "--help"):
+        print(USAGE, end="")
+    elif args[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"perdure {version('perdure')}")
+    elif args[0] in COMMANDS:
+        import_module(f"perdure.cli.{COMMANDS[args[0]]}").main(list(args[1:]))
+    else:
+        print(f"perdure: unknown command {args[0]!r}; the commands are {', '.join(COMMANDS)}", file=sys.stderr)
+        raise SystemExit(2)

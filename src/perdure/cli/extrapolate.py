@@ -1,0 +1,54 @@
+"""``perdure extrapolate``."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+from perdure.cli.report import write_and_show
+
+
+@dataclass(frozen=True)
+class Extrapolate:
+    """Run policies for T_test steps under several clocks, write lanes.parquet, report.html and figures."""
+
+    policies: tyro.conf.Positional[tuple[str, ...]]
+    """Policy files, or names of shipped policies (`perdure list policies`), all for one task."""
+    steps: int = 100_000
+    """T_test: how long each lane is asked to last."""
+    clocks: tuple[str, ...] = ("default",)
+    """What policies with a time-to-go input are told: constant:500, periodic:500, countdown (to T_test),
+    countdown:1000, default (each policy's own clock), sweep (constant and periodic 0, 100, ..., 1000)."""
+    eval_seeds: int = 20
+    """Start states; the same ones for every policy and clock."""
+    out: Path = Path("extrapolation")
+    """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
+    processes: int | None = None
+    """Worker processes; one for each core by default. Results do not depend on it."""
+    max_lanes: int = 48
+    """Lanes that share a process at a time."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure extrapolate``."""
+    flags = parse(Extrapolate, args, "extrapolate")
+    from perdure.extrapolate import Extrapolation
+    from perdure.extrapolate import extrapolate as evaluate
+    from perdure.extrapolate.progress import progress_bar
+    from perdure.policy.shipped import find_policy
+
+    evaluation = Extrapolation(
+        tuple(find_policy(name) for name in flags.policies),
+        flags.steps,
+        flags.clocks,
+        flags.eval_seeds,
+        max_lanes=flags.max_lanes,
+    )
+    command = shlex.join(["perdure", "extrapolate", *args])
+    with progress_bar() as watch:
+        result = evaluate(evaluation, flags.out, processes=flags.processes, command=command, watch=watch)
+    write_and_show(result.path, flags.out)

@@ -1,0 +1,30 @@
+"""``perdure list``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class List:
+    """Show what there is."""
+
+    what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks"
+    """tasks, methods or policies (those shipped with perdure)."""
+    family: str | None = None
+    """Only tasks of this family."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure list``."""
+    flags = parse(List, args, "list")
+    from perdure.cli import texts
+
+    print({"tasks": lambda: texts.tasks(flags.family), "methods": texts.methods, "policies": texts.policies}[
+        flags.what
+    ]())  # fmt: skip

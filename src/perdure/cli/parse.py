@@ -1,0 +1,54 @@
+"""Flags to a dataclass, the same way for every command."""
+
+from __future__ import annotations
+
+import io
+import sys
+from contextlib import redirect_stderr
+from typing import TypeVar
+
+import tyro
+
+T = TypeVar("T")
+
+FRAME = "│╭╮╰╯─ "
+"""What tyro draws its boxes with."""
+
+
+def parse(kind: type[T], args: list[str], command: str, default: T | None = None) -> T:
+    """The dataclass ``kind`` filled from flags; ``default`` gives the values of flags that are left out.
+
+    Raises:
+        SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
+    """
+    box = io.StringIO()
+    try:
+        with redirect_stderr(box):
+            return _fill(kind, args, f"perdure {command}", default)
+    except SystemExit as end:
+        if not end.code:  # --help
+            raise
+        print(f"perdure: {sentence(box.getvalue())}; see perdure {command} --help", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _fill(kind: type[T], args: list[str], prog: str, default: T | None) -> T:
+    config = (tyro.conf.AvoidSubcommands,)
+    if default is None:
+        return tyro.cli(kind, args=args, prog=prog, config=config)
+    return tyro.cli(kind, args=args, prog=prog, config=config, default=default)
+
+
+def sentence(box: str) -> str:
+    """What a framed message says first: the words between its title and its first rule, without a full stop.
+
+    Args:
+        box: As tyro prints it to a terminal.
+    """
+    words: list[str] = []
+    for line in box.splitlines()[1:]:
+        inside = line.strip(FRAME)
+        if not inside:  # a rule, or the lower edge
+            break
+        words.append(inside)
+    return " ".join(words).removeprefix("Error parsing ").rstrip(".") or " ".join(box.split())

@@ -1,0 +1,37 @@
+"""``perdure report``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class Report:
+    """Make report.html and its figures from a table that `perdure extrapolate` wrote."""
+
+    table: tyro.conf.Positional[Path]
+    """lanes.parquet"""
+    out: Path | None = None
+    """Folder to write into; the table's own by default."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure report``."""
+    flags = parse(Report, args, "report")
+    write_and_show(flags.table, flags.out or flags.table.parent)
+
+
+def write_and_show(table: Path, out: Path) -> None:
+    """Writes the report of a table into ``out``; prints the summary and where the report is."""
+    from rich.console import Console
+
+    from perdure.report import read_table, summary_text, write_report
+
+    frame, notes = read_table(table)
+    Console().print(summary_text(frame))
+    print(f"\nReport: {write_report(frame, out, notes.get('command', '')).resolve()}")

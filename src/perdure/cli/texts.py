@@ -1,0 +1,57 @@
+"""Texts for ``perdure list`` and ``perdure inspect``."""
+
+from __future__ import annotations
+
+import json
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from perdure.policy import Policy
+
+
+def tasks(family: str | None = None) -> str:
+    """Every task by family, one a line."""
+    from perdure.envs import list_tasks
+
+    lines = []
+    for name, members in groupby(list_tasks(family), key=lambda task: task.family):
+        lines += [f"{name}:", *(f"  {task.name}" for task in members)]
+    return "\n".join(lines)
+
+
+def methods() -> str:
+    """The methods' table, as the documentation has it."""
+    from perdure.ppo import methods as module
+
+    rows = [line for line in (module.__doc__ or "").splitlines() if line.startswith("|")]
+    return "\n".join(rows).replace("``", "")
+
+
+def policies() -> str:
+    """The shipped policies, one a line, with the command that made each."""
+    from perdure.policy import load_policy
+    from perdure.policy.shipped import shipped_policies
+
+    return "\n".join(
+        f"{name:28} {load_policy(path).provenance.get('command', '')}" for name, path in shipped_policies().items()
+    )
+
+
+def policy(subject: Policy) -> str:
+    """What a policy file holds, for a reader."""
+    weights = sum(array.size for array in subject.weights.values())
+    protocol = subject.protocol
+    phi = "none" if protocol.embedding is None else f"{protocol.embedding}"
+    rows = {
+        "task": f"{subject.task.name}, observations of {subject.task.observation_size}, "
+        f"actions of {subject.task.action_size}",
+        "network": f"{weights:,} weights, {subject.activation}",
+        "time-to-go input": phi + (", normalised (replication)" if protocol.normalize_embedding else ""),
+        "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
+        "gamma": f"{protocol.gamma:g} (reward normaliser {protocol.normalizer_gamma:g})",
+        "clock": "none" if subject.clock is None else subject.clock.label,
+    }
+    lines = [f"{name:17} {value}" for name, value in rows.items()]
+    provenance = {k: v for k, v in subject.provenance.items() if k != "config"}
+    return "\n".join([*lines, "", json.dumps(provenance, indent=2)])

@@ -1,0 +1,194 @@
+"""A run is one run: killed or not, alone or beside others, on one thread or two, it leaves the same bytes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import polars as pl
+import pytest
+
+from perdure.envs import make_world
+from perdure.horizon import Geometric, HorizonProtocol, Uniform
+from perdure.ppo import CheckpointError, PPOConfig, TrainRun, train
+from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
+from perdure.ppo.segment import SegmentRunner
+from perdure.ppo.state import start_state
+from perdure.store import StoreError
+
+TASK = "InvertedPendulum-v4"
+SEGMENT = 128
+TINY = PPOConfig(
+    protocol=HorizonProtocol(Geometric(3), Uniform(5, 20), "terminated", gamma=1.0, normalizer_gamma=1.0),
+    n_envs=2,
+    n_steps=32,
+    batch_size=32,
+    n_epochs=2,
+    hidden_sizes=(8,),
+    learning_rate=3e-3,
+    segment_steps=SEGMENT,
+    total_steps=3 * SEGMENT,
+)
+LEFT_BEHIND = ("policy.safetensors", "episodes.parquet", "iterations.parquet", "run.json")
+
+
+class Killed(BaseException):
+    """Stands in for a signal: nothing in the library may catch it."""
+
+
+def run(*seeds):
+    return TrainRun(TASK, "geometric", TINY, seeds)
+
+
+def files(store, seed):
+    folder = Path(store) / run(seed).key(seed)
+    return {name: (folder / name).read_bytes() for name in LEFT_BEHIND}
+
+
+def die_at(step):
+    def watch(report):
+        if report.step >= step:
+            raise Killed
+
+    return watch
+
+
+@pytest.fixture(scope="module")
+def solo(tmp_path_factory):
+    """Seeds 0 and 1, each trained alone on one thread without interruption."""
+    store = tmp_path_factory.mktemp("solo")
+    for seed in (0, 1):
+        train(run(seed), store, threads=1)
+    return store
+
+
+def test_a_run_leaves_curves_of_every_iteration_and_of_episodes_inside_the_horizon_law(solo):
+    folder = solo / run(0).key(0)
+    steps = pl.read_parquet(folder / "iterations.parquet")["step"]
+    assert steps.to_list() == [64, 128, 192, 256, 320, 384]
+    lengths = pl.read_parquet(folder / "episodes.parquet")["length"]
+    assert len(lengths) > 10
+    assert lengths.max() <= 20
+
+
+def test_seeds_give_different_policies(solo):
+    assert files(solo, 0)["policy.safetensors"] != files(solo, 1)["policy.safetensors"]
+
+
+def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_same_bytes(solo, tmp_path):
+    with pytest.raises(Killed):
+        train(run(0), tmp_path, threads=1, watch=die_at(SEGMENT + 64))
+    assert not (tmp_path / run(0).key(0)).exists(), "an unfinished run must not look finished"
+    seen = []
+    train(run(0), tmp_path, threads=1, watch=lambda report: seen.append(report.step))
+    assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
+    assert files(tmp_path, 0) == files(solo, 0)
+
+
+def test_seeds_side_by_side_on_two_threads_equal_each_seed_alone_on_one(solo, tmp_path):
+    train(run(0, 1, 2), tmp_path, threads=2)
+    for seed in (0, 1):
+        assert files(tmp_path, seed) == files(solo, seed)
+
+
+def test_a_finished_run_is_not_touched_again(solo):
+    before = (solo / run(0).key(0) / "policy.safetensors").stat()
+    train(run(0), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
+    after = (solo / run(0).key(0) / "policy.safetensors").stat()
+    assert (after.st_mtime_ns, after.st_ino) == (before.st_mtime_ns, before.st_ino)
+
+
+def test_other_settings_under_the_same_name_are_refused(solo):
+    other = TrainRun(TASK, "geometric", replace(TINY, gae_lambda=0.5), (0,))
+    with pytest.raises(StoreError, match="gae_lambda"):
+        train(other, solo)
+
+
+class TestCheckpointFiles:
+    """One compiled program serves all of these."""
+
+    @pytest.fixture(scope="class")
+    def spec(self):
+        world = make_world(TASK, [0])
+        yield world.spec
+        world.close()
+
+    @pytest.fixture(scope="class")
+    def runner(self):
+        return SegmentRunner(TASK, TINY, threads=1)
+
+    @pytest.fixture(scope="class")
+    def chain(self, runner, spec):
+        """The states after 0, 1, 2, 3 segments of a run that never left memory."""
+        states = [start_state(5, spec, TINY)]
+        for _ in range(3):
+            states += runner.run(states[-1:], lambda step, mean: None)
+        return states
+
+    @staticmethod
+    def bits(state):
+        arrays = [state.params, state.adam, state.statistics, state.episodes, state.iterations]
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(arrays)]
+        return (state.seed, state.segment), [(leaf.dtype, leaf.shape, leaf.tobytes()) for leaf in leaves]
+
+    def test_a_checkpoint_holds_the_whole_state_bit_for_bit(self, chain, tmp_path):
+        for state in chain:
+            save_checkpoint(state, tmp_path / "c")
+            assert self.bits(load_checkpoint(tmp_path / "c")) == self.bits(state)
+
+    def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, spec, tmp_path):
+        state = start_state(5, spec, TINY)
+        for expected in chain[1:]:
+            (state,) = runner.run([state], lambda step, mean: None)
+            save_checkpoint(state, tmp_path / "c")
+            state = load_checkpoint(tmp_path / "c")
+            assert self.bits(state) == self.bits(expected)
+
+    def test_segments_differ_so_that_equal_files_prove_something(self, chain):
+        weights = [np.asarray(state.params["policy.0.weight"]) for state in chain]
+        assert all(np.abs(a - b).max() > 1e-4 for a, b in zip(weights, weights[1:], strict=False))
+
+    def test_a_damaged_checkpoint_is_refused_by_name(self, chain, tmp_path):
+        path = tmp_path / "checkpoint.safetensors"
+        save_checkpoint(chain[1], path)
+        whole = path.read_bytes()
+        for length in (0, 4, 8, 100, len(whole) // 2, len(whole) - 1):
+            path.write_bytes(whole[:length])
+            with pytest.raises(CheckpointError, match=r"checkpoint\.safetensors"):
+                load_checkpoint(path)
+
+
+SCRIPT = """
+import sys
+from perdure.ppo import PPOConfig, TrainRun, train
+from perdure.horizon import HorizonProtocol, Uniform
+protocol = HorizonProtocol(None, Uniform(20, 60), "truncated", gamma=0.99, normalizer_gamma=0.99)
+config = PPOConfig(protocol=protocol, n_steps=256, batch_size=64, hidden_sizes=(16,), segment_steps=1024, total_steps=4096)
+run = TrainRun("Hopper-v3", "ppo", config, (0, 1))
+train(run, sys.argv[1], watch=lambda report: print(report.step, flush=True))
+"""
+
+
+@pytest.mark.verify
+def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_the_same_bytes(tmp_path):
+    command = [sys.executable, "-c", SCRIPT]
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
+    for step in (512, 2560):
+        process = subprocess.Popen([*command, str(tmp_path / "killed")], stdout=subprocess.PIPE, text=True)
+        for line in process.stdout:
+            if int(line) >= step:
+                os.kill(process.pid, signal.SIGKILL)
+                break
+        process.stdout.close()
+        assert process.wait() == -signal.SIGKILL
+    subprocess.run([*command, str(tmp_path / "killed")], check=True, stdout=subprocess.DEVNULL)
+    for seed in (0, 1):
+        whole, killed = (tmp_path / name / f"Hopper-v3/ppo/seed-{seed}" for name in ("whole", "killed"))
+        for name in LEFT_BEHIND:
+            assert (whole / name).read_bytes() == (killed / name).read_bytes(), (seed, name)

@@ -1,0 +1,169 @@
+"""Imports point one way. Every import statement of the package is read from its source; nothing is executed.
+
+    cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
+    report, store: nothing of ours, but that report writes files with store.write_whole
+"""
+
+import ast
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import perdure
+
+ROOT = Path(perdure.__file__).parent
+
+ALLOWED = {
+    "horizon": set(),
+    "store": set(),
+    "report": {"store"},
+    "envs": {"horizon"},
+    "policy": {"horizon", "envs", "store"},
+    "ppo": {"horizon", "envs", "policy", "store"},
+    "extrapolate": {"horizon", "envs", "policy", "ppo", "report", "store"},
+    "home": {"horizon", "envs", "policy", "ppo", "report", "store"},
+    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "store"},
+    "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
+    "__main__": {"cli"},
+}
+"""Package to the packages it may import, at run time and for type checking alike."""
+
+ONLY = {("report", "store"): {"write_whole"}}
+"""Where an arrow carries certain names only."""
+
+TYPES_ONLY: set[tuple[str, str]] = set()
+"""Arrows allowed under TYPE_CHECKING alone, where an annotation must name what only a caller can pass in."""
+
+
+class Import(NamedTuple):
+    """One imported name of ours."""
+
+    place: str
+    """File and line."""
+    source: str
+    target: str
+    name: str
+    """What is taken from the target package; "" for the whole of it."""
+    for_types: bool
+    """It stands under ``if TYPE_CHECKING``."""
+
+
+def imports_of(root):
+    """Every import of one part of the package in ``root`` by another, wherever in a file it stands."""
+    return [found for path in sorted(root.rglob("*.py")) for found in _imports_in(path, root)]
+
+
+def _imports_in(path, root):
+    parts = path.relative_to(root).with_suffix("").parts
+    tree = ast.parse(path.read_text(), str(path))
+    typed = {id(node) for guard in ast.walk(tree) if _guards_types(guard) for part in guard.body for node in ast.walk(part)}
+    for node in ast.walk(tree):
+        for module, name in _modules(node, ("perdure", *parts[:-1])):
+            target, _, rest = module.removeprefix("perdure").removeprefix(".").partition(".")
+            if not target:  # from perdure import envs
+                target, name = name, ""
+            if target and target != parts[0]:
+                where = f"{path.relative_to(root)}:{node.lineno}"
+                yield Import(where, parts[0], target, name if not rest or name else rest, id(node) in typed)
+
+
+def _modules(node, package):
+    """(module, name) of everything of ours that an import statement takes, relative imports included."""
+    if isinstance(node, ast.Import):
+        taken = [(alias.name, "") for alias in node.names]
+    elif isinstance(node, ast.ImportFrom):
+        base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+        module = ".".join(part for part in (base, node.module) if part)
+        taken = [(module, alias.name) for alias in node.names]
+    elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        argument = node.args[0]
+        taken = [(argument.value, "")] if isinstance(argument, ast.Constant) else []
+    else:
+        taken = []
+    return [(module, name) for module, name in taken if module.split(".")[0] == "perdure"]
+
+
+def _guards_types(node):
+    return isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
+
+
+def forbidden(imports):
+    """The imports that break a rule, as sentences."""
+    return [
+        f"{found.place}: {found.source} must not import {found.name or 'all'} of {found.target}"
+        for found in imports
+        if not _is_allowed(found)
+    ]
+
+
+def _is_allowed(found):
+    arrow = (found.source, found.target)
+    if found.target not in ALLOWED.get(found.source, set()):
+        return found.for_types and arrow in TYPES_ONLY
+    return found.name in ONLY.get(arrow, {found.name})
+
+
+@pytest.fixture(scope="module")
+def imports():
+    return imports_of(ROOT)
+
+
+def test_imports_point_one_way(imports):
+    assert forbidden(imports) == []
+
+
+def test_every_part_of_the_package_has_its_rule():
+    parts = {path.stem for path in ROOT.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert parts == set(ALLOWED)
+
+
+def test_the_rules_themselves_have_no_circle():
+    settled = set()
+    while settled != set(ALLOWED):
+        next_ones = {part for part, below in ALLOWED.items() if part not in settled and below <= settled}
+        assert next_ones, f"a circle among {sorted(set(ALLOWED) - settled)}"
+        settled |= next_ones
+
+
+def test_no_exception_is_kept_that_nobody_needs(imports):
+    assert {(found.source, found.target) for found in imports if found.for_types} >= TYPES_ONLY
+
+
+def test_the_known_arrows_are_seen(imports):
+    """The search finds something: an empty result would pass every rule."""
+    arrows = {(found.source, found.target) for found in imports}
+    assert {("extrapolate", "policy"), ("ppo", "policy"), ("policy", "envs"), ("report", "store")} <= arrows
+    assert ("report", "store", "write_whole") in {(found.source, found.target, found.name) for found in imports}
+
+
+PLANTED = {
+    "a statement": ("envs", "from perdure.home import HomeTask"),
+    "a whole package": ("horizon", "import perdure.envs"),
+    "through the top": ("horizon", "from perdure import envs"),
+    "a module of a package": ("policy", "import perdure.ppo.update as update"),
+    "relative": ("envs", "from ..ppo import train"),
+    "inside a function": ("horizon", "def late():\n    from perdure.policy import Policy"),
+    "for types": ("envs", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from perdure.ppo import PPOConfig"),
+    "by its name": ("store", "from importlib import import_module\nimport_module('perdure.report')"),
+    "more than a name": ("report", "from perdure.store import Store"),
+    "sideways": ("home", "from perdure.extrapolate import extrapolate"),
+}
+
+
+@pytest.mark.parametrize(("part", "source"), PLANTED.values(), ids=PLANTED)
+def test_a_planted_wrong_import_is_found(tmp_path, part, source):
+    folder = tmp_path / part
+    folder.mkdir()
+    (folder / "planted.py").write_text(source + "\n")
+    found = forbidden(imports_of(tmp_path))
+    assert len(found) == 1
+    assert found[0].startswith(f"{part}/planted.py:")
+
+
+def test_a_planted_right_import_is_not_found(tmp_path):
+    (tmp_path / "ppo").mkdir()
+    (tmp_path / "ppo" / "planted.py").write_text("from perdure.policy import Policy\nfrom perdure.ppo.update import loss\n")
+    (found,) = imports_of(tmp_path)
+    assert (found.source, found.target, found.name) == ("ppo", "policy", "Policy")
+    assert forbidden([found]) == []

@@ -1,0 +1,84 @@
+"""Every package is its own table of contents, importing is light, and what is public is documented."""
+
+import ast
+import importlib
+import importlib.metadata
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import perdure
+
+ROOT = Path(perdure.__file__).parent
+HEAVY = ("envpool", "gymnasium", "jax", "matplotlib", "mujoco", "plotly", "polars", "rich", "scipy", "tyro")
+
+
+def module_name(path):
+    parts = path.relative_to(ROOT.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+PACKAGES = sorted(module_name(path) for path in ROOT.rglob("__init__.py"))
+FILES = sorted(ROOT.rglob("*.py"))
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_name_a_package_offers_exists_once_and_in_order(name):
+    package = importlib.import_module(name)
+    offered = getattr(package, "__all__", [])
+    assert [public for public in offered if not hasattr(package, public)] == []
+    assert list(offered) == sorted(set(offered))
+
+
+def test_an_unknown_name_is_no_attribute():
+    assert not hasattr(perdure, "Horizont")
+
+
+def test_no_public_name_of_perdure_hides_one_of_its_packages():
+    """Otherwise what the name means would depend on what was imported before."""
+    assert [name for name in perdure.__all__ if (ROOT / name).is_dir() or (ROOT / f"{name}.py").exists()] == []
+
+
+@pytest.mark.parametrize("statement", ["import perdure", "import perdure.horizon", "import perdure.store"])
+def test_importing_loads_no_heavy_library(statement):
+    script = f"import sys; {statement}; print(*[name for name in {HEAVY} if name in sys.modules])"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    assert loaded.stdout.split() == []
+
+
+def test_the_version_is_the_installed_one():
+    assert perdure.__version__ == importlib.metadata.version("perdure")
+
+
+def undocumented(source):
+    """Names of the public modules, classes, functions and methods in ``source`` that have no docstring."""
+    tree = ast.parse(source)
+    return list(_undocumented(tree, "module"))
+
+
+def _undocumented(node, name):
+    if ast.get_docstring(node) is None:
+        yield name
+    for child in node.body:
+        is_public = not getattr(child, "name", "_").startswith("_")
+        if isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and is_public:
+            if isinstance(child, ast.ClassDef):
+                yield from _undocumented(child, child.name)
+            elif ast.get_docstring(child) is None and not _is_overload(child):
+                yield child.name
+
+
+def _is_overload(function):
+    return any(ast.unparse(decorator).endswith("overload") for decorator in function.decorator_list)
+
+
+@pytest.mark.parametrize("path", FILES, ids=module_name)
+def test_everything_public_has_a_docstring(path):
+    assert undocumented(path.read_text()) == []
+
+
+def test_a_missing_docstring_would_be_found():
+    source = '"""Module."""\nclass Lane:\n    """A lane."""\n    def end(self): ...\ndef _private(): ...\ndef act(): ...\n'
+    assert undocumented(source) == ["end", "act"]
