@@ -25,11 +25,11 @@ FILES = sorted(ROOT.rglob("*.py"))
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_every_name_a_package_offers_exists_once_and_in_order(name):
+def test_every_name_a_package_offers_exists(name):
     package = importlib.import_module(name)
     offered = getattr(package, "__all__", [])
     assert [public for public in offered if not hasattr(package, public)] == []
-    assert list(offered) == sorted(set(offered))
+    assert len(offered) == len(set(offered))
 
 
 def test_an_unknown_name_is_no_attribute():

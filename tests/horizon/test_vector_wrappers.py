@@ -191,9 +191,10 @@ def test_a_clock_is_told_in_deployment_and_lanes_may_have_one_each():
 @pytest.mark.parametrize("mode", [NEXT_STEP, SAME_STEP, DISABLED], ids=lambda mode: mode.value)
 @pytest.mark.parametrize("end", ["terminated", "truncated"])
 @pytest.mark.parametrize("as_dict", [False, True])
-def test_wrapping_above_equals_wrapping_each_world_inside(mode, end, as_dict):
-    falls = [{"falls": [5, 40, 7, 2], "cuts": [50, 3], "as_dict": as_dict}, {"as_dict": as_dict}, {"as_dict": as_dict}]
-    law, embedding = Uniform(1, 9), Geometric(3)
+@pytest.mark.parametrize("law", [Uniform(1, 9), Fixed(5)], ids=str)  # with 5, a fall meets the horizon
+def test_wrapping_above_equals_wrapping_each_world_inside(mode, end, as_dict, law):
+    falls = [{"falls": [5, 5, 5, 2], "cuts": [50, 3], "as_dict": as_dict}, {"as_dict": as_dict}, {"as_dict": as_dict}]
+    embedding = Geometric(3)
 
     def inside(options):
         return TimeToGoObservation(HorizonLimit(Stumbling(**options), law, end), embedding, dict=as_dict)
@@ -252,8 +253,10 @@ def test_statistics_and_a_normaliser_may_stand_above_the_limit_and_below_phi():
     assert list(statistics.return_queue) == [6.0, 6.0]
 
 
-def test_the_users_options_are_left_as_they_were():
-    env = VectorTimeToGoObservation(VectorHorizonLimit(worlds(DISABLED, {}, {}), Fixed(3), "terminated"), COIN)
+@pytest.mark.parametrize("clock", [None, Constant(3)])
+def test_the_users_options_are_left_as_they_were(clock):
+    world = worlds(DISABLED, {}, {}) if clock else VectorHorizonLimit(worlds(DISABLED, {}, {}), Fixed(3), "terminated")
+    env = VectorTimeToGoObservation(world, COIN, clock=clock)
     env.reset(seed=0)
     options = {"reset_mask": np.array([True, False])}
     env.reset(options=options)

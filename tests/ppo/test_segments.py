@@ -110,37 +110,45 @@ def test_other_settings_under_the_same_name_are_refused(solo):
         train(other, solo)
 
 
+def bits(state):
+    arrays = [state.params, state.adam, state.statistics, state.episodes, state.iterations]
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(arrays)]
+    return (state.seed, state.segment), [(leaf.dtype, leaf.shape, leaf.tobytes()) for leaf in leaves]
+
+
+def copy(state):
+    """The runner takes over the arrays it is given."""
+    return replace(state, **{name: jax.tree.map(lambda x: x.copy(), getattr(state, name)) for name in ("params", "adam")})
+
+
+@pytest.fixture(scope="module")
+def spec():
+    world = make_world(TASK, [0])
+    yield world.spec
+    world.close()
+
+
+@pytest.fixture(scope="module")
+def runner():
+    """One compiled program for all tests of checkpoint files."""
+    return SegmentRunner(TASK, TINY, threads=1)
+
+
+@pytest.fixture(scope="module")
+def chain(runner, spec):
+    """The states after 0, 1, 2, 3 segments of a run that never left memory."""
+    states = [start_state(5, spec, TINY)]
+    for _ in range(3):
+        states += runner.run([copy(states[-1])], lambda step, mean: None)
+    return states
+
+
 class TestCheckpointFiles:
-    """One compiled program serves all of these."""
-
-    @pytest.fixture(scope="class")
-    def spec(self):
-        world = make_world(TASK, [0])
-        yield world.spec
-        world.close()
-
-    @pytest.fixture(scope="class")
-    def runner(self):
-        return SegmentRunner(TASK, TINY, threads=1)
-
-    @pytest.fixture(scope="class")
-    def chain(self, runner, spec):
-        """The states after 0, 1, 2, 3 segments of a run that never left memory."""
-        states = [start_state(5, spec, TINY)]
-        for _ in range(3):
-            states += runner.run(states[-1:], lambda step, mean: None)
-        return states
-
-    @staticmethod
-    def bits(state):
-        arrays = [state.params, state.adam, state.statistics, state.episodes, state.iterations]
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(arrays)]
-        return (state.seed, state.segment), [(leaf.dtype, leaf.shape, leaf.tobytes()) for leaf in leaves]
 
     def test_a_checkpoint_holds_the_whole_state_bit_for_bit(self, chain, tmp_path):
         for state in chain:
             save_checkpoint(state, tmp_path / "c")
-            assert self.bits(load_checkpoint(tmp_path / "c")) == self.bits(state)
+            assert bits(load_checkpoint(tmp_path / "c")) == bits(state)
 
     def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, spec, tmp_path):
         state = start_state(5, spec, TINY)
@@ -148,7 +156,7 @@ class TestCheckpointFiles:
             (state,) = runner.run([state], lambda step, mean: None)
             save_checkpoint(state, tmp_path / "c")
             state = load_checkpoint(tmp_path / "c")
-            assert self.bits(state) == self.bits(expected)
+            assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):
         weights = [np.asarray(state.params["policy.0.weight"]) for state in chain]

@@ -1,7 +1,7 @@
 """Asking MuJoCo whether a simulation blew up.
 
-MuJoCo answers a position, velocity or acceleration that is not a number, or is beyond 1e10, by resetting the data to its
-start; the counters of these warnings survive that reset (``mj_checkPos``, ``mj_checkVel``, ``mj_checkAcc``).
+MuJoCo answers a position, velocity or acceleration that is not a number, or is beyond 1e10, by resetting the data to
+its start; the counters of these warnings survive that reset (``mj_checkPos``, ``mj_checkVel``, ``mj_checkAcc``).
 """
 
 from __future__ import annotations

@@ -88,7 +88,6 @@ class VectorHorizonLimit(VectorWrapper[Any, Any, Any, Any, Any]):
             if seeds is not None and seeds[lane] is not None:
                 self._generators[lane] = horizon_generator(seeds[lane])
         self._counter.reset(lanes)
-        self._cut[lanes] = False
         self._draw(lanes)
         return observations, infos
 

@@ -1,0 +1,141 @@
+"""Learning curves beside Stable-Baselines3 on the same EnvPool tasks and settings, and the interval of their difference.
+
+python benchmarks/curves.py run          train what is missing on both sides (hours on two cores; resumable)
+python benchmarks/curves.py collect SB3_FOLDER RUNS_FOLDER   take in runs made elsewhere
+python benchmarks/curves.py compare      print and write benchmarks/curves.json and benchmarks/curves.png
+
+A seed's score is the mean training return over the last fifth of its steps. Seeds of the two sides have nothing in common
+but their number, so the difference is bootstrapped over independent groups.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+sys.path.insert(0, str(Path(__file__).parent))
+from bench import peers, sb3_config  # noqa: E402 - a script beside this one
+
+from perdure.envs import make_world  # noqa: E402
+from perdure.extrapolate import LaneSpec, evaluate_lanes  # noqa: E402
+from perdure.policy import load_policy  # noqa: E402
+from perdure.ppo import TrainRun, method_config, train  # noqa: E402
+from perdure.report.statistics import difference_interval, make_units  # noqa: E402
+from perdure.store import write_whole  # noqa: E402
+
+HERE = Path(__file__).parent
+FOLDER = HERE / "curves"
+BINS = 20
+PLAN = {"Hopper-v3": (3, 1_000_000), "HalfCheetah-v3": (3, 1_000_000), "InvertedPendulum-v4": (10, 51_200)}
+"""Task to (seeds, environment steps)."""
+
+
+def binned(steps: np.ndarray, returns: np.ndarray, total: int) -> list[float | None]:
+    """Mean return of the episodes that ended in each of BINS equal parts of the training."""
+    which = np.minimum((steps * BINS / total).astype(int), BINS - 1)
+    return [float(returns[which == i].mean()) if (which == i).any() else None for i in range(BINS)]
+
+
+def keep(task: str, side: str, seed: int, curve: list[float | None], evaluation: list[float]) -> None:
+    path = FOLDER / task / f"{side}-{seed}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, json.dumps({"curve": curve, "evaluation": evaluation}) + "\n")
+
+
+def keep_sb3(task: str, seed: int, result: dict[str, Any]) -> None:
+    episodes = np.array(result["episodes"])
+    keep(task, "sb3", seed, binned(episodes[:, 0], episodes[:, 1], PLAN[task][1]), result["evaluation"])
+
+
+def keep_ours(task: str, seed: int, folder: Path) -> None:
+    episodes = pl.read_parquet(folder / "episodes.parquet")
+    curve = binned(episodes["step"].to_numpy(), episodes["return"].to_numpy(), PLAN[task][1])
+    policy = load_policy(folder / "policy.safetensors")
+    records = evaluate_lanes([policy], [LaneSpec(0, policy.clock, i) for i in range(20)], 1000)
+    keep(task, "perdure", seed, curve, records.returns[:, -1].tolist())
+
+
+def run() -> None:
+    for task, (seeds, total) in PLAN.items():
+        world = make_world(task, [0])
+        config = dataclasses.replace(method_config("ppo", task, world.spec.observation_size), total_steps=total)
+        world.close()
+        missing = tuple(s for s in range(seeds) if not (FOLDER / task / f"perdure-{s}.json").exists())
+        if missing:
+            for seed, path in zip(missing, train(TrainRun(task, "ppo", config, missing), HERE / "runs"), strict=True):
+                keep_ours(task, seed, path.parent)
+        for seed in range(seeds):
+            if not (FOLDER / task / f"sb3-{seed}.json").exists():
+                settings = {**sb3_config(task, seed, 1), "total_steps": total}
+                keep_sb3(task, seed, peers("0,1", "sb3_train.py", [settings])[0])
+
+
+def collect(sb3: Path, runs: Path) -> None:
+    for task in PLAN:
+        for path in sorted(sb3.glob(f"{task}-*.json")):
+            keep_sb3(task, int(path.stem.rsplit("-", 1)[1]), json.loads(path.read_text()))
+        for folder in sorted((runs / task / "ppo").glob("seed-*")):
+            keep_ours(task, int(folder.name.removeprefix("seed-")), folder)
+
+
+def score(curve: list[float | None]) -> float:
+    last = [value for value in curve[-BINS // 5 :] if value is not None]
+    return float(np.mean(last))
+
+
+def compare() -> None:
+    result: dict[str, Any] = {}
+    for task, (planned, total) in PLAN.items():
+        sides = {
+            side: [json.loads(p.read_text()) for p in sorted((FOLDER / task).glob(f"{side}-*.json"))]
+            for side in ("perdure", "sb3")
+        }
+        scores = {side: [score(each["curve"]) for each in runs] for side, runs in sides.items()}
+        if not all(scores.values()):
+            continue
+        units = [make_units(np.array(scores[side]), np.arange(len(scores[side]))) for side in ("perdure", "sb3")]
+        interval = difference_interval(*units, np.random.default_rng(0))
+        result[task] = {
+            "steps": total,
+            "seeds": {side: len(runs) for side, runs in sides.items()},
+            "seeds_planned": planned,
+            "scores": scores,
+            "evaluation_means": {side: [float(np.mean(r["evaluation"])) for r in runs] for side, runs in sides.items()},
+            "difference": float(interval.estimate),
+            "interval_95": [None if np.isnan(b) else float(b) for b in (interval.lower, interval.upper)],
+        }
+        print(task, json.dumps(result[task], indent=1))
+    write_whole(HERE / "curves.json", json.dumps(result, indent=1, sort_keys=True) + "\n")
+    draw()
+
+
+def draw() -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    tasks = [task for task in PLAN if (FOLDER / task).exists()]
+    figure, axes = plt.subplots(1, len(tasks), figsize=(4.2 * len(tasks), 3.2), layout="constrained", squeeze=False)
+    for axis, task in zip(axes[0], tasks, strict=True):
+        steps = (np.arange(BINS) + 1) / BINS * PLAN[task][1]
+        for side, color in (("sb3", "#777777"), ("perdure", "#0b6e99")):
+            for number, path in enumerate(sorted((FOLDER / task).glob(f"{side}-*.json"))):
+                curve = [np.nan if v is None else v for v in json.loads(path.read_text())["curve"]]
+                label = {"sb3": "Stable-Baselines3", "perdure": "perdure"}[side] if number == 0 else None
+                axis.plot(steps, curve, color=color, alpha=0.8, label=label, lw=1.5)
+        axis.set(title=f"{task}, ppo", xlabel="environment steps", ylabel="training return")
+        axis.legend(frameon=False)
+        axis.spines[["top", "right"]].set_visible(False)
+    figure.savefig(HERE / "curves.png", dpi=150)
+
+
+if __name__ == "__main__":
+    command, *words = sys.argv[1:] or ["compare"]
+    {"run": run, "collect": collect, "compare": compare}[command](*(Path(word) for word in words))

@@ -1,0 +1,75 @@
+"""The command line in a process of its own, and policies that are quickly made."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from perdure.envs import make_world
+from perdure.horizon import Constant, Fixed, HorizonProtocol, Linear
+from perdure.policy import Normalizer, Policy, TaskInfo, save_policy
+
+TASK = "InvertedPendulum-v4"
+OTHER_TASK = "Hopper-v3"
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def make_policy(task, timed, seed=0):
+    """A policy nobody trained: random weights, told the time if ``timed``."""
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    embedding = Linear() if timed else None
+    protocol = HorizonProtocol(embedding, Fixed(100), "terminated", gamma=1.0, normalizer_gamma=1.0)
+    sizes = {"policy": spec.action_size, "value": 1}
+    generator = np.random.default_rng(seed)
+    weights = {}
+    for network, outputs in sizes.items():
+        shape = (spec.observation_size + protocol.embedding_size, outputs)
+        weights[f"{network}.0.weight"] = (0.1 * generator.standard_normal(shape)).astype(np.float32)
+        weights[f"{network}.0.bias"] = np.zeros(outputs, np.float32)
+    return Policy(
+        task=TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high)),
+        weights=weights,
+        activation="tanh",
+        normalizer=Normalizer(np.zeros(spec.observation_size), np.ones(spec.observation_size)),
+        protocol=protocol,
+        clock=Constant(50.0) if timed else None,
+        provenance={"method": "timed" if timed else "timeless", "seed": seed, "command": "made by a test"},
+    )
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory):
+    """A folder of files a user may hand over by mistake or on purpose. Tests only read it."""
+    folder = tmp_path_factory.mktemp("files")
+    timed = save_policy(make_policy(TASK, timed=True), folder / "timed.safetensors")
+    save_policy(make_policy(TASK, timed=False), folder / "timeless.safetensors")
+    save_policy(make_policy(OTHER_TASK, timed=False), folder / "other.safetensors")
+    data = timed.read_bytes()
+    (folder / "cut.safetensors").write_bytes(data[:-20])
+    (folder / "edited.safetensors").write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    (folder / "foreign.txt").write_text("a shopping list\n")
+    (folder / "empty").write_bytes(b"")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def perdure():
+    """Runs ``perdure ARGUMENTS`` in a folder and returns the finished process; never waits for input."""
+
+    def run(*arguments, cwd, before=None, timeout=300):
+        return subprocess.run(
+            [sys.executable, "-m", "perdure", *map(str, arguments)],
+            cwd=cwd,
+            env={**os.environ, **ONE_THREAD, "COLUMNS": "80"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            preexec_fn=before,
+            timeout=timeout,
+        )
+
+    return run

@@ -1,0 +1,128 @@
+"""What the commands print and leave behind when nothing is wrong."""
+
+import subprocess
+
+import polars as pl
+import pytest
+
+import perdure as library
+from perdure.policy import load_policy
+
+SIX = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3", "Humanoid-v3", "Swimmer-v3", "Walker2d-v3")
+TINY = (
+    *("--ppo.total-steps", 512, "--ppo.n-steps", 128, "--ppo.batch-size", 64),
+    *("--ppo.n-epochs", 1, "--ppo.hidden-sizes", 8),
+)
+
+
+def succeeded(process):
+    """The standard output of a process that had nothing to complain about."""
+    assert process.returncode == 0, process.stderr
+    assert "Traceback" not in process.stderr
+    return process.stdout
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)], ids=["nothing", "--help", "-h"])
+def test_help_lists_every_command(perdure, tmp_path, arguments):
+    text = succeeded(perdure(*arguments, cwd=tmp_path))
+    assert [name for name in ("train", "extrapolate", "report", "list", "inspect") if f"perdure {name} " not in text] == []
+
+
+@pytest.mark.parametrize("command", ["train", "train Hopper-v3", "extrapolate", "report", "list", "inspect"])
+def test_every_command_explains_itself_on_stdout(perdure, tmp_path, command):
+    process = perdure(*command.split(), "--help", cwd=tmp_path)
+    assert "usage: perdure" in succeeded(process)
+    assert process.stderr == ""
+
+
+def test_the_version_is_printed(perdure, tmp_path):
+    assert succeeded(perdure("--version", cwd=tmp_path)).split() == ["perdure", library.__version__]
+
+
+def test_list_tasks_names_the_six_tasks_of_the_thesis(perdure, tmp_path):
+    assert set(SIX) <= set(succeeded(perdure("list", "tasks", cwd=tmp_path)).split())
+
+
+def test_list_methods_names_every_method(perdure, tmp_path):
+    from perdure.ppo import METHODS
+
+    text = succeeded(perdure("list", "methods", cwd=tmp_path))
+    assert [name for name in METHODS if f"| {name} |" not in text] == []
+
+
+def test_list_policies_names_every_shipped_file(perdure, tmp_path):
+    from perdure.policy.shipped import shipped_policies
+
+    lines = succeeded(perdure("list", "policies", cwd=tmp_path)).splitlines()
+    assert [line.split()[0] for line in lines if line] == list(shipped_policies())
+
+
+def test_inspect_shows_what_is_in_the_file(perdure, files, tmp_path):
+    text = succeeded(perdure("inspect", files / "timed.safetensors", cwd=tmp_path))
+    for part in ("InvertedPendulum-v4", "Linear()", "constant(50)", "made by a test", "12 weights"):
+        assert part in text
+
+
+def test_inspect_may_be_piped_to_a_reader_that_leaves(perdure, files, tmp_path):
+    import sys
+
+    command = f"{sys.executable} -m perdure list tasks | true"
+    process = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=120)
+    assert "Traceback" not in process.stderr
+
+
+@pytest.fixture(scope="module")
+def trained(perdure, tmp_path_factory):
+    """A folder with one tiny run, and what training it printed."""
+    folder = tmp_path_factory.mktemp("trained")
+    arguments = ("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs")
+    return folder, succeeded(perdure(*arguments, cwd=folder))
+
+
+def test_train_prints_where_the_policy_is(trained):
+    folder, printed = trained
+    policy = load_policy(folder / printed.strip())
+    assert printed.strip() == "runs/InvertedPendulum-v4/geometric/seed-0/policy.safetensors"
+    assert policy.task.name == "InvertedPendulum-v4"
+    assert policy.weights["policy.0.weight"].shape == (4 + 5, 8)
+    assert policy.clock.label == "constant(500)"
+
+
+def test_a_finished_run_is_not_trained_again(perdure, trained):
+    folder, printed = trained
+    before = (folder / printed.strip()).stat().st_mtime_ns
+    again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
+    assert succeeded(again) == printed
+    assert (folder / printed.strip()).stat().st_mtime_ns == before
+
+
+@pytest.fixture(scope="module")
+def extrapolated(perdure, trained):
+    """The same folder after an evaluation, and what that printed."""
+    folder, printed = trained
+    clocks = ("--clocks", "constant:0", "constant:500", "countdown")
+    arguments = ("extrapolate", printed.strip(), *clocks, "--steps", 50, "--eval-seeds", 2, "--out", "carried")
+    return folder, succeeded(perdure(*arguments, cwd=folder))
+
+
+def test_extrapolate_writes_one_row_for_each_lane_and_checkpoint(extrapolated):
+    folder, _ = extrapolated
+    frame = pl.read_parquet(folder / "carried" / "lanes.parquet")
+    assert frame["step"].max() == 50
+    assert set(frame["clock"]) == {"constant(0)", "constant(500)", "countdown(50)"}
+    lanes = frame.select("clock", "eval_seed").unique()
+    assert len(lanes) == 3 * 2
+    assert len(frame) == len(lanes) * frame["step"].n_unique()
+
+
+def test_extrapolate_writes_its_report_and_says_where(extrapolated):
+    folder, printed = extrapolated
+    page = folder / "carried" / "report.html"
+    assert str(page) in printed.replace("\n", "")
+    assert "perdure extrapolate" in page.read_text()
+
+
+def test_report_is_made_again_from_the_table_alone(perdure, extrapolated, tmp_path):
+    folder, _ = extrapolated
+    succeeded(perdure("report", folder / "carried" / "lanes.parquet", "--out", tmp_path / "again", cwd=tmp_path))
+    assert (tmp_path / "again" / "report.html").read_bytes() == (folder / "carried" / "report.html").read_bytes()

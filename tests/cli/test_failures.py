@@ -1,0 +1,123 @@
+"""Whatever a user gets wrong ends in one line on stderr and exit code 2, and never in a traceback."""
+
+import os
+import resource
+import signal
+
+import pytest
+
+from perdure.cli.parse import sentence
+
+TINY = ("--ppo.total-steps", 64, "--ppo.n-steps", 32, "--ppo.batch-size", 32, "--ppo.hidden-sizes", 4)
+PENDULUM = ("train", "InvertedPendulum-v4")
+EVALUATE = ("extrapolate", "{files}/timed.safetensors")
+
+MISTAKES = {
+    # mistake: (what the line must name, the command line)
+    "unknown command": ("walk", "walk"),
+    "unknown option": ("--stepz", *EVALUATE, "--stepz", 3),
+    "bad flag value": ("--steps", *EVALUATE, "--steps", "many"),
+    "missing flag value": ("--steps", *EVALUATE, "--steps"),
+    "bad choice": ("robots", "list", "robots"),
+    "unknown family": ("'Atari'", "list", "tasks", "--family", "Atari"),
+    "train without a task": ("task", "train"),
+    "unknown task": ("Hopper-v3", "train", "Hoper-v3"),
+    "unknown Gymnasium task": ("Hoper-v9", "train", "gymnasium:Hoper-v9"),
+    "unknown method": ("geometric", *PENDULUM, "--method", "geometrik"),
+    "T_min > T_max": ("1000", *PENDULUM, "--ppo.protocol.horizon.low", 2000),
+    "gamma > 1": ("gamma", *PENDULUM, "--ppo.protocol.gamma", 1.5),
+    "no environments": ("n_envs", *PENDULUM, "--ppo.n-envs", 0),
+    "no steps to train": ("total_steps", *PENDULUM, "--ppo.total-steps", 0),
+    "minibatches that do not fit": ("batch_size", *PENDULUM, "--ppo.batch-size", 100),
+    "no seeds": ("seed", *PENDULUM, *TINY, "--seeds"),
+    "a negative seed": ("-1", *PENDULUM, *TINY, "--seeds", -1),
+    "the same seed twice": ("[3, 3]", *PENDULUM, *TINY, "--seeds", 3, 3),
+    "a name that is no folder": ("..", *PENDULUM, *TINY, "--name", ".."),
+    "negative threads": ("threads", *PENDULUM, *TINY, "--threads", -1),
+    "no policies": ("policy", "extrapolate"),
+    "no such policy": ("walker.safetensors", "extrapolate", "walker.safetensors"),
+    "a folder as policy": ("folder", "extrapolate", "{files}"),
+    "cut policy": ("cut.safetensors", "extrapolate", "{files}/cut.safetensors"),
+    "edited policy": ("changed", "extrapolate", "{files}/edited.safetensors"),
+    "foreign file as policy": ("foreign.txt", "extrapolate", "{files}/foreign.txt"),
+    "empty file as policy": ("empty", "inspect", "{files}/empty"),
+    "policies for two tasks": ("Hopper-v3", *EVALUATE, "{files}/other.safetensors"),
+    "C < 0": ("-5", *EVALUATE, "--clocks", "constant:-5"),
+    "a clock without steps": ("constant", *EVALUATE, "--clocks", "constant"),
+    "an unknown clock": ("sundial", *EVALUATE, "--clocks", "sundial:12"),
+    "no steps": ("steps", *EVALUATE, "--steps", 0),
+    "no start states": ("eval_seeds", *EVALUATE, "--eval-seeds", 0),
+    "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
+    "negative processes": ("processes", *EVALUATE, "--steps", 10, "--processes", -1),
+    "inspect nothing": ("POLICY", "inspect"),
+    "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
+    "report of a missing table": ("none.parquet", "report", "none.parquet"),
+    "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
+    "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
+    "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
+}
+
+
+def one_line(process):
+    """The one line a failure consists of."""
+    assert process.returncode == 2, process.stderr
+    assert process.stderr.count("\n") == 1, process.stderr
+    assert process.stderr.startswith("perdure: ")
+    assert process.stdout == ""
+    return process.stderr.removeprefix("perdure: ").strip()
+
+
+@pytest.mark.parametrize(("names", "arguments"), [(row[0], row[1:]) for row in MISTAKES.values()], ids=MISTAKES)
+def test_a_mistake_ends_in_one_line_that_names_it(perdure, files, tmp_path, names, arguments):
+    filled = [str(argument).replace("{files}", str(files)) for argument in arguments]
+    line = one_line(perdure(*filled, cwd=tmp_path))
+    assert names in line
+    assert "Traceback" not in line
+    assert line == " ".join(line.split())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the administrator may write anywhere")
+def test_a_folder_that_may_not_be_written_is_named(perdure, files, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 10, "--eval-seeds", 1)
+    line = one_line(perdure(*arguments, "--out", locked / "out", cwd=tmp_path))
+    assert "locked" in line
+    assert "Permission denied" in line
+
+
+def full_disk():
+    """From here on this process can write no file longer than 2 kB, as if the disk were full."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # the write fails, instead of ending the process
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
+
+
+def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
+    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2)
+    line = one_line(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, before=full_disk))
+    assert "too large" in line or "No space" in line
+    assert not (tmp_path / "out" / "report.html").exists()
+    assert not (tmp_path / "out" / "lanes.parquet").exists()
+
+
+def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, tmp_path):
+    begun = perdure(*PENDULUM, "--name", "mine", *TINY, cwd=tmp_path)
+    assert begun.returncode == 0, begun.stderr
+    line = one_line(perdure(*PENDULUM, "--name", "mine", *TINY, "--ppo.n-epochs", 3, cwd=tmp_path))
+    assert "n_epochs" in line
+
+
+def test_the_sentence_of_a_framed_message_is_what_stands_before_its_first_rule():
+    box = """\
+╭─ Value error ──────────────────────────────╮
+│ Error parsing --steps: no number of steps  │
+│ can be read off 'many'.                    │
+│ ────────────────────────────────────────── │
+│ For full helptext, see perdure --help      │
+╰────────────────────────────────────────────╯
+"""
+    assert sentence(box) == "--steps: no number of steps can be read off 'many'"
+
+
+def test_a_message_without_a_frame_is_kept_whole():
+    assert sentence("something\n  else\n") == "something else"
