@@ -169,7 +169,9 @@ def main() -> None:
         write_whole(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
     table = Table("benchmark", "ours", "peer", "ratio", "unit", "how")
     for name, row in sorted(results.items()):
-        table.add_row(name, f"{row['ours']:,.0f}", f"{row['peer']:,.0f}", f"{row['ratio']:.2f}", row["unit"], row["how"])
+        table.add_row(
+            name, f"{row['ours']:,.0f}", f"{row['peer']:,.0f}", f"{row['ratio']:.2f}", row["unit"], row["how"]
+        )
     console.print(table)
 
 

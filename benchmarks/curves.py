@@ -1,10 +1,10 @@
-"""Learning curves beside Stable-Baselines3 on the same EnvPool tasks and settings, and the interval of their difference.
+"""Learning curves beside Stable-Baselines3, same EnvPool tasks and settings, and the interval of their difference.
 
 python benchmarks/curves.py run          train what is missing on both sides (hours on two cores; resumable)
 python benchmarks/curves.py collect SB3_FOLDER RUNS_FOLDER   take in runs made elsewhere
 python benchmarks/curves.py compare      print and write benchmarks/curves.json and benchmarks/curves.png
 
-A seed's score is the mean training return over the last fifth of its steps. Seeds of the two sides have nothing in common
+A score is a seed's mean training return over the last fifth of its steps. Seeds of the two sides have nothing in common
 but their number, so the difference is bootstrapped over independent groups.
 """
 
@@ -20,14 +20,14 @@ import numpy as np
 import polars as pl
 
 sys.path.insert(0, str(Path(__file__).parent))
-from bench import peers, sb3_config  # noqa: E402 - a script beside this one
+from bench import peers, sb3_config
 
-from perdure.envs import make_world  # noqa: E402
-from perdure.extrapolate import LaneSpec, evaluate_lanes  # noqa: E402
-from perdure.policy import load_policy  # noqa: E402
-from perdure.ppo import TrainRun, method_config, train  # noqa: E402
-from perdure.report.statistics import difference_interval, make_units  # noqa: E402
-from perdure.store import write_whole  # noqa: E402
+from perdure.envs import make_world
+from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.policy import load_policy
+from perdure.ppo import TrainRun, method_config, train
+from perdure.report.statistics import difference_interval, make_units
+from perdure.store import write_whole
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "curves"

@@ -60,9 +60,7 @@ class Recorder(VecEnvWrapper):
         self.log["rewards"].append(rewards.copy())
         self.log["dones"].append(dones.copy())
         self.log["truncated"].append(np.array([i.get("TimeLimit.truncated", False) for i in infos]))
-        self.log["last"].append(
-            np.stack([i.get("terminal_observation", observations[k]) for k, i in enumerate(infos)])
-        )
+        self.log["last"].append(np.stack([i.get("terminal_observation", observations[k]) for k, i in enumerate(infos)]))
         return observations, rewards, dones, infos
 
 

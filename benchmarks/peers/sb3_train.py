@@ -2,8 +2,8 @@
 
 Usage: python sb3_train.py CONFIG.json OUT.json
 
-The configuration is written by the caller from perdure's own presets, so both sides read the same numbers. OUT.json gets
-the training episodes, the final deterministic evaluation, and the time spent inside ``PPO.learn``.
+The configuration is written by the caller from perdure's own presets, so both sides read the same numbers. OUT.json
+gets the training episodes, the final deterministic evaluation, and the steps a second inside ``PPO.learn``.
 """
 
 from __future__ import annotations

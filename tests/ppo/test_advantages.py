@@ -58,9 +58,7 @@ class TestRewardOneForEver:
         np.testing.assert_allclose(wrong[10:], 0.0, atol=1e-5, err_msg="the next episode is not touched")
 
     def test_an_end_the_engine_imposed_is_bootstrapped_whatever_the_horizon_means(self):
-        np.testing.assert_allclose(
-            estimate(**self.episode, truncated=only(9), horizon_terminates=True), 0.0, atol=1e-5
-        )
+        np.testing.assert_allclose(estimate(**self.episode, truncated=only(9), horizon_terminates=True), 0.0, atol=1e-5)
 
 
 class TestEveryStepPaysOneUntilTheHorizon:

@@ -118,7 +118,9 @@ def bits(state):
 
 def copy(state):
     """The runner takes over the arrays it is given."""
-    return replace(state, **{name: jax.tree.map(lambda x: x.copy(), getattr(state, name)) for name in ("params", "adam")})
+    return replace(
+        state, **{name: jax.tree.map(lambda x: x.copy(), getattr(state, name)) for name in ("params", "adam")}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +146,6 @@ def chain(runner, spec):
 
 
 class TestCheckpointFiles:
-
     def test_a_checkpoint_holds_the_whole_state_bit_for_bit(self, chain, tmp_path):
         for state in chain:
             save_checkpoint(state, tmp_path / "c")

@@ -54,9 +54,9 @@ def main(args: list[str]) -> None:
 def _train(flags: Train) -> None:
     from rich.console import Console
 
-    from perdure.ppo import TrainRun
-    from perdure.ppo import train as train_run
     from perdure.ppo.progress import progress_bar
+    from perdure.ppo.runs import Report, TrainRun
+    from perdure.ppo.runs import train as train_run
     from perdure.ppo.tensorboard import tensorboard
 
     run_ = TrainRun(flags.task, flags.name or flags.method, flags.ppo, flags.seeds)
@@ -65,7 +65,12 @@ def _train(flags: Train) -> None:
         watchers = [stack.enter_context(progress_bar(f"{run_.task} {run_.method}", console))]
         if flags.tensorboard:
             watchers.append(stack.enter_context(tensorboard(flags.out / "tensorboard" / run_.task / run_.method)))
-        paths = train_run(run_, flags.out, flags.threads, lambda report: [watch(report) for watch in watchers][0])
+
+        def watch(report: Report) -> None:
+            for watcher in watchers:
+                watcher(report)
+
+        paths = train_run(run_, flags.out, flags.threads, watch)
     for path in paths:
         print(path)
 

@@ -88,7 +88,7 @@ def _pool_step(pool_step: Callable[..., Any]) -> Callable[[Handle, jax.Array], t
 
 def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]:
     lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
-    flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)
+    flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)  # type: ignore[no-untyped-call]
     shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
 
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
@@ -131,7 +131,7 @@ def _float64(bits: jax.Array) -> NDArray[np.float64]:
 
 
 def _bits_shape(*shape: int) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct((*shape, 2), jnp.uint32)
+    return jax.ShapeDtypeStruct((*shape, 2), jnp.uint32)  # type: ignore[no-untyped-call]
 
 
 def _traced_float64(bits: jax.Array) -> jax.Array:

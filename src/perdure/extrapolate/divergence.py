@@ -44,6 +44,8 @@ class DivergenceWatch:
         self._first = first_observations.copy()
         # A component that never varied in training says nothing about distance.
         self._scale = np.where(scale > 1e-6, scale, np.inf)
+        # A snap back moves some component by this much, at least: a cheap first look.
+        self._smallest_jump = (FAR - NEAR) * self._scale.min(axis=1)
         self._largest = np.zeros(len(first_observations))
 
     def diverged(self, moment: Moment) -> NDArray[np.bool_]:
@@ -53,24 +55,14 @@ class DivergenceWatch:
             size = np.abs(rewards)
             largest = self._largest[lanes]
             # The sum is finite only if every term is: one pass instead of two.
-            bad = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
+            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
             # The first reward has nothing to be compared with.
             bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
-            suspects = np.flatnonzero(np.abs(after - moment.before).max(axis=1) > self._smallest_jump(lanes))
+            suspects = np.flatnonzero(np.abs(after - moment.before).max(axis=1) > self._smallest_jump[lanes])
             if len(suspects):
                 bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
         return bad
-
-    def _smallest_jump(self, lanes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """A snap back moves some component by FAR - NEAR of its standard deviations; the smallest of them bounds it."""
-        return self._jump[lanes]
-
-    @property
-    def _jump(self) -> NDArray[np.float64]:
-        if not hasattr(self, "_jumps"):
-            self._jumps: NDArray[np.float64] = (FAR - NEAR) * self._scale.min(axis=1)
-        return self._jumps
 
     def _snapped_back(
         self, lanes: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]

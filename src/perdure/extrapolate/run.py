@@ -25,7 +25,7 @@ from perdure.store import Store, config_digest
 if TYPE_CHECKING:
     import polars as pl
 
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Watcher = Callable[[int, int], None]
 """Called with (lane steps made or no longer needed, lane steps in all)."""
@@ -97,7 +97,9 @@ def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str
 def _check(policies: Sequence[Policy]) -> None:
     names = sorted({policy.task.name for policy in policies})
     if len(names) > 1:
-        raise ExtrapolationError(f"all policies of one evaluation must be for one task, these are for {', '.join(names)}")
+        raise ExtrapolationError(
+            f"all policies of one evaluation must be for one task, these are for {', '.join(names)}"
+        )
     world = make_world(names[0], [FIRST_EVAL_SEED])
     try:
         for policy in policies:
@@ -106,15 +108,11 @@ def _check(policies: Sequence[Policy]) -> None:
         world.close()
 
 
-def _plan(
-    evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequence[str], workers: int
-) -> list[_Group]:
+def _plan(evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequence[str], workers: int) -> list[_Group]:
     lanes = [
         LaneSpec(number, clock, seed)
         for number, policy in enumerate(policies)
-        for clock in (
-            (None,) if policy.protocol.embedding is None else evaluation.deployment_clocks(policy.clock)
-        )
+        for clock in ((None,) if policy.protocol.embedding is None else evaluation.deployment_clocks(policy.clock))
         for seed in range(evaluation.eval_seeds)
     ]
     if not lanes:

@@ -106,9 +106,7 @@ def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
     normalizer = Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description["normalizer"])
     clock = description["clock"]
     return Policy(
-        task=TaskInfo(
-            task["name"], task["observation_size"], tuple(task["action_low"]), tuple(task["action_high"])
-        ),
+        task=TaskInfo(task["name"], task["observation_size"], tuple(task["action_low"]), tuple(task["action_high"])),
         weights=tensors,
         activation=description["activation"],
         normalizer=normalizer,

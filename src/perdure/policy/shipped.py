@@ -28,4 +28,6 @@ def find_policy(name: str) -> Path:
     shipped = shipped_policies()
     if name in shipped:
         return shipped[name]
-    raise PolicyFileError(f"no policy file {name}, and no shipped policy of that name; shipped are {', '.join(shipped)}")
+    raise PolicyFileError(
+        f"no policy file {name}, and no shipped policy of that name; shipped are {', '.join(shipped)}"
+    )

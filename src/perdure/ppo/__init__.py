@@ -2,7 +2,7 @@
 
 | file | what it holds |
 |---|---|
-| `config.py`, `presets.py`, `methods.py` | the settings; tuned numbers for each task with their source; methods as data |
+| `config.py`, `presets.py`, `methods.py` | settings; tuned numbers for each task with their source; methods |
 | `networks.py`, `normalizer.py` | policy and value network; running normalisation |
 | `rollout.py` | collecting experience inside one compiled loop |
 | `advantages.py`, `learner.py`, `update.py` | what a rollout is worth; minibatches; loss and Adam |

@@ -8,7 +8,7 @@ Schulman et al., High-dimensional continuous control using generalized advantage
 where V'_t, the value of what follows step t, is
 
     0           if the task ended, or if the horizon ended and its end means ``terminated``
-    V(last_t)   if the episode was cut: ``last_t`` is the observation the episode stopped at, not the one after the reset
+    V(last_t)   if the episode was cut: ``last_t`` is the observation it stopped at, not the one after the reset
     V(s_{t+1})  otherwise
 """
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.policy import Normalizer, Policy, TaskInfo
-from perdure.ppo.config import PPOConfig
 from perdure.ppo.methods import METHODS, default_clock, method_config
 from perdure.ppo.normalizer import CLIP, EPSILON
 from perdure.ppo.state import EPISODE_COLUMNS, ITERATION_COLUMNS, SeedState
@@ -85,5 +84,3 @@ def _write_table(path: Path, columns: tuple[str, ...], rows: NDArray[np.float64]
     buffer = io.BytesIO()
     pl.DataFrame({name: rows[:, i] for i, name in enumerate(columns)}).write_parquet(buffer)
     write_whole(path, buffer.getvalue())
-
-

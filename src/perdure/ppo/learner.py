@@ -48,9 +48,7 @@ def prepare(params: Params, experience: Experience, key: jax.Array, *, config: P
     actions = experience.actions.reshape(n, -1)
     mean = forward(params, "policy", inputs, config.activation)
     returns = estimates + values[:-1]
-    batch = Batch(
-        inputs, actions, log_prob(mean, params["log_std"], actions), estimates.reshape(n), returns.reshape(n)
-    )
+    batch = Batch(inputs, actions, log_prob(mean, params["log_std"], actions), estimates.reshape(n), returns.reshape(n))
     orders = tuple(jax.random.permutation(jax.random.fold_in(key, i), n) for i in range(config.n_epochs))
     unexplained = jnp.var(returns - values[:-1]) / jnp.maximum(jnp.var(returns), 1e-12)
     return Prepared(batch, orders, 1.0 - unexplained)

@@ -3,11 +3,11 @@
 | method | gamma | horizon T | at T | phi | what it is |
 |---|---|---|---|---|---|
 | ``ppo`` | tuned | 1000 | bootstrap last observation | - | Stable-Baselines3's PPO (>= 1.4) with rl-zoo's settings |
-| ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | the thesis' second baseline; V has no anchor, see below |
+| ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | the thesis' second baseline; see below |
 | ``ppo-undiscounted-terminal`` | 1 | 1000 | terminal | - | the same with an anchor: V(., T) = 0 |
 | ``ppo-short`` | tuned | 200 | bootstrap last observation | - | figure 3-1 of the thesis |
 | ``linear`` | tuned | 1000 | terminal | Linear | Pardo et al., Time limits in reinforcement learning (2018) |
-| ``linear-10-workers`` | tuned | 1000 | terminal | Linear | the same with 10 environments, each for the preset's n_steps |
+| ``linear-10-workers`` | tuned | 1000 | terminal | Linear | 10 environments, each for the preset's n_steps |
 | ``geometric`` | 1 | U[200, 1000] | terminal | Geometric(d) | the thesis |
 | ``random-horizon`` | 1 | U[200, 1000] | terminal | - | control: random T without phi |
 | ``geometric-fixed`` | 1 | 1000 | terminal | Geometric(d) | control: phi without random T |

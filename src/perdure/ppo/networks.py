@@ -7,6 +7,7 @@ As in Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so th
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import jax
@@ -30,7 +31,7 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
     for name, out_size, out_gain in (("policy", action_size, 0.01), ("value", 1, 1.0)):
         key, net_key = jax.random.split(key)
         sizes = (input_size, *config.hidden_sizes, out_size)
-        for layer, (fan_in, fan_out) in enumerate(zip(sizes, sizes[1:], strict=False)):
+        for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
             gain = out_gain if layer == len(sizes) - 2 else math.sqrt(2.0)
             layer_key = jax.random.fold_in(net_key, layer)
             weight, bias = _init_layer(layer_key, fan_in, fan_out, gain, config.ortho_init)

@@ -23,7 +23,7 @@ class RunningMoments(NamedTuple):
     """Shape (d,), float64."""
     var: jax.Array
     """Shape (d,), float64."""
-    count: jax.Array
+    count: jax.Array  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
     """Scalar, float64; starts at 1e-4 so that the start values hardly count."""
 
 

@@ -4,8 +4,8 @@ Several seeds may share one program and one pool of environments, to share the c
 threads. Each seed's arithmetic is written out by itself on its own rows, so that a seed trained beside others is bit
 for bit the seed trained alone.
 
-The loop does only what the next action depends on, in few large arrays, because each array costs the compiled loop about
-a microsecond a step. Everything else is computed for the whole rollout afterwards.
+The loop does only what the next action depends on, in few large arrays, because each array costs the compiled loop
+about a microsecond a step. Everything else is computed for the whole rollout afterwards.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def make_rollout(
 
         def step(carry: tuple[Handle, Any], draw: tuple[_Draws, ...]) -> tuple[tuple[Handle, Any], Any]:
             handle, before = carry
-            acted = [_act(config, params[i], *before[i], draw[i]) for i in seeds]
+            acted = [_act(config, params[i], before[i], draw[i]) for i in seeds]
             sent = jnp.concatenate([actions for _, actions in acted]).astype(jnp.float64)
             handle, stepped = world.step(handle, jnp.clip(sent, low, high))
             rows = [_rows(stepped, i, n_envs) for i in seeds]
@@ -209,9 +209,9 @@ def _inputs(config: PPOConfig, lanes: Lanes, statistics: Statistics) -> jax.Arra
 
 
 def _act(
-    config: PPOConfig, params: Params, lanes: Lanes, statistics: Statistics, draw: _Draws
+    config: PPOConfig, params: Params, before: tuple[Lanes, Statistics], draw: _Draws
 ) -> tuple[jax.Array, jax.Array]:
-    inputs = _inputs(config, lanes, statistics)
+    inputs = _inputs(config, *before)
     mean = forward(params, "policy", inputs, config.activation)
     return inputs, mean + jnp.exp(params["log_std"]) * draw.noise
 
@@ -222,9 +222,7 @@ def _rows(step: TracedStep, seed: int, n_envs: int) -> TracedStep:
 
 def _count(config: PPOConfig, lanes: Lanes, rewards: jax.Array) -> jax.Array:
     gamma = config.protocol.normalizer_gamma
-    return jnp.stack(
-        [lanes.elapsed + 1, lanes.horizons, lanes.discounted * gamma + rewards, lanes.returns + rewards]
-    )
+    return jnp.stack([lanes.elapsed + 1, lanes.horizons, lanes.discounted * gamma + rewards, lanes.returns + rewards])
 
 
 def _restart(horizons: jax.Array) -> jax.Array:
@@ -236,9 +234,7 @@ def _ends(step: TracedStep, counters: jax.Array) -> Ends:
     return Ends(step.terminated, step.truncated, counters[0] >= counters[1])
 
 
-def _trace(
-    acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.Array, statistics: Statistics
-) -> _Trace:
+def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.Array, statistics: Statistics) -> _Trace:
     return _Trace(
         inputs=acted[0],
         actions=acted[1],

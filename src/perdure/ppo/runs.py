@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -125,10 +126,14 @@ def _train_all(
     while (segment := min(state.segment for state in current.values())) < config.segments:
         group = [state for state in current.values() if state.segment == segment]
         seeds = tuple(state.seed for state in group)
-        for state in runner.run(group, lambda step, mean, seeds=seeds: watch(Report(seeds, step, total, mean))):
+        for state in runner.run(group, partial(_tell, watch, seeds, total)):
             save_checkpoint(state, folders[state.seed] / CHECKPOINT)
             current[state.seed] = state
     return list(current.values())
+
+
+def _tell(watch: Watcher, seeds: tuple[int, ...], total: int, step: int, mean_return: float) -> None:
+    watch(Report(seeds, step, total, mean_return))
 
 
 def _finish(run: TrainRun, spec: TaskSpec, state: SeedState, folder: Path) -> None:

@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,8 @@ from perdure.ppo.update import epoch
 if TYPE_CHECKING:
     from perdure.envs.world import World
     from perdure.ppo.config import PPOConfig
+
+T = TypeVar("T")
 
 COMPILER_OPTIONS = {"xla_cpu_multi_thread_eigen": False}
 """A matrix product split over threads sums in another order: results would depend on the number of cores."""
@@ -98,7 +100,7 @@ class SegmentRunner:
                 tuple(state.seed for state in states),
                 iteration,
             )
-            return jax.block_until_ready(result)
+            return _ready(result)
 
     def _learn(
         self, states: Sequence[SeedState], rollouts: Sequence[SeedRollout], iteration: int, workers: ThreadPoolExecutor
@@ -106,9 +108,7 @@ class SegmentRunner:
         """Updates every seed. Work is handed out epoch by epoch, so that five seeds fill two cores evenly."""
         prepared: list[Prepared] = list(
             workers.map(
-                lambda state, rollout: jax.block_until_ready(
-                    self._prepare(state.params, rollout.experience, state.seed, iteration)
-                ),
+                lambda state, rollout: _ready(self._prepare(state.params, rollout.experience, state.seed, iteration)),
                 states,
                 rollouts,
             )
@@ -118,7 +118,7 @@ class SegmentRunner:
 
         def one_epoch(i: int, number: int) -> None:
             *weights, reported = self._epoch(*learned[i], prepared[i].batch, prepared[i].orders[number])
-            learned[i] = jax.block_until_ready(tuple(weights))
+            learned[i] = _ready(tuple(weights))
             losses[i].append(reported)
 
         _interleave(workers, one_epoch, len(states), self.config.n_epochs)
@@ -131,6 +131,12 @@ class SegmentRunner:
             )
             for i, state in enumerate(states)
         ]
+
+
+def _ready(result: T) -> T:
+    """Waits for the result, so that work on other threads begins with nothing pending."""
+    jax.block_until_ready(result)  # type: ignore[no-untyped-call]
+    return result
 
 
 def _seeded(

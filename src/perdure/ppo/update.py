@@ -28,7 +28,7 @@ class AdamState(NamedTuple):
 
     first: Params
     second: Params
-    count: jax.Array
+    count: jax.Array  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
 
 
 class Batch(NamedTuple):
@@ -112,9 +112,7 @@ def epoch(
         Weights and optimiser state after, and the mean LOSSES of the minibatches, (4,).
     """
 
-    def minibatch(
-        carry: tuple[Params, AdamState], indices: jax.Array
-    ) -> tuple[tuple[Params, AdamState], jax.Array]:
+    def minibatch(carry: tuple[Params, AdamState], indices: jax.Array) -> tuple[tuple[Params, AdamState], jax.Array]:
         params, adam = carry
         picked = jax.tree.map(lambda x: x[indices], batch)
         gradient, losses = jax.grad(loss, has_aux=True)(params, picked, config)
