@@ -1,6 +1,7 @@
 """What the commands print and leave behind when nothing is wrong."""
 
 import subprocess
+import sys
 
 import polars as pl
 import pytest
@@ -63,11 +64,9 @@ def test_inspect_shows_what_is_in_the_file(perdure, files, tmp_path):
         assert part in text
 
 
-def test_inspect_may_be_piped_to_a_reader_that_leaves(perdure, files, tmp_path):
-    import sys
-
+def test_a_reader_that_leaves_early_causes_no_traceback():
     command = f"{sys.executable} -m perdure list tasks | true"
-    process = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=120)
+    process = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=120)
     assert "Traceback" not in process.stderr
 
 
@@ -81,8 +80,9 @@ def trained(perdure, tmp_path_factory):
 
 def test_train_prints_where_the_policy_is(trained):
     folder, printed = trained
-    policy = load_policy(folder / printed.strip())
-    assert printed.strip() == "runs/InvertedPendulum-v4/geometric/seed-0/policy.safetensors"
+    path = folder / "runs" / "InvertedPendulum-v4" / "geometric" / "seed-0" / "policy.safetensors"
+    assert printed.strip() == str(path)
+    policy = load_policy(path)
     assert policy.task.name == "InvertedPendulum-v4"
     assert policy.weights["policy.0.weight"].shape == (4 + 5, 8)
     assert policy.clock.label == "constant(500)"

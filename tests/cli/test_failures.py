@@ -3,9 +3,11 @@
 import os
 import resource
 import signal
+import sys
 
 import pytest
 
+from perdure.__main__ import main
 from perdure.cli.parse import sentence
 
 TINY = ("--ppo.total-steps", 64, "--ppo.n-steps", 32, "--ppo.batch-size", 32, "--ppo.hidden-sizes", 4)
@@ -33,7 +35,8 @@ MISTAKES = {
     "a negative seed": ("-1", *PENDULUM, *TINY, "--seeds", -1),
     "the same seed twice": ("[3, 3]", *PENDULUM, *TINY, "--seeds", 3, 3),
     "a name that is no folder": ("..", *PENDULUM, *TINY, "--name", ".."),
-    "negative threads": ("threads", *PENDULUM, *TINY, "--threads", -1),
+    "no threads": ("threads", *PENDULUM, *TINY, "--threads", 0),
+    "a method without a name": ("--method", *PENDULUM, "--method"),
     "no policies": ("policy", "extrapolate"),
     "no such policy": ("walker.safetensors", "extrapolate", "walker.safetensors"),
     "a folder as policy": ("folder", "extrapolate", "{files}"),
@@ -48,32 +51,65 @@ MISTAKES = {
     "no steps": ("steps", *EVALUATE, "--steps", 0),
     "no start states": ("eval_seeds", *EVALUATE, "--eval-seeds", 0),
     "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
-    "negative processes": ("processes", *EVALUATE, "--steps", 10, "--processes", -1),
-    "inspect nothing": ("POLICY", "inspect"),
+    "no processes": ("processes", *EVALUATE, "--steps", 10, "--processes", 0),
+    "inspect nothing": ("A policy file", "inspect"),
     "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
+    "report of a folder": ("files", "report", "{files}"),
     "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
     "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
     "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
 }
 
 
-def one_line(process):
+WHOLE_PROCESSES = ("unknown command", "bad flag value", "cut policy", "unknown task")
+"""Mistakes made in a process of their own; the others are made in this one, which has its libraries loaded."""
+
+
+def check_failure(code, stdout, stderr):
     """The one line a failure consists of."""
-    assert process.returncode == 2, process.stderr
-    assert process.stderr.count("\n") == 1, process.stderr
-    assert process.stderr.startswith("perdure: ")
-    assert process.stdout == ""
-    return process.stderr.removeprefix("perdure: ").strip()
-
-
-@pytest.mark.parametrize(("names", "arguments"), [(row[0], row[1:]) for row in MISTAKES.values()], ids=MISTAKES)
-def test_a_mistake_ends_in_one_line_that_names_it(perdure, files, tmp_path, names, arguments):
-    filled = [str(argument).replace("{files}", str(files)) for argument in arguments]
-    line = one_line(perdure(*filled, cwd=tmp_path))
-    assert names in line
-    assert "Traceback" not in line
+    assert code == 2, stderr
+    assert stdout == ""
+    assert stderr.count("\n") == 1, stderr
+    assert stderr.startswith("perdure: ")
+    assert "Traceback" not in stderr
+    line = stderr.removeprefix("perdure: ").strip()
     assert line == " ".join(line.split())
+    return line
+
+
+def failed(process):
+    """The one line of a process that failed."""
+    return check_failure(process.returncode, process.stdout, process.stderr)
+
+
+def arguments_of(mistake, files):
+    """What a line about a mistake must name, and the command line that makes it."""
+    names, *arguments = MISTAKES[mistake]
+    return names, [str(argument).replace("{files}", str(files)) for argument in arguments]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_ends_in_one_line_that_names_it(files, tmp_path, monkeypatch, capsys, mistake):
+    names, arguments = arguments_of(mistake, files)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["perdure", *arguments])
+    with pytest.raises(SystemExit) as end:  # anything else would have been a traceback
+        main()
+    assert names in check_failure(end.value.code, *capsys.readouterr())
+
+
+@pytest.mark.parametrize("mistake", WHOLE_PROCESSES)
+def test_a_process_ends_as_its_main_function_does(perdure, files, tmp_path, mistake):
+    names, arguments = arguments_of(mistake, files)
+    assert names in failed(perdure(*arguments, cwd=tmp_path))
+
+
+def test_a_fault_of_the_program_is_not_passed_off_as_the_users(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["perdure", "list"])
+    monkeypatch.setattr("perdure.cli.texts.tasks", lambda family: int("a bug"))
+    with pytest.raises(ValueError, match="a bug"):
+        main()
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the administrator may write anywhere")
@@ -81,7 +117,7 @@ def test_a_folder_that_may_not_be_written_is_named(perdure, files, tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
     arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 10, "--eval-seeds", 1)
-    line = one_line(perdure(*arguments, "--out", locked / "out", cwd=tmp_path))
+    line = failed(perdure(*arguments, "--out", locked / "out", cwd=tmp_path))
     assert "locked" in line
     assert "Permission denied" in line
 
@@ -94,7 +130,7 @@ def full_disk():
 
 def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
     arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2)
-    line = one_line(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, before=full_disk))
+    line = failed(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, before=full_disk))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()
     assert not (tmp_path / "out" / "lanes.parquet").exists()
@@ -103,7 +139,7 @@ def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
 def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, tmp_path):
     begun = perdure(*PENDULUM, "--name", "mine", *TINY, cwd=tmp_path)
     assert begun.returncode == 0, begun.stderr
-    line = one_line(perdure(*PENDULUM, "--name", "mine", *TINY, "--ppo.n-epochs", 3, cwd=tmp_path))
+    line = failed(perdure(*PENDULUM, "--name", "mine", *TINY, "--ppo.n-epochs", 3, cwd=tmp_path))
     assert "n_epochs" in line
 
 

@@ -45,10 +45,11 @@ def sentence(box: str) -> str:
     Args:
         box: As tyro prints it to a terminal.
     """
+    lines = box.splitlines()
     words: list[str] = []
-    for line in box.splitlines()[1:]:
+    for line in lines[1:] if box.startswith("╭") else lines:
         inside = line.strip(FRAME)
         if not inside:  # a rule, or the lower edge
             break
         words.append(inside)
-    return " ".join(words).removeprefix("Error parsing ").rstrip(".") or " ".join(box.split())
+    return " ".join(words).removeprefix("Error parsing ").rstrip(".")

@@ -44,8 +44,8 @@ class DivergenceWatch:
         self._first = first_observations.copy()
         # A component that never varied in training says nothing about distance.
         self._scale = np.where(scale > 1e-6, scale, np.inf)
-        # A snap back moves some component by this much, at least: a cheap first look.
-        self._smallest_jump = (FAR - NEAR) * self._scale.min(axis=1)
+        # A snap back moves some component by this much (squared), at least: a cheap first look.
+        self._smallest_jump = np.square((FAR - NEAR) * self._scale.min(axis=1))
         self._largest = np.zeros(len(first_observations))
 
     def diverged(self, moment: Moment) -> NDArray[np.bool_]:
@@ -58,7 +58,8 @@ class DivergenceWatch:
             bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
             # The first reward has nothing to be compared with.
             bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
-            suspects = np.flatnonzero(np.abs(after - moment.before).max(axis=1) > self._smallest_jump[lanes])
+            change = after - moment.before
+            suspects = np.flatnonzero(np.einsum("ij,ij->i", change, change) > self._smallest_jump[lanes])
             if len(suspects):
                 bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))

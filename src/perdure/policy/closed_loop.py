@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import FloatArray, IntArray, Step, World
-from perdure.horizon import Clock, LaneClocks
+from perdure.horizon import Clock, Constant, LaneClocks
 from perdure.policy.errors import PolicyError
 from perdure.policy.policy import Policy
 
@@ -114,12 +114,17 @@ class _Crew:
         self._policy = pilots[0].policy
         clocks = [pilot.clock for pilot in pilots if pilot.clock is not None]
         self._clocks = LaneClocks(clocks) if clocks else None
-        self._forever = np.full(len(rows), np.inf)
+        # Clocks that stand still, and policies without phi, are told the same at every step.
+        still = all(isinstance(clock, Constant) for clock in clocks)
+        self._phi = self._embed(0) if still else None
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
+        return self._policy.act_with(observations, self._embed(elapsed) if self._phi is None else self._phi)
+
+    def _embed(self, elapsed: int) -> FloatArray:
         steps = np.full(len(self.rows), float(elapsed))
-        times, horizons = (steps, self._forever) if self._clocks is None else self._clocks.time(steps)
-        return self._policy.act_at(observations, times, horizons)
+        times, horizons = (steps, steps) if self._clocks is None else self._clocks.time(steps)
+        return self._policy.embed(times, horizons)
 
 
 def check_fit(policy: Policy, world: World) -> None:

@@ -42,7 +42,7 @@ Progress = Callable[[int, float], None]
 
 
 class SegmentRunner:
-    """Compiled programs for one task and configuration, kept from segment to segment."""
+    """Compiled programs for one task and configuration. Those that learn are kept from segment to segment."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
         self.task, self.config, self.threads = task, config, threads
@@ -58,6 +58,8 @@ class SegmentRunner:
         last = min(first + config.segment_iterations, config.iterations)
         seeds = [s for state in states for s in lane_seeds(state.seed, segment, config.n_envs)]
         world = make_world(self.task, seeds, threads=min(self.threads, len(seeds)))
+        # EnvPool writes its pool's address into the program: one compiled for an earlier pool would go on stepping that.
+        self._rollout = None
         try:
             with ThreadPoolExecutor(self.threads) as workers:
                 handle, states, lanes = self._start(world, states)

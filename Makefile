@@ -1,0 +1,83 @@
+# Everything runs in .venv, which `make setup` creates here. Needs make and Python 3.11 or newer.
+
+# The demonstration: how long each robot is asked to last, from how many starts, and what it is told about time.
+DEMO_STEPS  ?= 100000
+DEMO_SEEDS  ?= 8
+DEMO_CLOCKS ?= constant:0 constant:500 countdown
+DEMO_OUT    ?= demo
+
+# Test processes, and what else pytest should be told: make test PYTEST="-k clock"
+PROCESSES ?= 2
+PYTEST    ?=
+
+PYTHONS   ?= python3.11 python3.12 python3.13 python3
+EXTRAS    ?= dev,tensorboard,home
+BIN       := .venv/bin
+SHIPPED   := src/perdure/policy/shipped
+ONE_THREAD = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format verify bench clean
+
+help: ## Show this list
+	@sed -n 's/^\([a-z]*\):.*## /\1|/p' $(MAKEFILE_LIST) | while IFS='|' read -r target text; do \
+		printf '  make %-8s %s\n' "$$target" "$$text"; done
+
+# $(call install,ENVIRONMENT,WHAT pip INSTALLS): the fingerprint of what was installed is kept, so that the second time
+# costs nothing.
+define install
+	@set -e; python=; \
+	for each in $(PYTHONS); do \
+		if $$each -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then python=$$each; break; fi; \
+	done; \
+	if [ -z "$$python" ]; then echo "perdure needs Python 3.11 or newer; none of $(PYTHONS) is one." >&2; exit 1; fi; \
+	wanted="$(EXTRAS) $$($$python -c 'import hashlib; print(hashlib.sha256(open("pyproject.toml", "rb").read()).hexdigest())')"; \
+	if [ "$$(cat $(1)/installed 2>/dev/null)" = "$$wanted" ] && [ -x $(1)/bin/python ]; then exit 0; fi; \
+	echo "Installing into $(1) (once; minutes on a slow line)"; \
+	if ! $(1)/bin/python -m pip --version >/dev/null 2>&1; then $$python -m venv $(1); fi; \
+	$(2) | $(1)/bin/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin; \
+	echo "$$wanted" > $(1)/installed
+endef
+
+setup: ## Create .venv and install perdure into it (quick when nothing changed)
+	$(call install,.venv,echo '-e .[$(EXTRAS)]')
+
+demo: setup ## Carry the shipped policies far beyond their training horizon, and write the reports
+	@set -e; \
+	tasks=$$(find $(SHIPPED) -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
+	if [ -z "$$tasks" ]; then echo "There are no shipped policies in $(SHIPPED)." >&2; exit 1; fi; \
+	for task in $$tasks; do \
+		policies=$$(cd $(SHIPPED) && ls -r $$task/*.safetensors | sed 's/\.safetensors$$//'); \
+		set -x; \
+		$(BIN)/perdure extrapolate $$policies --steps $(DEMO_STEPS) --clocks $(DEMO_CLOCKS) \
+			--eval-seeds $(DEMO_SEEDS) --out $(DEMO_OUT)/$$task; \
+		{ set +x; } 2>/dev/null; \
+	done; \
+	echo; echo "The reports, to be opened in a browser:"; \
+	for task in $$tasks; do echo "  $(CURDIR)/$(DEMO_OUT)/$$task/report.html"; done
+
+test: check ## Check format, lint and types, then run every test but the long ones
+	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) $(PYTEST)
+
+check: setup ## Check format, lint and types
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+
+format: setup ## Format the code, and mend what the linter can mend
+	@$(BIN)/ruff check --fix --quiet . || true
+	@$(BIN)/ruff format .
+
+verify: setup ## Run the long checks
+	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify $(PYTEST)
+
+PEERS = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	print(*project["optional-dependencies"]["bench"], sep="\n")
+
+bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/latest.json
+	$(call install,.venv-bench,$(BIN)/python -c '$(PEERS)')
+	@$(BIN)/python benchmarks/bench.py
+
+clean: ## Remove caches, build products and the demonstration; keep .venv and runs
+	@rm -rf build dist $(DEMO_OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
