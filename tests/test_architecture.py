@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
-    cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
-    report, store: nothing of ours, but that report writes files with store.write_whole
+cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
+report, store: nothing of ours, but that report writes files with store.write_whole
 """
 
 import ast
@@ -57,7 +57,9 @@ def imports_of(root):
 def _imports_in(path, root):
     parts = path.relative_to(root).with_suffix("").parts
     tree = ast.parse(path.read_text(), str(path))
-    typed = {id(node) for guard in ast.walk(tree) if _guards_types(guard) for part in guard.body for node in ast.walk(part)}
+    typed = {
+        id(node) for guard in ast.walk(tree) if _guards_types(guard) for part in guard.body for node in ast.walk(part)
+    }
     for node in ast.walk(tree):
         for module, name in _modules(node, ("perdure", *parts[:-1])):
             target, _, rest = module.removeprefix("perdure").removeprefix(".").partition(".")
@@ -163,7 +165,9 @@ def test_a_planted_wrong_import_is_found(tmp_path, part, source):
 
 def test_a_planted_right_import_is_not_found(tmp_path):
     (tmp_path / "ppo").mkdir()
-    (tmp_path / "ppo" / "planted.py").write_text("from perdure.policy import Policy\nfrom perdure.ppo.update import loss\n")
+    (tmp_path / "ppo" / "planted.py").write_text(
+        "from perdure.policy import Policy\nfrom perdure.ppo.update import loss\n"
+    )
     (found,) = imports_of(tmp_path)
     assert (found.source, found.target, found.name) == ("ppo", "policy", "Policy")
     assert forbidden([found]) == []

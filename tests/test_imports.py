@@ -80,5 +80,7 @@ def test_everything_public_has_a_docstring(path):
 
 
 def test_a_missing_docstring_would_be_found():
-    source = '"""Module."""\nclass Lane:\n    """A lane."""\n    def end(self): ...\ndef _private(): ...\ndef act(): ...\n'
+    source = (
+        '"""Module."""\nclass Lane:\n    """A lane."""\n    def end(self): ...\ndef _private(): ...\ndef act(): ...\n'
+    )
     assert undocumented(source) == ["end", "act"]

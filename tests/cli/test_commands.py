@@ -26,7 +26,9 @@ def succeeded(process):
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)], ids=["nothing", "--help", "-h"])
 def test_help_lists_every_command(perdure, tmp_path, arguments):
     text = succeeded(perdure(*arguments, cwd=tmp_path))
-    assert [name for name in ("train", "extrapolate", "report", "list", "inspect") if f"perdure {name} " not in text] == []
+    assert [
+        name for name in ("train", "extrapolate", "report", "list", "inspect") if f"perdure {name} " not in text
+    ] == []
 
 
 @pytest.mark.parametrize("command", ["train", "train Hopper-v3", "extrapolate", "report", "list", "inspect"])
@@ -94,6 +96,15 @@ def test_a_finished_run_is_not_trained_again(perdure, trained):
     again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
     assert succeeded(again) == printed
     assert (folder / printed.strip()).stat().st_mtime_ns == before
+
+
+def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, trained):
+    folder, _ = trained
+    other = ("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--ppo.clip-range", 0.1, "--out", "runs")
+    process = perdure(*other, cwd=folder)
+    assert process.returncode == 2
+    assert process.stderr.count("\n") == 1
+    assert "clip_range" in process.stderr
 
 
 @pytest.fixture(scope="module")

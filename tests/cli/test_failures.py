@@ -136,13 +136,6 @@ def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
     assert not (tmp_path / "out" / "lanes.parquet").exists()
 
 
-def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, tmp_path):
-    begun = perdure(*PENDULUM, "--name", "mine", *TINY, cwd=tmp_path)
-    assert begun.returncode == 0, begun.stderr
-    line = failed(perdure(*PENDULUM, "--name", "mine", *TINY, "--ppo.n-epochs", 3, cwd=tmp_path))
-    assert "n_epochs" in line
-
-
 def test_the_sentence_of_a_framed_message_is_what_stands_before_its_first_rule():
     box = """\
 ╭─ Value error ──────────────────────────────╮

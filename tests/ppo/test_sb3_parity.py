@@ -20,7 +20,7 @@ from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo import PPOConfig
 from perdure.ppo.learner import prepare
 from perdure.ppo.normalizer import start_moments
-from perdure.ppo.rollout import Experience, Statistics, make_rollout, observe, start_lanes
+from perdure.ppo.rollout import Experience, Statistics, draw, finish, make_collect, observe, start_lanes
 from perdure.ppo.update import epoch, start_adam
 
 RECORDING = Path(__file__).parent / "data" / "sb3_iteration.safetensors"
@@ -94,10 +94,11 @@ def collected(recording, settings):
         spec = TaskSpec("Hopper-v3", "recorded", "none", 11, -np.ones(3), np.ones(3), 1000)
         lanes = start_lanes(settings, jnp.asarray(recording["raw/observations"][0]), jnp.zeros(N_ENVS))
         statistics = Statistics(observe(settings, start_moments(11), lanes), start_moments(1))
-        rollout = jax.jit(make_rollout(world, spec, settings))
-        start = (jnp.zeros(()), (lanes,), (statistics,), (params_of(recording, "before"),), (jax.random.key(0),))
-        _, (result,) = rollout(*start)
-        return result
+        collect = jax.jit(make_collect(world, spec, settings))
+        draws = draw(jax.random.key(0), 3, config=settings)
+        params = params_of(recording, "before")
+        _, (last,), (trace,) = collect(jnp.zeros(()), ((lanes, statistics),), (params,), (draws,))
+        return finish(last, trace, config=settings)
 
 
 def env_major(array):

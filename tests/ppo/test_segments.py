@@ -33,7 +33,7 @@ TINY = PPOConfig(
     hidden_sizes=(8,),
     learning_rate=3e-3,
     segment_steps=SEGMENT,
-    total_steps=3 * SEGMENT,
+    total_steps=2 * SEGMENT,
 )
 LEFT_BEHIND = ("policy.safetensors", "episodes.parquet", "iterations.parquet", "run.json")
 
@@ -61,51 +61,46 @@ def die_at(step):
 
 @pytest.fixture(scope="module")
 def solo(tmp_path_factory):
-    """Seeds 0 and 1, each trained alone on one thread without interruption."""
+    """Seed 1 trained alone on one thread without interruption."""
     store = tmp_path_factory.mktemp("solo")
-    for seed in (0, 1):
-        train(run(seed), store, threads=1)
+    train(run(1), store, threads=1)
     return store
 
 
 def test_a_run_leaves_curves_of_every_iteration_and_of_episodes_inside_the_horizon_law(solo):
-    folder = solo / run(0).key(0)
-    steps = pl.read_parquet(folder / "iterations.parquet")["step"]
-    assert steps.to_list() == [64, 128, 192, 256, 320, 384]
+    folder = solo / run(1).key(1)
+    assert pl.read_parquet(folder / "iterations.parquet")["step"].to_list() == [64, 128, 192, 256]
     lengths = pl.read_parquet(folder / "episodes.parquet")["length"]
     assert len(lengths) > 10
     assert lengths.max() <= 20
 
 
-def test_seeds_give_different_policies(solo):
-    assert files(solo, 0)["policy.safetensors"] != files(solo, 1)["policy.safetensors"]
-
-
 def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_same_bytes(solo, tmp_path):
     with pytest.raises(Killed):
-        train(run(0), tmp_path, threads=1, watch=die_at(SEGMENT + 64))
-    assert not (tmp_path / run(0).key(0)).exists(), "an unfinished run must not look finished"
+        train(run(1), tmp_path, threads=1, watch=die_at(SEGMENT + 64))
+    assert not (tmp_path / run(1).key(1)).exists(), "an unfinished run must not look finished"
     seen = []
-    train(run(0), tmp_path, threads=1, watch=lambda report: seen.append(report.step))
+    train(run(1), tmp_path, threads=1, watch=lambda report: seen.append(report.step))
     assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
-    assert files(tmp_path, 0) == files(solo, 0)
+    assert files(tmp_path, 1) == files(solo, 1)
 
 
-def test_seeds_side_by_side_on_two_threads_equal_each_seed_alone_on_one(solo, tmp_path):
+def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path):
     train(run(0, 1, 2), tmp_path, threads=2)
-    for seed in (0, 1):
-        assert files(tmp_path, seed) == files(solo, seed)
+    assert files(tmp_path, 1) == files(solo, 1)
+    policies = {files(tmp_path, seed)["policy.safetensors"] for seed in (0, 1, 2)}
+    assert len(policies) == 3, "seeds must differ, or their equality proves nothing"
 
 
 def test_a_finished_run_is_not_touched_again(solo):
-    before = (solo / run(0).key(0) / "policy.safetensors").stat()
-    train(run(0), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
-    after = (solo / run(0).key(0) / "policy.safetensors").stat()
+    before = (solo / run(1).key(1) / "policy.safetensors").stat()
+    train(run(1), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
+    after = (solo / run(1).key(1) / "policy.safetensors").stat()
     assert (after.st_mtime_ns, after.st_ino) == (before.st_mtime_ns, before.st_ino)
 
 
 def test_other_settings_under_the_same_name_are_refused(solo):
-    other = TrainRun(TASK, "geometric", replace(TINY, gae_lambda=0.5), (0,))
+    other = TrainRun(TASK, "geometric", replace(TINY, gae_lambda=0.5), (1,))
     with pytest.raises(StoreError, match="gae_lambda"):
         train(other, solo)
 
@@ -132,8 +127,8 @@ def spec():
 
 @pytest.fixture(scope="module")
 def runner():
-    """One compiled program for all tests of checkpoint files."""
-    return SegmentRunner(TASK, TINY, threads=1)
+    """What learns is compiled once for all tests of checkpoint files."""
+    return SegmentRunner(TASK, replace(TINY, total_steps=3 * SEGMENT), threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -151,12 +146,10 @@ class TestCheckpointFiles:
             save_checkpoint(state, tmp_path / "c")
             assert bits(load_checkpoint(tmp_path / "c")) == bits(state)
 
-    def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, spec, tmp_path):
-        state = start_state(5, spec, TINY)
-        for expected in chain[1:]:
-            (state,) = runner.run([state], lambda step, mean: None)
-            save_checkpoint(state, tmp_path / "c")
-            state = load_checkpoint(tmp_path / "c")
+    def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, tmp_path):
+        for before, expected in zip(chain[1:], chain[2:], strict=False):
+            save_checkpoint(before, tmp_path / "c")
+            (state,) = runner.run([load_checkpoint(tmp_path / "c")], lambda step, mean: None)
             assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):

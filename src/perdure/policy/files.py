@@ -51,32 +51,44 @@ def load_policy(path: str | Path) -> Policy:
     path = Path(path)
     if path.is_dir():
         raise PolicyFileError(f"{path} is a folder, not a policy file")
-    data = path.read_bytes()
-    metadata, tensors = _parse(path, data)
-    if FORMAT not in metadata:
-        raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy")
-    if metadata.get("sha256") != _digest(metadata[FORMAT], tensors):
+    description, checksum, data = _read(path)
+    tensors = _tensors(path, data)
+    if checksum != _digest(description, tensors):
         raise PolicyFileError(f"{path} was changed after it was written: its contents do not match its checksum")
     try:
-        return _build(json.loads(metadata[FORMAT]), tensors)
-    except (KeyError, TypeError, PolicyError, ValueError) as error:
+        return _build(json.loads(description), tensors)
+    except (KeyError, TypeError, ValueError) as error:
         raise PolicyFileError(f"{path} cannot be read as a policy: {error}") from error
 
 
-def _parse(path: Path, data: bytes) -> tuple[dict[str, str], Tensors]:
+def _read(path: Path) -> tuple[str, str | None, bytes]:
+    """Description, checksum and the whole file. Nothing but the header is read of a file that is no policy."""
+    foreign = f"{path} is not a perdure policy (a safetensors file is expected), or its end is missing"
+    with path.open("rb") as file:
+        start = file.read(8)
+        size = int.from_bytes(start, "little")
+        if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8):
+            raise PolicyFileError(foreign)
+        text = file.read(size)
+        try:
+            metadata = json.loads(text)["__metadata__"]
+            description, checksum = metadata[FORMAT], metadata.get("sha256")
+        except (ValueError, RecursionError, AttributeError):
+            raise PolicyFileError(foreign) from None
+        except (KeyError, TypeError):
+            raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy") from None
+        if not isinstance(description, str):
+            raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy")
+        return description, checksum, start + text + file.read()
+
+
+def _tensors(path: Path, data: bytes) -> Tensors:
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
     try:
-        (size,) = struct.unpack("<Q", data[:8])
-        if size > min(MAX_HEADER, len(data) - 8):
-            raise PolicyFileError(f"{path} is not a perdure policy, or its end is missing")
-        header = json.loads(data[8 : 8 + size])
-        metadata = header.get("__metadata__", {})
-        return metadata, load(data)
-    except (struct.error, UnicodeDecodeError, json.JSONDecodeError, AttributeError):
-        raise PolicyFileError(f"{path} is not a perdure policy (a safetensors file is expected)") from None
-    except SafetensorError as error:
+        return load(data)
+    except (SafetensorError, KeyError, ValueError) as error:  # the last two: types and shapes that NumPy does not have
         raise PolicyFileError(f"{path} is damaged, perhaps its end is missing: {error}") from None
 
 
@@ -100,6 +112,8 @@ def _describe(policy: Policy) -> str:
 
 
 def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
+    if not isinstance(description["provenance"], dict):
+        raise PolicyError("its provenance is not a table")
     if description["version"] != VERSION:
         raise PolicyError(f"its format is version {description['version']}; this perdure reads version {VERSION}")
     task = description["task"]

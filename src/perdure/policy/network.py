@@ -12,8 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.policy.errors import PolicyError
+
 TILE = 24
 """Rows of one product. Small tiles waste less when few lanes are alive, large ones run at a better rate."""
+
+ACTIVATIONS = ("relu", "tanh")
 
 Float32Array = NDArray[np.float32]
 
@@ -28,15 +32,42 @@ class Perceptron:
             weights: All of a policy's weights.
             name: "policy" or "value".
             activation: "relu" or "tanh", between layers.
+
+        Raises:
+            PolicyError: If layers are missing or do not fit, or there is no such activation.
         """
         count = sum(key.startswith(f"{name}.") for key in weights) // 2
-        self._layers = [(weights[f"{name}.{i}.weight"], weights[f"{name}.{i}.bias"]) for i in range(count)]
+        try:
+            self._layers = [(weights[f"{name}.{i}.weight"], weights[f"{name}.{i}.bias"]) for i in range(count)]
+        except KeyError as missing:
+            raise PolicyError(f"the {name} network has no weights {missing}") from None
+        if activation not in ACTIVATIONS:
+            raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._rectify = activation == "relu"
+        self._check(name)
+
+    def _check(self, name: str) -> None:
+        if not self._layers:
+            raise PolicyError(f"there are no weights of a {name} network")
+        given: int | None = None
+        for layer, (weight, bias) in enumerate(self._layers):
+            fits = weight.ndim == 2 and bias.shape == weight.shape[1:] and given in (None, weight.shape[0])
+            if not fits:
+                raise PolicyError(
+                    f"layer {layer} of the {name} network has weights of shape {weight.shape} and biases of shape "
+                    f"{bias.shape}, which fit neither each other nor the layer before"
+                )
+            given = weight.shape[1]
 
     @property
     def input_size(self) -> int:
         """Length of one input."""
         return int(self._layers[0][0].shape[0])
+
+    @property
+    def output_size(self) -> int:
+        """Length of one output."""
+        return int(self._layers[-1][1].shape[0])
 
     def __call__(self, inputs: Float32Array) -> Float32Array:
         """Outputs, shape (n, outputs), of inputs of shape (n, input_size)."""

@@ -85,6 +85,13 @@ class Policy:
                 f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
                 f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
             )
+        sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
+        if len(set(sizes)) > 1 or (self._critic.input_size, self._critic.output_size) != (expected, 1):
+            raise PolicyError(
+                f"{self.task.name}: the networks have {sizes[0]} actions and {self._critic.output_size} value(s) of "
+                f"{self._critic.input_size} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
+                f"actions, and the value is one number of {expected} inputs"
+            )
         normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
         if self.normalizer.mean.shape != (normalized,) or self.normalizer.var.shape != (normalized,):
             raise PolicyError(f"{self.task.name}: the normaliser must have {normalized} means and variances")
@@ -140,7 +147,7 @@ class Policy:
         return self._critic(self.inputs(observations, self.embed(elapsed, horizons)))[:, 0].astype(np.float64)
 
     def embed(self, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
-        """phi of these times, float64, shape (n, embedding_size)."""
+        """Phi of these times, float64, shape (n, embedding_size)."""
         phi: FloatArray = self.protocol.embed(np.asarray(elapsed, np.float64), np.asarray(horizons, np.float64))
         return phi
 

@@ -102,7 +102,14 @@ class SeedRollout(NamedTuple):
     episodes: Episodes
 
 
-class _Trace(NamedTuple):
+class Draws(NamedTuple):
+    """All randomness of a rollout, drawn before it: leading axes (n_steps, n_envs)."""
+
+    noise: jax.Array
+    horizon: jax.Array
+
+
+class Trace(NamedTuple):
     """What the loop writes down at each step."""
 
     inputs: jax.Array
@@ -138,27 +145,27 @@ def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> Running
     return merge(moments, observations)
 
 
-def make_rollout(
-    world: TracedWorld, spec: TaskSpec, config: PPOConfig
-) -> Callable[..., tuple[Handle, tuple[SeedRollout, ...]]]:
-    """A function that carries some seeds through ``config.n_steps`` steps; to be compiled under x64.
+Seed = tuple[Lanes, Statistics]
+"""Where one seed stands while it collects."""
 
-    It takes (handle, lanes, statistics, params, keys), each but the handle a tuple with one entry for a seed.
+
+def make_collect(
+    world: TracedWorld, spec: TaskSpec, config: PPOConfig
+) -> Callable[..., tuple[Handle, tuple[Seed, ...], tuple[Trace, ...]]]:
+    """The loop over ``config.n_steps`` steps of some seeds' environments; to be compiled under x64.
+
+    It takes (handle, seeds, params, draws), each but the handle a tuple with one entry for a seed, and gives the handle,
+    where the seeds stand, and what it wrote down. ``finish`` makes experience of that.
     """
     low, high = jnp.asarray(spec.action_low), jnp.asarray(spec.action_high)
     n_envs = config.n_envs
 
-    def rollout(
-        handle: Handle,
-        lanes: tuple[Lanes, ...],
-        statistics: tuple[Statistics, ...],
-        params: tuple[Params, ...],
-        keys: tuple[jax.Array, ...],
-    ) -> tuple[Handle, tuple[SeedRollout, ...]]:
-        seeds = range(len(keys))
-        draws = tuple(_draw(key, config, len(spec.action_low)) for key in keys)
+    def collect(
+        handle: Handle, start: tuple[Seed, ...], params: tuple[Params, ...], draws: tuple[Draws, ...]
+    ) -> tuple[Handle, tuple[Seed, ...], tuple[Trace, ...]]:
+        seeds = range(len(start))
 
-        def step(carry: tuple[Handle, Any], draw: tuple[_Draws, ...]) -> tuple[tuple[Handle, Any], Any]:
+        def step(carry: tuple[Handle, Any], draw: tuple[Draws, ...]) -> tuple[tuple[Handle, Any], Any]:
             handle, before = carry
             acted = [_act(config, params[i], before[i], draw[i]) for i in seeds]
             sent = jnp.concatenate([actions for _, actions in acted]).astype(jnp.float64)
@@ -183,25 +190,35 @@ def make_rollout(
                 traces.append(_trace(acted[i], rows[i], counters[i], seen))
             return (handle, tuple(after)), tuple(traces)
 
-        start = tuple(zip(lanes, statistics, strict=True))
         (handle, last), traces = jax.lax.scan(step, (handle, start), draws)
-        return handle, tuple(_finish(config, *last[i], traces[i]) for i in seeds)
+        return handle, last, traces
 
-    return rollout
-
-
-class _Draws(NamedTuple):
-    """All randomness of a rollout, drawn before it: leading axes (n_steps, n_envs)."""
-
-    noise: jax.Array
-    horizon: jax.Array
+    return collect
 
 
-def _draw(key: jax.Array, config: PPOConfig, action_size: int) -> _Draws:
+def draw(key: jax.Array, action_size: int, *, config: PPOConfig) -> Draws:
+    """All randomness that one seed needs in a rollout; to be compiled under x64."""
     noise_key, horizon_key = jax.random.split(key)
     shape = (config.n_steps, config.n_envs)
     noise = jax.random.normal(noise_key, (*shape, action_size), jnp.float32)
-    return _Draws(noise, jax.random.uniform(horizon_key, shape, jnp.float64))
+    return Draws(noise, jax.random.uniform(horizon_key, shape, jnp.float64))
+
+
+def finish(seed: Seed, trace: Trace, *, config: PPOConfig) -> SeedRollout:
+    """What follows from one seed's trace, for all steps at once; to be compiled under x64."""
+    lanes, statistics = seed
+    elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
+    rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))
+    ends = Ends(terminated > 0, truncated > 0, elapsed >= horizons)
+    moments = RunningMoments(trace.moments[:, :1], trace.moments[:, 1:], statistics.observations.count)
+    experience = Experience(
+        inputs=jnp.concatenate([trace.inputs, _inputs(config, lanes, statistics)[None]]),
+        last_inputs=network_inputs(config, moments, trace.observations, elapsed, horizons),
+        actions=trace.actions,
+        rewards=scale_rewards(trace.return_var, rewards),
+        ends=ends,
+    )
+    return SeedRollout(lanes, statistics, experience, Episodes(returns, elapsed, ends.done))
 
 
 def _inputs(config: PPOConfig, lanes: Lanes, statistics: Statistics) -> jax.Array:
@@ -209,7 +226,7 @@ def _inputs(config: PPOConfig, lanes: Lanes, statistics: Statistics) -> jax.Arra
 
 
 def _act(
-    config: PPOConfig, params: Params, before: tuple[Lanes, Statistics], draw: _Draws
+    config: PPOConfig, params: Params, before: tuple[Lanes, Statistics], draw: Draws
 ) -> tuple[jax.Array, jax.Array]:
     inputs = _inputs(config, *before)
     mean = forward(params, "policy", inputs, config.activation)
@@ -234,8 +251,8 @@ def _ends(step: TracedStep, counters: jax.Array) -> Ends:
     return Ends(step.terminated, step.truncated, counters[0] >= counters[1])
 
 
-def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.Array, statistics: Statistics) -> _Trace:
-    return _Trace(
+def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.Array, statistics: Statistics) -> Trace:
+    return Trace(
         inputs=acted[0],
         actions=acted[1],
         observations=step.observations,
@@ -244,19 +261,3 @@ def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.A
         moments=jnp.stack([statistics.observations.mean, statistics.observations.var]),
         return_var=statistics.returns.var,
     )
-
-
-def _finish(config: PPOConfig, lanes: Lanes, statistics: Statistics, trace: _Trace) -> SeedRollout:
-    """What follows from the trace for all steps at once. Arrays of the trace have leading axis n_steps."""
-    elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
-    rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))
-    ends = Ends(terminated > 0, truncated > 0, elapsed >= horizons)
-    moments = RunningMoments(trace.moments[:, :1], trace.moments[:, 1:], statistics.observations.count)
-    experience = Experience(
-        inputs=jnp.concatenate([trace.inputs, _inputs(config, lanes, statistics)[None]]),
-        last_inputs=network_inputs(config, moments, trace.observations, elapsed, horizons),
-        actions=trace.actions,
-        rewards=scale_rewards(trace.return_var, rewards),
-        ends=ends,
-    )
-    return SeedRollout(lanes, statistics, experience, Episodes(returns, elapsed, ends.done))

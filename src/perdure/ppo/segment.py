@@ -21,7 +21,17 @@ from numpy.typing import NDArray
 from perdure.envs import make_world
 from perdure.envs.traced import Handle, WorldSlot, trace
 from perdure.ppo.learner import Prepared, prepare
-from perdure.ppo.rollout import Episodes, Lanes, SeedRollout, make_rollout, observe, start_lanes
+from perdure.ppo.rollout import (
+    Draws,
+    Episodes,
+    Lanes,
+    SeedRollout,
+    draw,
+    finish,
+    make_collect,
+    observe,
+    start_lanes,
+)
 from perdure.ppo.state import SeedState, lane_seeds, stream
 from perdure.ppo.update import epoch
 
@@ -42,12 +52,14 @@ Progress = Callable[[int, float], None]
 
 
 class SegmentRunner:
-    """Compiled programs for one task and configuration. Those that learn are kept from segment to segment."""
+    """Compiled programs for one task and configuration, kept from segment to segment where that is possible."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
         self.task, self.config, self.threads = task, config, threads
         self._slot = WorldSlot()
-        self._rollout: Callable[..., tuple[Handle, tuple[SeedRollout, ...]]] | None = None
+        self._collect: Callable[..., Any] | None = None
+        self._draw = jax.jit(partial(_draw, config=config), static_argnums=2, compiler_options=COMPILER_OPTIONS)
+        self._finish = jax.jit(partial(finish, config=config), compiler_options=COMPILER_OPTIONS)
         self._prepare = jax.jit(partial(_prepare, config=config), compiler_options=COMPILER_OPTIONS)
         self._epoch = jax.jit(partial(epoch, config=config), compiler_options=COMPILER_OPTIONS, donate_argnums=(0, 1))
 
@@ -58,13 +70,11 @@ class SegmentRunner:
         last = min(first + config.segment_iterations, config.iterations)
         seeds = [s for state in states for s in lane_seeds(state.seed, segment, config.n_envs)]
         world = make_world(self.task, seeds, threads=min(self.threads, len(seeds)))
-        # EnvPool writes its pool's address into the program: one compiled for an earlier pool would go on stepping that.
-        self._rollout = None
         try:
             with ThreadPoolExecutor(self.threads) as workers:
                 handle, states, lanes = self._start(world, states)
                 for iteration in range(first, last):
-                    handle, rollouts = self._collect(handle, states, lanes, iteration)
+                    handle, rollouts = self._roll_out(handle, states, lanes, iteration)
                     lanes = tuple(rollout.lanes for rollout in rollouts)
                     states = self._learn(states, rollouts, iteration, workers)
                     progress((iteration + 1) * config.rollout_size, _recent_return(states))
@@ -79,6 +89,10 @@ class SegmentRunner:
         started, lanes = [], []
         with jax.enable_x64(True):
             self._slot.fill(world)
+            # EnvPool writes its pool's address into the program: one made for an earlier pool would step that one. So
+            # this loop is compiled again for every segment, and everything else is kept out of it.
+            collect = make_collect(trace(self._slot), world.spec, self.config)
+            self._collect = jax.jit(collect, compiler_options=COMPILER_OPTIONS)
             for i, state in enumerate(states):
                 uniform = jax.random.uniform(stream(state.seed, RESET_STREAM, state.segment), (n,), jnp.float64)
                 lane = start_lanes(self.config, jnp.asarray(observations[i * n : (i + 1) * n]), uniform)
@@ -87,22 +101,17 @@ class SegmentRunner:
                 lanes.append(lane)
         return self._slot.handle, started, tuple(lanes)
 
-    def _collect(
+    def _roll_out(
         self, handle: Handle, states: Sequence[SeedState], lanes: tuple[Lanes, ...], iteration: int
     ) -> tuple[Handle, tuple[SeedRollout, ...]]:
+        assert self._collect is not None
+        action_size = self._slot.world.spec.action_size
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
-            if self._rollout is None:
-                collect = make_rollout(trace(self._slot), self._slot.world.spec, self.config)
-                self._rollout = jax.jit(partial(_seeded, collect), compiler_options=COMPILER_OPTIONS)
-            result = self._rollout(
-                handle,
-                lanes,
-                tuple(state.statistics for state in states),
-                tuple(state.params for state in states),
-                tuple(state.seed for state in states),
-                iteration,
-            )
-            return _ready(result)
+            draws = tuple(self._draw(state.seed, iteration, action_size) for state in states)
+            start = tuple((lane, state.statistics) for lane, state in zip(lanes, states, strict=True))
+            handle, last, traces = self._collect(handle, start, tuple(state.params for state in states), draws)
+            rollouts = tuple(self._finish(*each) for each in zip(last, traces, strict=True))
+            return handle, _ready(rollouts)
 
     def _learn(
         self, states: Sequence[SeedState], rollouts: Sequence[SeedRollout], iteration: int, workers: ThreadPoolExecutor
@@ -141,11 +150,9 @@ def _ready(result: T) -> T:
     return result
 
 
-def _seeded(
-    collect: Callable[..., Any], handle: Handle, lanes: Any, statistics: Any, params: Any, seeds: Any, iteration: Any
-) -> Any:
-    """Draws the keys inside the program: one call instead of ten small ones."""
-    return collect(handle, lanes, statistics, params, tuple(stream(s, ROLLOUT_STREAM, iteration) for s in seeds))
+def _draw(seed: Any, iteration: Any, action_size: int, *, config: PPOConfig) -> Draws:
+    """Makes the key inside the program: one call instead of ten small ones."""
+    return draw(stream(seed, ROLLOUT_STREAM, iteration), action_size, config=config)
 
 
 def _prepare(params: Any, experience: Any, seed: Any, iteration: Any, *, config: PPOConfig) -> Prepared:

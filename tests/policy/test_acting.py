@@ -1,0 +1,126 @@
+"""Acting: each row by itself, bit for bit; in NumPy what the learner computes in JAX."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_policy import random_policy
+
+from perdure.horizon import Constant, Countdown, LaneClocks, Periodic
+from perdure.policy import PolicyError, TaskInfo
+from perdure.policy.network import TILE
+
+ROWS = 3 * TILE + 5
+RNG = np.random.default_rng(1)
+OBSERVATIONS = RNG.normal(size=(ROWS, 11)) * 3
+CLOCKS = [(Constant(500.0), Periodic(200.0), Countdown(100_000.0), Constant(0.0))[i % 4] for i in range(ROWS)]
+ELAPSED = RNG.integers(0, 100_000, ROWS).astype(float)
+POLICIES = {kind: random_policy(activation=kind, hidden=(64, 64)) for kind in ("relu", "tanh")}
+
+
+def act(policy, rows):
+    times = LaneClocks([CLOCKS[row] for row in rows]).time(ELAPSED[rows])
+    return policy.act_at(OBSERVATIONS[rows], *times)
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@given(rows=st.lists(st.integers(0, ROWS - 1), min_size=1, max_size=ROWS))
+@settings(max_examples=100, deadline=None)
+def test_a_rows_action_does_not_depend_on_the_other_rows_their_number_or_their_order(activation, rows):
+    policy = POLICIES[activation]
+    np.testing.assert_array_equal(act(policy, rows), act(policy, list(range(ROWS)))[rows])
+
+
+def test_rows_under_different_clocks_get_different_actions():
+    same = np.repeat(OBSERVATIONS[:1], 4, axis=0)
+    actions = POLICIES["tanh"].act_at(same, *LaneClocks(CLOCKS[:4]).time(np.full(4, 250.0)))
+    assert len(np.unique(actions, axis=0)) == 4
+
+
+def test_one_large_product_would_not_be_row_invariant_so_the_tiles_are_needed():
+    """Negative control, on one random layer: the last bit depends on the number of rows in some library build."""
+    inputs, weight = RNG.normal(size=(200, 128)).astype(np.float32), RNG.normal(size=(128, 128)).astype(np.float32)
+    whole = inputs @ weight
+    if all(np.array_equal(inputs[:n] @ weight, whole[:n]) for n in range(1, 200)):
+        pytest.skip("this machine's matrix product happens to be row-invariant")
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("kind", [{"embedding": "geometric"}, {"embedding": None}, {"normalize_embedding": True}])
+def test_numpy_acting_and_values_agree_with_the_learners_forward_pass(activation, kind):
+    import jax.numpy as jnp
+
+    from perdure.ppo.networks import forward
+
+    policy = random_policy(activation=activation, hidden=(32, 32), **kind)
+    inputs = policy.inputs(OBSERVATIONS, policy.embed(ELAPSED, np.full(ROWS, 1000.0)))
+    params = {name: jnp.asarray(weight) for name, weight in policy.weights.items()}
+    mean = np.asarray(forward(params, "policy", jnp.asarray(inputs), activation))
+    values = np.asarray(forward(params, "value", jnp.asarray(inputs), activation))[:, 0]
+    times = ELAPSED, np.full(ROWS, 1000.0)
+    assert (np.abs(mean) > 1).any(), "no action reaches the box: the test would not see a missing cut"
+    np.testing.assert_allclose(policy.act_at(OBSERVATIONS, *times), np.clip(mean, -1, 1), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(policy.value(OBSERVATIONS, *times), values, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("normalize_embedding", [False, True])
+def test_inputs_agree_with_what_the_learner_feeds_its_networks(normalize_embedding):
+    import jax
+    import jax.numpy as jnp
+
+    from perdure.ppo import PPOConfig
+    from perdure.ppo.normalizer import RunningMoments
+    from perdure.ppo.rollout import network_inputs
+
+    policy = random_policy(normalize_embedding=normalize_embedding)
+    horizons = np.full(ROWS, 700.0)
+    with jax.enable_x64(True):
+        moments = RunningMoments(jnp.asarray(policy.normalizer.mean), jnp.asarray(policy.normalizer.var), jnp.ones(()))
+        arrays = (jnp.asarray(x) for x in (OBSERVATIONS, ELAPSED, horizons))
+        learners = network_inputs(PPOConfig(protocol=policy.protocol), moments, *arrays)
+    ours = policy.inputs(OBSERVATIONS, policy.embed(ELAPSED, horizons))
+    np.testing.assert_allclose(ours, np.asarray(learners), rtol=0, atol=1e-6)
+
+
+def test_actions_stay_inside_a_lopsided_box():
+    task = TaskInfo("custom", 11, (-0.1, -3.0, 0.0), (0.2, -2.5, 0.01))
+    actions = random_policy(task=task).act(OBSERVATIONS, ELAPSED)
+    assert np.all(actions >= task.action_low)
+    assert np.all(actions <= task.action_high)
+
+
+class TestClocks:
+    def test_the_policys_own_clock_is_used_unless_another_is_given(self):
+        policy = random_policy(clock=Constant(300.0))
+        own = policy.act(OBSERVATIONS, ELAPSED)
+        np.testing.assert_array_equal(own, policy.act(OBSERVATIONS, ELAPSED, Constant(300.0)))
+        assert not np.array_equal(own, policy.act(OBSERVATIONS, ELAPSED, Constant(0.0)))
+
+    def test_a_constant_clock_makes_elapsed_steps_meaningless(self):
+        policy = random_policy()
+        np.testing.assert_array_equal(policy.act(OBSERVATIONS, ELAPSED), policy.act(OBSERVATIONS, 0 * ELAPSED))
+
+    def test_a_policy_without_phi_takes_no_clock(self):
+        with pytest.raises(PolicyError, match="no clock"):
+            random_policy(embedding=None).act(OBSERVATIONS, ELAPSED, Constant(1.0))
+
+
+@pytest.mark.parametrize("shape", [(11,), (4, 10), (4, 11, 1)])
+def test_observations_of_another_shape_are_refused(shape):
+    with pytest.raises(PolicyError, match=r"\(n, 11\)"):
+        random_policy().act(np.zeros(shape), np.zeros(4))
+
+
+@pytest.mark.parametrize("embedding", ["geometric", None])
+def test_elapsed_steps_of_another_length_are_refused(embedding):
+    with pytest.raises(PolicyError, match="elapsed"):
+        random_policy(embedding=embedding).act(np.zeros((4, 11)), np.zeros(3))
+
+
+def test_a_policy_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        random_policy().activation = "relu"

@@ -1,0 +1,226 @@
+"""A policy file gives back the policy that was written, or says in a sentence why it cannot."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_policy import random_policy
+from safetensors.numpy import save
+
+from perdure.horizon import Geometric, Periodic
+from perdure.policy import PolicyError, PolicyFileError, load_policy, save_policy
+
+KINDS = [
+    {"embedding": "geometric"},
+    {"embedding": "linear", "activation": "relu", "hidden": (4,)},
+    {"embedding": None},
+    {"normalize_embedding": True},
+]
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """The bytes of one policy, and a place to put others."""
+    path = tmp_path_factory.mktemp("policies") / "policy.safetensors"
+    save_policy(random_policy(hidden=(4,)), path)
+    return path.read_bytes(), path.with_name("other.safetensors")
+
+
+def refused(path, data):
+    path.write_bytes(data)
+    with pytest.raises(PolicyFileError, match=path.name):
+        load_policy(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_loaded_is_what_was_saved_bit_for_bit(kind, tmp_path):
+    policy = random_policy(**kind)
+    loaded = load_policy(save_policy(policy, tmp_path / "p"))
+    assert set(loaded.weights) == set(policy.weights)
+    for name, weight in policy.weights.items():
+        assert (loaded.weights[name].dtype, loaded.weights[name].tobytes()) == (weight.dtype, weight.tobytes())
+    for name in ("mean", "var"):
+        assert getattr(loaded.normalizer, name).tobytes() == getattr(policy.normalizer, name).tobytes()
+    for name in ("task", "activation", "protocol", "clock", "provenance"):
+        assert getattr(loaded, name) == getattr(policy, name)
+    assert (loaded.normalizer.clip, loaded.normalizer.epsilon) == (policy.normalizer.clip, policy.normalizer.epsilon)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_loaded_policy_acts_bit_for_bit_as_the_one_that_was_saved(kind, tmp_path):
+    policy = random_policy(**kind)
+    rows = np.random.default_rng(0).normal(size=(7, 11))
+    loaded = load_policy(save_policy(policy, tmp_path / "p"))
+    np.testing.assert_array_equal(loaded.act(rows, np.arange(7.0)), policy.act(rows, np.arange(7.0)))
+
+
+def test_the_same_policy_gives_the_same_bytes_however_often_and_in_whatever_order_it_is_built(tmp_path):
+    first = save_policy(random_policy(), tmp_path / "a").read_bytes()
+    turned = random_policy()
+    turned = random_policy(weights=dict(reversed(turned.weights.items())))
+    assert save_policy(turned, tmp_path / "b").read_bytes() == first
+    assert save_policy(load_policy(tmp_path / "a"), tmp_path / "c").read_bytes() == first
+    assert save_policy(random_policy(seed=1), tmp_path / "d").read_bytes() != first
+
+
+def test_a_file_that_is_not_there_is_not_found(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_policy(tmp_path / "none")
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(PolicyFileError, match="folder"):
+        load_policy(tmp_path)
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_file_cut_off_anywhere_is_refused(saved, data):
+    whole, path = saved
+    refused(path, whole[: data.draw(st.integers(0, len(whole) - 1))])
+
+
+@given(data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_a_file_with_any_byte_edited_is_refused(saved, data):
+    whole, path = saved
+    position, change = data.draw(st.integers(0, len(whole) - 1)), data.draw(st.integers(1, 255))
+    edited = bytearray(whole)
+    edited[position] ^= change
+    path.write_bytes(edited)
+    try:
+        loaded = load_policy(path)
+    except PolicyFileError as error:
+        assert path.name in str(error)
+    else:
+        # Only what carries no meaning may change: the header's blanks and the order of its keys.
+        assert save_policy(loaded, path).read_bytes() == whole
+
+
+def test_appended_bytes_are_refused(saved):
+    whole, path = saved
+    refused(path, whole + b"\0")
+
+
+class _Bomb:
+    def __reduce__(self):
+        return (pytest.fail, ("loading a policy ran code",))
+
+
+def _header(text, tail=b""):
+    return struct.pack("<Q", len(text)) + text + tail
+
+
+FOREIGN = {
+    "empty": b"",
+    "seven bytes": b"perdure",
+    "text": b"This is not a policy.\n" * 100,
+    "pickle": pickle.dumps(_Bomb()),
+    "zip": b"PK\x03\x04" + bytes(200),
+    "another safetensors file": save({"x": np.zeros(3, np.float32)}),
+    "a header of null": _header(b"null"),
+    "a header of a list": _header(b"[1, 2]"),
+    "a header of a long number": _header(b"1" * 10_000),
+    "a header nested too deep": _header(b"[" * 200_000),
+    "metadata of null": _header(b'{"__metadata__": null}'),
+    "metadata of a list": _header(b'{"__metadata__": ["perdure.policy"]}'),
+    "numbers as metadata": _header(b'{"__metadata__": {"perdure.policy": 1, "sha256": 2}}'),
+    "a header in another encoding": _header("{}".encode("utf-16")),
+    "numbers NumPy does not have": _header(b'{"x": {"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}}', b"\0\0"),
+    "a header larger than the file": struct.pack("<Q", 2**63) + b"{}",
+    "a header larger than any policy's": struct.pack("<Q", 2**40) + bytes(1000),
+}
+
+
+@pytest.mark.parametrize("data", FOREIGN.values(), ids=FOREIGN)
+def test_a_foreign_file_is_refused(saved, data):
+    refused(saved[1], data)
+
+
+def test_a_foreign_file_larger_than_the_memory_is_refused_without_being_read(tmp_path):
+    path = tmp_path / "huge.safetensors"
+    header = b'{"x": {"dtype": "U8", "shape": [1099511627776], "data_offsets": [0, 1099511627776]}}'
+    with path.open("wb") as file:
+        file.write(_header(header))
+        file.truncate(8 + len(header) + 2**40)  # a hole: it takes no space
+    with pytest.raises(PolicyFileError, match=r"huge\.safetensors"):
+        load_policy(path)
+
+
+def forged(whole, change):
+    """The file with its description changed and its checksum made to fit, as a careful forger would."""
+    import hashlib
+
+    (size,) = struct.unpack("<Q", whole[:8])
+    header = json.loads(whole[8 : 8 + size])
+    description = json.loads(header["__metadata__"]["perdure.policy"])
+    change(description)
+    text = json.dumps(description)
+    digest = hashlib.sha256(text.encode())
+    dtypes = {"F32": "<f4", "F64": "<f8"}
+    for name in sorted(set(header) - {"__metadata__"}):
+        entry = header[name]
+        begin, end = (8 + size + offset for offset in entry["data_offsets"])
+        digest.update(f"{name} {dtypes[entry['dtype']]} {tuple(entry['shape'])}".encode() + whole[begin:end])
+    header["__metadata__"] = {"perdure.policy": text, "sha256": digest.hexdigest()}
+    return _header(json.dumps(header).encode(), whole[8 + size :])
+
+
+def test_the_forger_of_these_tests_can_make_a_file_that_loads(saved):
+    whole, path = saved
+    path.write_bytes(forged(whole, lambda description: description["provenance"].update(seed=7)))
+    assert load_policy(path).provenance["seed"] == 7
+
+
+FORGERIES = {
+    "version": lambda d: d.update(version=2),
+    "activation": lambda d: d.update(activation="gelu"),
+    "missing": lambda d: d.pop("task"),
+    "size": lambda d: d["task"].update(observation_size=12),
+    "box": lambda d: d["task"].update(action_low=[-1.0] * 2),
+    "embedding": lambda d: d["protocol"].update(embedding={"name": "os.system"}),
+    "clock": lambda d: d.update(clock={"name": "constant", "steps": -1}),
+    "no clock": lambda d: d.update(clock=None),
+    "normalizer": lambda d: d["normalizer"].update(centre=1),
+    "provenance": lambda d: d.update(provenance=[1]),
+    "not a table": lambda d: d.update(task=3),
+}
+
+
+@pytest.mark.parametrize("change", FORGERIES.values(), ids=FORGERIES)
+def test_a_file_whose_description_makes_no_sense_is_refused_though_its_checksum_fits(saved, change):
+    whole, path = saved
+    refused(path, forged(whole, change))
+
+
+class TestPartsThatDoNotFit:
+    @pytest.mark.parametrize(
+        "parts",
+        [
+            {"weights": {}},
+            {"activation": "gelu"},
+            {"clock": None},
+            {"embedding": None, "clock": Periodic(100.0)},
+            {"normalizer": random_policy(normalize_embedding=True).normalizer},
+            {"protocol": random_policy(embedding="linear").protocol},
+            {"weights": {k: v for k, v in random_policy().weights.items() if not k.startswith("policy.2")}},
+            {"weights": {k: v for k, v in random_policy().weights.items() if not k.startswith("value.")}},
+            {"weights": random_policy().weights | {"policy.1.weight": np.zeros((9, 8), np.float32)}},
+            {"weights": random_policy().weights | {"policy.2.bias": np.zeros(4, np.float32)}},
+        ],
+        ids=lambda parts: "-".join(parts),
+    )
+    def test_are_refused_when_the_policy_is_built(self, parts):
+        with pytest.raises(PolicyError):
+            random_policy(**parts)
+
+    def test_are_named(self):
+        wide = random_policy().protocol.__class__(Geometric(10), random_policy().protocol.horizon, "terminated", 1.0, 1.0)
+        with pytest.raises(PolicyError, match=r"Hopper-v3.*16.*11.*10.*21"):
+            random_policy(protocol=wide)
