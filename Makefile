@@ -57,7 +57,7 @@ demo: setup ## Carry the shipped policies far beyond their training horizon, and
 	for task in $$tasks; do echo "  $(CURDIR)/$(DEMO_OUT)/$$task/report.html"; done
 
 test: check ## Check format, lint and types, then run every test but the long ones
-	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) $(PYTEST)
+	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)
 
 check: setup ## Check format, lint and types
 	@$(BIN)/ruff format --check .

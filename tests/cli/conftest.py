@@ -58,17 +58,20 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def perdure():
-    """Runs ``perdure ARGUMENTS`` in a folder and returns the finished process; never waits for input."""
+    """Runs ``perdure ARGUMENTS`` in a folder and returns the finished process; never waits for input.
 
-    def run(*arguments, cwd, before=None, timeout=300):
+    With a ``longest_file_kb``, writing more than that into one file fails, as if the disk were full.
+    """
+
+    def run(*arguments, cwd, longest_file_kb="unlimited", timeout=300):
+        limited = ["bash", "-c", f'ulimit -f {longest_file_kb}; exec "$@"', "limited"]
         return subprocess.run(
-            [sys.executable, "-m", "perdure", *map(str, arguments)],
+            [*limited, sys.executable, "-m", "perdure", *map(str, arguments)],
             cwd=cwd,
             env={**os.environ, **ONE_THREAD, "COLUMNS": "80"},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            preexec_fn=before,
             timeout=timeout,
         )
 

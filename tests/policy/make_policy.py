@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Linear, Uniform
@@ -22,7 +24,7 @@ def random_policy(
     weights = {"log_std": rng.normal(size=task.action_size).astype(np.float32)}
     for name, outputs in (("policy", task.action_size), ("value", 1)):
         sizes = (size, *hidden, outputs)
-        for i, (fan_in, fan_out) in enumerate(zip(sizes, sizes[1:], strict=False)):
+        for i, (fan_in, fan_out) in enumerate(pairwise(sizes)):
             weight = rng.normal(size=(fan_in, fan_out)) / np.sqrt(fan_in)
             weights[f"{name}.{i}.weight"] = weight.astype(np.float32)
             weights[f"{name}.{i}.bias"] = rng.normal(scale=0.1, size=fan_out).astype(np.float32)

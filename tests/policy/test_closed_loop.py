@@ -93,7 +93,8 @@ class TestPoliciesThatDoNotFit:
         world.close()
 
     @pytest.mark.parametrize(
-        "task", [TaskInfo("HalfCheetah-v3", 17, (-1.0,) * 6, (1.0,) * 6), TaskInfo("Hopper", 11, (-2.0,) * 3, (2.0,) * 3)]
+        "task",
+        [TaskInfo("HalfCheetah-v3", 17, (-1.0,) * 6, (1.0,) * 6), TaskInfo("Hopper", 11, (-2.0,) * 3, (2.0,) * 3)],
     )
     def test_are_refused_by_name(self, world, task):
         with pytest.raises(PolicyError, match=f"policy for {task.name}.*Hopper-v3"):

@@ -38,6 +38,13 @@ def refused(path, data):
         load_policy(path)
 
 
+def loaded_or_refused(path):
+    try:
+        return load_policy(path)
+    except PolicyFileError as error:
+        return error
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_loaded_is_what_was_saved_bit_for_bit(kind, tmp_path):
     policy = random_policy(**kind)
@@ -94,13 +101,12 @@ def test_a_file_with_any_byte_edited_is_refused(saved, data):
     edited = bytearray(whole)
     edited[position] ^= change
     path.write_bytes(edited)
-    try:
-        loaded = load_policy(path)
-    except PolicyFileError as error:
-        assert path.name in str(error)
+    found = loaded_or_refused(path)
+    if isinstance(found, PolicyFileError):
+        assert path.name in str(found)
     else:
         # Only what carries no meaning may change: the header's blanks and the order of its keys.
-        assert save_policy(loaded, path).read_bytes() == whole
+        assert save_policy(found, path).read_bytes() == whole
 
 
 def test_appended_bytes_are_refused(saved):
@@ -221,6 +227,8 @@ class TestPartsThatDoNotFit:
             random_policy(**parts)
 
     def test_are_named(self):
-        wide = random_policy().protocol.__class__(Geometric(10), random_policy().protocol.horizon, "terminated", 1.0, 1.0)
+        wide = random_policy().protocol.__class__(
+            Geometric(10), random_policy().protocol.horizon, "terminated", 1.0, 1.0
+        )
         with pytest.raises(PolicyError, match=r"Hopper-v3.*16.*11.*10.*21"):
             random_policy(protocol=wide)

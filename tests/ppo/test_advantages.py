@@ -6,6 +6,8 @@ reading the same end in the wrong way is its negative control.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -44,7 +46,7 @@ class TestRewardOneForEver:
     """V = 1 / (1 - gamma) in every state, gamma = 0.9."""
 
     values = np.full(STEPS + 1, 10.0)
-    episode = {"rewards": np.ones(STEPS), "values": values, "last_values": values[1:]}
+    episode: ClassVar = {"rewards": np.ones(STEPS), "values": values, "last_values": values[1:]}
 
     @pytest.mark.parametrize("gae_lambda", [0.0, 0.5, 0.95, 1.0])
     @pytest.mark.parametrize("cut", [{}, {"horizon_end": only(4, 9)}, {"truncated": only(4, 9)}])
@@ -65,7 +67,7 @@ class TestEveryStepPaysOneUntilTheHorizon:
     """Undiscounted, T = 6 twice in the rollout: V(t) = T - t, and nothing is left after the last step."""
 
     to_go = np.array([6, 5, 4, 3, 2, 1, 6, 5, 4, 3, 2, 1, 6], float)
-    episode = {
+    episode: ClassVar = {
         "rewards": np.ones(STEPS),
         "values": to_go,
         # The state after the last step has no steps to go; a network is never asked, so any number may stand there.
@@ -91,7 +93,7 @@ class TestNumbersWorkedByHand:
     Temporal differences: 1 + 1 - 4 = -2; 2 + 4 - 2 = 4; 3 + 3 - 8 = -2.
     """
 
-    rollout = {
+    rollout: ClassVar = {
         "rewards": [1.0, 2.0, 3.0],
         "values": [4.0, 2.0, 8.0, 6.0],
         "last_values": [100.0, 40.0, 100.0],

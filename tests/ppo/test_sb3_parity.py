@@ -20,7 +20,7 @@ from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo import PPOConfig
 from perdure.ppo.learner import prepare
 from perdure.ppo.normalizer import start_moments
-from perdure.ppo.rollout import Experience, Statistics, draw, finish, make_collect, observe, start_lanes
+from perdure.ppo.rollout import Statistics, draw, finish, make_collect, observe, start_lanes
 from perdure.ppo.update import epoch, start_adam
 
 RECORDING = Path(__file__).parent / "data" / "sb3_iteration.safetensors"
@@ -61,36 +61,22 @@ def replay(recording):
     """A world that plays the recording back, whatever the actions are. Its handle is the number of the step."""
     after, last = jnp.asarray(recording["raw/observations"][1:]), jnp.asarray(recording["raw/last"])
     rewards = jnp.asarray(recording["raw/rewards"], jnp.float64)
-    fell = (recording["raw/dones"] > 0) & (recording["raw/truncated"] == 0)
-    terminated = jnp.asarray(fell)
-    # The reset must answer for the step that asked for it, so it searches the state it is in by the done flags.
-    dones = jnp.asarray(recording["raw/dones"] > 0)
+    terminated = jnp.asarray((recording["raw/dones"] > 0) & (recording["raw/truncated"] == 0))
+    shown = {}
 
     def step(number, actions):
         i = number.astype(int)
+        # A reset shows the first observation of the new episode: the one that follows in the recording.
+        shown["next"] = after[i]
         return number + 1, TracedStep(last[i], rewards[i], terminated[i], jnp.zeros(N_ENVS, bool))
 
-    return step, after, dones
+    return TracedWorld(step, lambda done: shown["next"])
 
 
 def collected(recording, settings):
     """Our rollout over the recorded world, and the statistics of our normaliser after it."""
     with jax.enable_x64(True):
-        step, after, _ = replay(recording)
-        counter = {"world": None}
-
-        def reset(done):
-            raise AssertionError("replaced below")
-
-        # Resets show the recorded first observation of the new episode: the one that follows in the recording.
-        def step_and_remember(number, actions):
-            counter["world"] = after[number.astype(int)]
-            return step(number, actions)
-
-        def reset_from_recording(done):
-            return counter["world"]
-
-        world = TracedWorld(step_and_remember, reset_from_recording)
+        world = replay(recording)
         spec = TaskSpec("Hopper-v3", "recorded", "none", 11, -np.ones(3), np.ones(3), 1000)
         lanes = start_lanes(settings, jnp.asarray(recording["raw/observations"][0]), jnp.zeros(N_ENVS))
         statistics = Statistics(observe(settings, start_moments(11), lanes), start_moments(1))
@@ -169,7 +155,3 @@ def test_treating_the_limit_as_a_true_end_misses_sb3s_weights(recording):
     _, params = learned(recording, config(end="terminated"))
     expected = params_of(recording, "after")
     assert max(float(jnp.abs(expected[k] - v).max()) for k, v in params.items()) > 1e-4
-
-
-def test_experience_is_what_the_learner_takes():
-    assert Experience._fields == ("inputs", "last_inputs", "actions", "rewards", "ends")

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import jax
@@ -147,14 +148,14 @@ class TestCheckpointFiles:
             assert bits(load_checkpoint(tmp_path / "c")) == bits(state)
 
     def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, tmp_path):
-        for before, expected in zip(chain[1:], chain[2:], strict=False):
+        for before, expected in pairwise(chain[1:]):
             save_checkpoint(before, tmp_path / "c")
             (state,) = runner.run([load_checkpoint(tmp_path / "c")], lambda step, mean: None)
             assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):
         weights = [np.asarray(state.params["policy.0.weight"]) for state in chain]
-        assert all(np.abs(a - b).max() > 1e-4 for a, b in zip(weights, weights[1:], strict=False))
+        assert all(np.abs(a - b).max() > 1e-4 for a, b in pairwise(weights))
 
     def test_a_damaged_checkpoint_is_refused_by_name(self, chain, tmp_path):
         path = tmp_path / "checkpoint.safetensors"
@@ -171,7 +172,8 @@ import sys
 from perdure.ppo import PPOConfig, TrainRun, train
 from perdure.horizon import HorizonProtocol, Uniform
 protocol = HorizonProtocol(None, Uniform(20, 60), "truncated", gamma=0.99, normalizer_gamma=0.99)
-config = PPOConfig(protocol=protocol, n_steps=256, batch_size=64, hidden_sizes=(16,), segment_steps=1024, total_steps=4096)
+config = PPOConfig(protocol=protocol, n_steps=256, batch_size=64, hidden_sizes=(16,),
+                   segment_steps=1024, total_steps=4096)
 run = TrainRun("Hopper-v3", "ppo", config, (0, 1))
 train(run, sys.argv[1], watch=lambda report: print(report.step, flush=True))
 """

@@ -38,8 +38,9 @@ class Train:
 
 def main(args: list[str]) -> None:
     """``perdure train``: two looks at the flags, because task and method decide the defaults of the rest."""
-    look = argparse.ArgumentParser(add_help=False)
-    look.add_argument("--method", default="geometric")
+    look = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    # A missing value is for the second look to complain about.
+    look.add_argument("--method", nargs="?", default="geometric", const="geometric")
     if args and not args[0].startswith("-"):
         method = look.parse_known_args(args)[0].method
         default = Train(args[0], method, ppo=method_config(method, args[0], _observation_size(args[0])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,10 @@ class GymnasiumWorld:
         import gymnasium
 
         try:
-            spec = gymnasium.spec(env_id)
+            module, _, registered = env_id.rpartition(":")
+            if module:
+                import_module(module)
+            spec = gymnasium.spec(registered)
         except (gymnasium.error.Error, ImportError) as problem:
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
             if nearest_names(f"gymnasium:{env_id}", known) or not isinstance(problem, ImportError):

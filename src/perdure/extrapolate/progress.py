@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def progress_bar() -> Iterator[Watcher]:
     """Gives a watcher that draws the bar for as long as the block lasts."""
     columns = (TextColumn("lane steps"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("lanes", total=None)
 
         def watch(made: int, total: int) -> None:

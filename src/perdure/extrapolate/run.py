@@ -62,12 +62,15 @@ def extrapolate(
         watch: Told about progress.
 
     Raises:
-        ExtrapolationError: If the policies do not belong to one task, or a worker failed.
+        ExtrapolationError: If the policies do not belong to one task, there is no process, or a worker failed.
         PolicyFileError: If a policy file cannot be read.
         OSError: If ``out`` cannot be written.
     """
+    if processes is not None and processes < 1:
+        raise ExtrapolationError(f"processes must be at least 1, got {processes}")
     policies = [load_policy(path) for path in evaluation.policies]
     _check(policies)
+    Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
     labels = policy_labels(evaluation.policies, policies)
     groups = _plan(evaluation, policies, labels, workers := processes or len(os.sched_getaffinity(0)))
     store = Store(out)

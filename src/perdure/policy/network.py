@@ -1,8 +1,9 @@
 """Forward pass of a multilayer perceptron in NumPy, with every row's result independent of the other rows.
 
-A matrix product may add its terms in another order when the number of rows changes, and over 100,000 chaotic steps a
-difference in the last bit becomes another trajectory. So rows are packed into tiles of one fixed size, the last one
-filled up with zeros, and every product the library sees has the same shape.
+A matrix product may add its terms in another order when the number of rows changes, and in another order for some rows
+of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another trajectory. So
+rows are packed into tiles of one fixed size, the last one filled up with zeros, and the size is the largest for which
+this machine's matrix product gives a row the same result wherever in the tile it lies.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyError
 
-TILE = 24
-"""Rows of one product. Small tiles waste less when few lanes are alive, large ones run at a better rate."""
+TILES = (24, 8, 4, 1)
+"""Rows of one product, to choose from. Large tiles run at a better rate, but not all of them treat every row alike."""
+PROBES = 4
+"""Random rows that a tile is tried with."""
 
 ACTIVATIONS = ("relu", "tanh")
 
@@ -45,6 +48,7 @@ class Perceptron:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._rectify = activation == "relu"
         self._check(name)
+        self._tile = next(tile for tile in TILES if all(_treats_rows_alike(tile, weight) for weight, _ in self._layers))
 
     def _check(self, name: str) -> None:
         if not self._layers:
@@ -72,8 +76,8 @@ class Perceptron:
     def __call__(self, inputs: Float32Array) -> Float32Array:
         """Outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
         rows = len(inputs)
-        tiles = -(-rows // TILE)
-        hidden = np.zeros((tiles, TILE, self.input_size), np.float32)
+        tiles = -(-rows // self._tile)
+        hidden = np.zeros((tiles, self._tile, self.input_size), np.float32)
         hidden.reshape(-1, self.input_size)[:rows] = inputs
         for layer, (weight, bias) in enumerate(self._layers):
             hidden = hidden @ weight
@@ -83,4 +87,11 @@ class Perceptron:
                     np.maximum(hidden, 0.0, out=hidden)
                 else:
                     np.tanh(hidden, out=hidden)
-        return hidden.reshape(tiles * TILE, -1)[:rows]
+        return hidden.reshape(tiles * self._tile, -1)[:rows]
+
+
+def _treats_rows_alike(tile: int, weight: Float32Array) -> bool:
+    """Whether a row's product with these weights is the same, bit for bit, at every place in the tile."""
+    rows = np.random.default_rng(0).standard_normal((PROBES, 1, len(weight)), np.float32)
+    product = np.repeat(rows, tile, axis=1) @ weight
+    return bool((product == product[:, :1]).all())

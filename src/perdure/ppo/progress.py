@@ -25,7 +25,7 @@ def progress_bar(title: str, console: Console) -> Iterator[Watcher]:
         TextColumn("{task.percentage:>3.0f} %  {task.fields[rate]}  return {task.fields[mean]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=None, rate="", mean="-")
         rate = _Rate()
 

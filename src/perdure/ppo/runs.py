@@ -88,6 +88,8 @@ def train(
         StoreError: If the folder already holds a run of the same name with other settings.
         UnknownTask: If there is no such task.
     """
+    if threads is not None and threads < 1:
+        raise ConfigError(f"threads must be at least 1, got {threads}")
     store = Store(out)
     spec = _task_spec(run.task)
     with ExitStack() as stack:

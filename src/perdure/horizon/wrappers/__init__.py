@@ -8,6 +8,7 @@
 | `limit.py` | what both limits share: T's own random numbers, the environment's own limit |
 | `appended.py` | how phi joins an observation and its space |
 | `step_counter.py` | elapsed steps of each lane in the three autoreset modes |
+| `any_vector_wrapper.py` | Gymnasium's `VectorWrapper` under every supported version |
 | `lane_infos.py` | the info dictionaries of single lanes of a vector environment |
 """
 

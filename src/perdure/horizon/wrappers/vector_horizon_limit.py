@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from perdure.horizon.errors import HorizonError
 from perdure.horizon.law import HorizonLaw
 from perdure.horizon.protocol import End
+from perdure.horizon.wrappers.any_vector_wrapper import AnyVectorWrapper
 from perdure.horizon.wrappers.lane_infos import (
     forget_lane,
     lane_info,
@@ -25,7 +26,7 @@ from perdure.horizon.wrappers.step_counter import StepCounter, autoreset_mode, r
 StepResult = tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class VectorHorizonLimit(VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorHorizonLimit(AnyVectorWrapper):
     """:class:`HorizonLimit` for every lane of a vector environment, in its own autoreset mode.
 
     Put it directly above the vector environment: it resets single lanes through ``options={"reset_mask": ...}``, which

@@ -14,12 +14,13 @@ from perdure.horizon.clock import Clock
 from perdure.horizon.embedding import Embedding
 from perdure.horizon.errors import HorizonError
 from perdure.horizon.lane_clocks import LaneClocks
+from perdure.horizon.wrappers.any_vector_wrapper import AnyVectorWrapper
 from perdure.horizon.wrappers.appended import append, appended_space
 from perdure.horizon.wrappers.step_counter import StepCounter, autoreset_mode, reset_lanes
 from perdure.horizon.wrappers.vector_horizon_limit import StepResult, VectorHorizonLimit
 
 
-class VectorTimeToGoObservation(VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorTimeToGoObservation(AnyVectorWrapper):
     """:class:`TimeToGoObservation` for every lane of a vector environment, in its own autoreset mode.
 
     In ``SAME_STEP`` mode phi is appended to ``infos["final_obs"]`` too.

@@ -1,0 +1,195 @@
+"""A whole evaluation on real tasks: the same table however it is cut into groups, and after whatever interruption."""
+
+from __future__ import annotations
+
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scripted import policy_for
+
+from perdure.envs import make_world
+from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
+from perdure.extrapolate import run as run_module
+from perdure.extrapolate.lanes import split
+from perdure.horizon import Constant, Countdown, HorizonError, Periodic
+from perdure.policy import TaskInfo, save_policy
+from perdure.report import read_table
+from perdure.store import Store
+
+HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
+FIVE_HUNDRED = Constant(500.0)
+LANE = ["policy", "clock", "eval_seed", "step"]
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policies")
+    plain = save_policy(policy_for(HOPPER, seed=1), folder / "plain.safetensors")
+    timed = save_policy(policy_for(HOPPER, seed=2, phi=True, method="linear"), folder / "timed.safetensors")
+    return plain, timed
+
+
+@pytest.fixture(scope="module")
+def evaluation(policies):
+    return Extrapolation(policies, steps=60, clocks=("default", "periodic:20", "countdown"), eval_seeds=2)
+
+
+@pytest.fixture(scope="module")
+def whole(evaluation, tmp_path_factory):
+    """In one process, one group."""
+    return extrapolate(evaluation, tmp_path_factory.mktemp("whole"), processes=1, command="perdure extrapolate ...")
+
+
+def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
+    lanes = whole.final().select("policy", "clock", "eval_seed").sort(pl.all()).rows()
+    expected = [
+        ("linear", clock, seed) for clock in ("constant(500)", "countdown(60)", "periodic(20)") for seed in (0, 1)
+    ]
+    assert lanes == [*expected, ("ppo", "none", 0), ("ppo", "none", 1)]
+
+
+def test_the_table_is_one_that_reports_read_with_the_command_that_made_it(whole):
+    frame, metadata = read_table(whole.path)
+    assert frame.sort(LANE).equals(whole.frame.select(frame.columns).sort(LANE))
+    assert metadata["command"] == "perdure extrapolate ..."
+
+
+def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
+    summary = whole.summary()
+    assert summary["lanes"].to_list() == [2] * 4
+    lane = whole.final().filter(pl.col("policy") == "ppo")
+    row = summary.filter(pl.col("policy") == "ppo")
+    assert row["mean_return"].item() == pytest.approx(sum(lane["return"]) / 2)
+    assert row["median_end_step"].item() == pytest.approx(sum(lane["end_step"]) / 2)
+
+
+def test_an_evaluation_killed_between_groups_goes_on_and_gives_the_table_of_one_process(
+    evaluation, whole, tmp_path, monkeypatch
+):
+    """Two processes, four groups; the third group fails. What was finished is not computed again."""
+    small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_lanes=2)
+    started = []
+    real = run_module._run_worker
+
+    def dying(group, *rest):
+        started.append(group.key)
+        if len(started) == 3:
+            raise KeyboardInterrupt
+        real(group, *rest)
+
+    monkeypatch.setattr(run_module, "_run_worker", dying)
+    with pytest.raises(KeyboardInterrupt):
+        extrapolate(small, tmp_path, processes=1)
+    done = set(Store(tmp_path).keys("groups"))
+    assert 0 < len(done) < 4
+    assert not (tmp_path / "lanes.parquet").exists()
+    resumed = []
+    monkeypatch.setattr(run_module, "_run_worker", lambda group, *rest: (resumed.append(group.key), real(group, *rest)))
+    result = extrapolate(small, tmp_path, processes=2)
+    assert set(resumed) == set(Store(tmp_path).keys("groups")) - done
+    assert result.frame.sort(LANE).equals(whole.frame.sort(LANE))
+
+
+def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module.sys, "executable", "/bin/false")
+    with pytest.raises(ExtrapolationError, match="worker"):
+        extrapolate(evaluation, tmp_path, processes=1)
+    assert Store(tmp_path).keys("groups") == ()
+
+
+class TestStarts:
+    def test_the_same_evaluation_seed_starts_from_the_same_state_under_every_policy_and_clock(self):
+        plain, timed = policy_for(HOPPER, seed=1), policy_for(HOPPER, seed=2, phi=True)
+        lanes = [
+            LaneSpec(policy, clock, seed)
+            for policy, clock in ((0, None), (1, Constant(5.0)), (1, Periodic(5.0)))
+            for seed in (3, 4)
+        ]
+        asked = []
+
+        class Watched:
+            def __init__(self, task, seeds):
+                self.inside = make_world(task, seeds)
+
+            def __getattr__(self, name):
+                return getattr(self.inside, name)
+
+            def reset(self, *arguments):
+                observations = self.inside.reset(*arguments)
+                asked.append(observations.copy())
+                return observations
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("perdure.extrapolate.evaluate.make_world", Watched)
+            evaluate_lanes([plain, timed], lanes, 3)
+        (starts,) = asked
+        by_seed = {
+            seed: {starts[i].tobytes() for i, lane in enumerate(lanes) if lane.eval_seed == seed} for seed in (3, 4)
+        }
+        assert [len(states) for states in by_seed.values()] == [1, 1]
+        assert by_seed[3] != by_seed[4]
+
+    def test_an_evaluation_seed_does_not_depend_on_how_many_are_evaluated(self):
+        policy = [policy_for(HOPPER)]
+        many = evaluate_lanes(policy, [LaneSpec(0, None, seed) for seed in range(4)], 30)
+        one = evaluate_lanes(policy, [LaneSpec(0, None, 2)], 30)
+        assert one.returns[0].tobytes() == many.returns[2].tobytes()
+
+
+class TestClocks:
+    def clocks(self, *texts, steps=700, default=FIVE_HUNDRED):
+        found = Extrapolation(("p",), steps=steps, clocks=texts)
+        return list(found.deployment_clocks(default))
+
+    def test_are_read_in_order_and_each_once(self):
+        found = self.clocks("countdown", "constant:5", "default", "constant(500)", "periodic:0.0", "countdown:700")
+        assert found == [Countdown(700.0), Constant(5.0), Constant(500.0), Periodic(0.0)]
+
+    def test_a_policy_without_a_clock_of_its_own_has_no_default(self):
+        assert self.clocks("default", "constant:1", default=None) == [Constant(1.0)]
+
+    def test_the_sweep_is_the_thesis_grid_with_the_countdown(self):
+        found = self.clocks("sweep")
+        hundreds = [100.0 * i for i in range(11)]
+        assert [c.steps for c in found if isinstance(c, Constant)] == hundreds
+        assert [c.steps for c in found if isinstance(c, Periodic)] == hundreds[1:]
+        assert [c.steps for c in found if isinstance(c, Countdown)] == [700.0]
+        assert len(found) == 22
+
+    @pytest.mark.parametrize("text", ["constant:-1", "constant", "sundial:3", "periodic:x", ""])
+    def test_that_make_no_sense_are_refused_at_the_door(self, text):
+        with pytest.raises(HorizonError):
+            self.clocks(text)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"steps": 0}, "steps"),
+        ({"eval_seeds": 0}, "eval_seeds"),
+        ({"max_lanes": 0}, "max_lanes"),
+        ({"clocks": ()}, "clock"),
+        ({"policies": ()}, "policy"),
+    ],
+)
+def test_an_evaluation_of_nothing_is_refused_by_name(policies, change, word):
+    with pytest.raises(ExtrapolationError, match=word):
+        Extrapolation(**({"policies": policies} | change))
+
+
+def test_policies_for_two_tasks_are_refused(policies, tmp_path):
+    other = save_policy(policy_for(TaskInfo("Swimmer-v3", 8, (-1.0,) * 2, (1.0,) * 2)), tmp_path / "swimmer")
+    with pytest.raises(ExtrapolationError, match=r"Hopper-v3, Swimmer-v3"):
+        extrapolate(Extrapolation((policies[0], other), steps=5), tmp_path / "out")
+
+
+@given(lanes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
+def test_groups_hold_every_lane_once_in_order_even_and_small_enough(lanes, size, parts):
+    every = [LaneSpec(0, None, seed) for seed in range(lanes)]
+    groups = split(every, size, parts)
+    assert [lane for group in groups for lane in group] == every
+    lengths = [len(group) for group in groups]
+    assert max(lengths) <= size
+    assert max(lengths) - min(lengths) <= 1
+    assert len(groups) >= min(parts, lanes)
