@@ -2,7 +2,7 @@
 
 A matrix product may add its terms in another order when the number of rows changes, and in another order for some rows
 of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another trajectory. So
-rows are packed into tiles of one fixed size, the last one filled up with zeros, and the size is the largest for which
+rows are packed into tiles of a fixed size, the last one filled up with zeros. Each layer's tile is the largest for which
 this machine's matrix product gives a row the same result wherever in the tile it lies.
 """
 
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyError
 
-TILES = (24, 8, 4, 1)
-"""Rows of one product, to choose from. Large tiles run at a better rate, but not all of them treat every row alike."""
+TILES = (16, 8, 4, 2, 1)
+"""Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste more
+on the last few lanes, and not all of them treat every row alike."""
 PROBES = 4
 """Random rows that a tile is tried with."""
 
@@ -48,7 +49,7 @@ class Perceptron:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._rectify = activation == "relu"
         self._check(name)
-        self._tile = next(tile for tile in TILES if all(_treats_rows_alike(tile, weight) for weight, _ in self._layers))
+        self._tiles = [_largest_fair_tile(weight) for weight, _ in self._layers]
 
     def _check(self, name: str) -> None:
         if not self._layers:
@@ -76,18 +77,21 @@ class Perceptron:
     def __call__(self, inputs: Float32Array) -> Float32Array:
         """Outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
         rows = len(inputs)
-        tiles = -(-rows // self._tile)
-        hidden = np.zeros((tiles, self._tile, self.input_size), np.float32)
-        hidden.reshape(-1, self.input_size)[:rows] = inputs
-        for layer, (weight, bias) in enumerate(self._layers):
-            hidden = hidden @ weight
+        hidden = np.zeros((-(-rows // TILES[0]) * TILES[0], self.input_size), np.float32)
+        hidden[:rows] = inputs
+        for layer, ((weight, bias), tile) in enumerate(zip(self._layers, self._tiles, strict=True)):
+            hidden = hidden.reshape(-1, tile, len(weight)) @ weight
             hidden += bias
             if layer < len(self._layers) - 1:
                 if self._rectify:
                     np.maximum(hidden, 0.0, out=hidden)
                 else:
                     np.tanh(hidden, out=hidden)
-        return hidden.reshape(tiles * self._tile, -1)[:rows]
+        return hidden.reshape(-1, hidden.shape[-1])[:rows]
+
+
+def _largest_fair_tile(weight: Float32Array) -> int:
+    return next(tile for tile in TILES if _treats_rows_alike(tile, weight))
 
 
 def _treats_rows_alike(tile: int, weight: Float32Array) -> bool:
