@@ -113,13 +113,19 @@ def learned(recording, settings):
     return ready, params
 
 
+@pytest.fixture(scope="module")
+def ours(recording):
+    """Our rollout over the recording, what was learned from, and the weights after it: computed once."""
+    return collected(recording, config()), *learned(recording, config())
+
+
 def test_the_recording_holds_falls_and_time_limits(recording):
     assert recording["raw/truncated"].sum() >= 2
     assert recording["raw/dones"].sum() - recording["raw/truncated"].sum() >= 2
 
 
-def test_normalised_observations_and_statistics_equal_sb3s(recording):
-    result = collected(recording, config())
+def test_normalised_observations_and_statistics_equal_sb3s(recording, ours):
+    result, _, _ = ours
     np.testing.assert_allclose(
         env_major(result.experience.inputs[:-1]), recording["buffer/observations"], rtol=0, atol=1e-6
     )
@@ -128,21 +134,21 @@ def test_normalised_observations_and_statistics_equal_sb3s(recording):
             np.testing.assert_allclose(np.asarray(getattr(moments, part)), recording[f"{name}.{part}"].squeeze(), 1e-6)
 
 
-def test_episode_ends_equal_sb3s(recording):
-    ends = collected(recording, config()).experience.ends
+def test_episode_ends_equal_sb3s(recording, ours):
+    ends = ours[0].experience.ends
     np.testing.assert_array_equal(np.asarray(ends.done), recording["raw/dones"] > 0)
     np.testing.assert_array_equal(np.asarray(ends.horizon_end & ~ends.terminated), recording["raw/truncated"] > 0)
 
 
 @pytest.mark.parametrize("name", ["log_probs", "advantages", "returns"])
-def test_what_is_learned_from_equals_sb3s(recording, name):
-    ready, _ = learned(recording, config())
-    ours = np.asarray(getattr(ready.batch, name)).reshape(N_STEPS, N_ENVS)
-    np.testing.assert_allclose(env_major(ours), recording[f"buffer/{name}"], rtol=0, atol=1e-5)
+def test_what_is_learned_from_equals_sb3s(recording, ours, name):
+    _, ready, _ = ours
+    found = np.asarray(getattr(ready.batch, name)).reshape(N_STEPS, N_ENVS)
+    np.testing.assert_allclose(env_major(found), recording[f"buffer/{name}"], rtol=0, atol=1e-5)
 
 
-def test_weights_after_one_iteration_equal_sb3s(recording):
-    _, params = learned(recording, config())
+def test_weights_after_one_iteration_equal_sb3s(recording, ours):
+    _, _, params = ours
     expected = params_of(recording, "after")
     moved = max(float(jnp.abs(expected[k] - v).max()) for k, v in params_of(recording, "before").items())
     assert moved > 5e-3, "the recorded update hardly moved the weights: this test would prove little"

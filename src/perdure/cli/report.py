@@ -28,10 +28,8 @@ def main(args: list[str]) -> None:
 
 def write_and_show(table: Path, out: Path) -> None:
     """Writes the report of a table into ``out``; prints the summary and where the report is."""
-    from rich.console import Console
-
     from perdure.report import read_table, summary_text, write_report
 
     frame, notes = read_table(table)
-    Console().print(summary_text(frame))
+    print(summary_text(frame))
     print(f"\nReport: {write_report(frame, out, notes.get('command', '')).resolve()}")

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from perdure.report.errors import ReportError
 
 if TYPE_CHECKING:
+    from perdure.report.page import summary_text, write_report
     from perdure.report.schema import COLUMNS, SCHEMA_NAME, SCHEMA_VERSION, check_table, read_table, write_table
     from perdure.report.statistics import (
         Bootstrap,
@@ -47,11 +48,14 @@ __all__ = [
     "make_units",
     "mean_interval",
     "read_table",
+    "summary_text",
     "survival_interval",
+    "write_report",
     "write_table",
 ]
 
 _NAMES = {
+    "page": ("summary_text", "write_report"),
     "schema": ("COLUMNS", "SCHEMA_NAME", "SCHEMA_VERSION", "check_table", "read_table", "write_table"),
     "statistics": (
         *("Bootstrap", "Interval", "Units", "bootstrap_interval"),

@@ -87,10 +87,11 @@ def _scale_axis(axes: Axes, name: str, axis: Axis) -> None:
         target.set_minor_locator(NullLocator())
     limits = axes.set_xlim if name == "x" else axes.set_ylim
     margin = 0.02 if axis.percent else 0.0
-    limits(
-        None if axis.low is None else axis.low - margin,
-        None if axis.high is None else axis.high + margin,
-    )
+    if axis.low is not None or axis.high is not None:  # naming no limit would stop matplotlib from finding them
+        limits(
+            None if axis.low is None else axis.low - margin,
+            None if axis.high is None else axis.high + margin,
+        )
     target.set_major_formatter(
         FuncFormatter(lambda value, _: wording.share(value) if axis.percent else wording.short(value))
     )

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from box_objects import SIZES, BoxObjects
 
-from perdure.home.episodes import Placement, generate, generate_episode, generate_episodes, settle, settle_episode
+from perdure.home.episodes import (
+    Placement,
+    generate,
+    generate_episode,
+    generate_episodes,
+    read_episodes,
+    settle,
+    settle_episode,
+)
+from perdure.home.episodes.publish import publish
 from perdure.home.errors import HomeError
 from perdure.home.layouts import build_apartment, free_space, make_apartment
 from perdure.home.tasks import TASKS
@@ -163,3 +172,14 @@ def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
     assert set(TASKS["set_table"].targets[0].goal.receptacles) == {
         e.apartment().receptacle(e.goals[0].receptacle).name for e in episodes
     }
+
+
+def test_publishing_writes_val_and_eval_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
+    quick("", 0.0)
+    monkeypatch.setattr(generate, "PER_APARTMENT", {"val": 1, "eval": 1})
+    refusals = publish(tmp_path / "data", BoxObjects())
+    files = sorted(path.stem for path in (tmp_path / "data").iterdir())
+    assert files == sorted(f"{task}_{split}" for task in TASKS for split in ("val", "eval"))
+    assert len(read_episodes(tmp_path / "data" / "set_table_eval.json")) == 20
+    assert set(refusals) == set(files)
+    assert refusals["tidy_house_val"]["a goal is too close to its start"] > 0

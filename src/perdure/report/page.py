@@ -1,0 +1,126 @@
+"""The report: one HTML page that needs no network, and each figure as PNG beside it."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from perdure.report.charts import Chart
+from perdure.report.estimates import Estimate, estimate_group
+from perdure.report.figures import make_charts
+from perdure.report.groups import make_groups, tasks_of
+from perdure.report.plotly_renderer import render_plotly
+from perdure.report.png_renderer import render_png
+from perdure.report.schema import check_table, read_table
+from perdure.report.table import HEADINGS, make_rows
+from perdure.report.verdict import verdict
+from perdure.store import write_whole
+
+PAGE = "report.html"
+SEED = 0
+"""Of the bootstrap's generator: the same table, the same intervals."""
+_STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
+_SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
+
+
+def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:
+    """Every group's estimates by task, in the table's order; the generator is seeded with SEED."""
+    rng = np.random.default_rng(SEED)
+    groups = make_groups(frame)
+    return {task: [estimate_group(group, rng) for group in groups if group.task == task] for task in tasks_of(groups)}
+
+
+def summary_text(frame: pl.DataFrame) -> str:
+    """The verdict and the table as plain text, for a terminal.
+
+    Raises:
+        ReportError: The frame does not fit the schema.
+    """
+    check_table(frame, "The table")
+    parts = []
+    for estimates in estimate_table(frame).values():
+        rows = [HEADINGS, *(row.cells for row in make_rows(estimates))]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        parts.append("\n".join([verdict(estimates), "", *lines]))
+    return "\n\n".join(parts)
+
+
+def write_report(table: pl.DataFrame | str | os.PathLike[str], out: str | os.PathLike[str], command: str) -> Path:
+    """Write the page and the PNG files.
+
+    Args:
+        table: An extrapolation table, or its file.
+        out: A folder; made if it is missing.
+        command: What made the table; shown so that a reader can repeat it.
+
+    Returns:
+        The page.
+
+    Raises:
+        ReportError: The table does not fit the schema.
+        OSError: The folder cannot be written.
+    """
+    if not isinstance(table, pl.DataFrame):
+        table, _ = read_table(table)
+    check_table(table, "The table to report")
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    sections = []
+    for task, estimates in estimate_table(table).items():
+        charts = make_charts(estimates)
+        for chart in charts:
+            write_whole(folder / f"{chart.name}.png", render_png(chart, task))
+        sections.append(_section(task, estimates, charts))
+    return write_whole(folder / PAGE, _page(sections, command))
+
+
+def _page(sections: Sequence[str], command: str) -> str:
+    from plotly.offline import get_plotlyjs
+
+    shown = html.escape(command) if command else "not recorded"
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="data:,"><title>perdure: does it hold?</title>'
+        f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><main>"
+        f"{''.join(sections)}"
+        "<section><h2>How this was made</h2>"
+        "<p>Every policy and clock ran closed loop from the same start states. Intervals are 95 % percentile bootstrap "
+        "intervals (2,000 resamples): the lanes of one training run are averaged first and training runs are resampled. "
+        "With one training run the lanes are resampled, and the interval is labelled \u201cevaluation seeds only\u201d: it "
+        "says nothing about training again. <em>Going</em> means alive and still earning at least a tenth, per step, of "
+        "what the lane earned in its first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than "
+        "a tenth of the lane\u2019s first 1,000.</p>"
+        f"<h2>Command</h2><pre>{shown}</pre></section></main><script>{_SCRIPT}</script></body></html>\n"
+    )
+
+
+def _section(task: str, estimates: Sequence[Estimate], charts: Sequence[Chart]) -> str:
+    figures = "".join(_figure(chart) for chart in charts)
+    rows = make_rows(estimates)
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in HEADINGS)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row.cells) + "</tr>" for row in rows)
+    over = " or ".join(sorted({row.intervals for row in rows}))
+    return (
+        f"<header><p class='task'>{html.escape(task)}</p><h1>{html.escape(verdict(estimates))}</h1></header>"
+        f"<div class='figures'>{figures}</div>"
+        f"<section><h2>All lanes</h2><div class='scroll'><table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table></div><p class='note'>Intervals over {html.escape(over)}.</p></section>"
+    )
+
+
+def _figure(chart: Chart) -> str:
+    both = {"light": render_plotly(chart, dark=False), "dark": render_plotly(chart, dark=True)}
+    # "</" would end the script element; inside a JSON string it may be written with an escaped slash.
+    data = json.dumps(both, allow_nan=False).replace("</", "<\\/")
+    return (
+        f"<figure id='{chart.name}'><figcaption>{html.escape(chart.title)}</figcaption><div class='plot'></div>"
+        f"<script type='application/json'>{data}</script><p class='note'>{html.escape(chart.note)}</p></figure>"
+    )
