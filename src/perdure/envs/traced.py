@@ -44,7 +44,7 @@ class TracedWorld(NamedTuple):
 
 
 class WorldSlot:
-    """Holds the world that a compiled program steps, so that one program outlives many worlds of the same shape."""
+    """Holds the world that a compiled program steps, and lets go of it when the program is done."""
 
     def __init__(self) -> None:
         self._world: World | None = None
@@ -74,7 +74,11 @@ class WorldSlot:
 
 
 def trace(slot: WorldSlot) -> TracedWorld:
-    """The functions of the world in the slot, and of every world of the same task and size put there later."""
+    """The functions of the world in the slot.
+
+    A program made of them belongs to that world: EnvPool writes its pool's address into it, so a program kept for
+    another world would go on stepping this one.
+    """
     return TracedWorld(_callback_step(slot) if slot.pool_step is None else _pool_step(slot.pool_step), _reset(slot))
 
 

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +53,7 @@ def extrapolate(
     """Evaluates every lane and writes ``lanes.parquet`` into ``out``.
 
     Finished groups of lanes are kept in ``out``: an evaluation that was interrupted goes on where it was, and one that
-    is repeated costs nothing. Results do not depend on the number of processes.
+    is repeated with the same number of processes costs nothing. Results do not depend on that number.
 
     Args:
         evaluation: What is evaluated.
@@ -126,6 +127,7 @@ def _plan(evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequenc
             tuple(group),
             {
                 "steps": evaluation.steps,
+                "versions": {name: version(name) for name in ("perdure", "envpool", "gymnasium", "numpy")},
                 "lanes": [
                     [digests[lane.policy], labels[lane.policy], _clock_json(lane), lane.eval_seed] for lane in group
                 ],

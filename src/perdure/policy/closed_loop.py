@@ -42,7 +42,7 @@ class ClosedLoop:
     """Carries lanes on until they end. Lanes that have ended cost nothing.
 
     Raises:
-        PolicyError: If there is not one pilot for each lane, or a policy does not fit the world.
+        PolicyError: If there is not one pilot for each lane, or a policy fits neither the world nor its clock.
     """
 
     def __init__(self, world: World, pilots: Sequence[Pilot]) -> None:
@@ -54,6 +54,12 @@ class ClosedLoop:
         """
         if len(pilots) != world.num_lanes:
             raise PolicyError(f"{len(pilots)} pilots for {world.num_lanes} lanes; each lane needs one")
+        for pilot in pilots:
+            if (pilot.clock is None) != (pilot.policy.protocol.embedding is None):
+                raise PolicyError(
+                    f"a pilot for {pilot.policy.task.name} needs a clock if, and only if, its policy has an embedding; "
+                    f"this one has {'no clock' if pilot.clock is None else pilot.clock.label}"
+                )
         for policy in {id(pilot.policy): pilot.policy for pilot in pilots}.values():
             check_fit(policy, world)
         self.world = world

@@ -2,8 +2,8 @@
 
 A matrix product may add its terms in another order when the number of rows changes, and in another order for some rows
 of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another trajectory. So
-rows are packed into tiles of a fixed size, the last one filled up with zeros. Each layer's tile is the largest for which
-this machine's matrix product gives a row the same result wherever in the tile it lies.
+rows are packed into tiles of a fixed size, the last one filled up with zeros. Each layer's tile is the largest for
+which this machine's matrix product gives a row the same result wherever in the tile it lies.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from perdure.policy.errors import PolicyError
 
 TILES = (16, 8, 4, 2, 1)
-"""Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste more
-on the last few lanes, and not all of them treat every row alike."""
+"""Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
+more on the last few lanes, and not all of them treat every row alike."""
 PROBES = 4
 """Random rows that a tile is tried with."""
 

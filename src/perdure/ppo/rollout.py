@@ -154,8 +154,8 @@ def make_collect(
 ) -> Callable[..., tuple[Handle, tuple[Seed, ...], tuple[Trace, ...]]]:
     """The loop over ``config.n_steps`` steps of some seeds' environments; to be compiled under x64.
 
-    It takes (handle, seeds, params, draws), each but the handle a tuple with one entry for a seed, and gives the handle,
-    where the seeds stand, and what it wrote down. ``finish`` makes experience of that.
+    It takes (handle, seeds, params, draws), each but the handle a tuple with one entry for a seed, and gives the
+    handle, where the seeds stand, and what it wrote down. ``finish`` makes experience of that.
     """
     low, high = jnp.asarray(spec.action_low), jnp.asarray(spec.action_high)
     n_envs = config.n_envs

@@ -64,7 +64,10 @@ class SegmentRunner:
         self._epoch = jax.jit(partial(epoch, config=config), compiler_options=COMPILER_OPTIONS, donate_argnums=(0, 1))
 
     def run(self, states: Sequence[SeedState], progress: Progress) -> list[SeedState]:
-        """Carries seeds that stand at the same segment through that segment."""
+        """Carries seeds that stand at the same segment through that segment.
+
+        Weights and optimiser state of ``states`` are used up: their memory becomes that of the states returned.
+        """
         config, segment = self.config, states[0].segment
         first = segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)

@@ -25,6 +25,11 @@ from perdure.store import write_whole
 PAGE = "report.html"
 SEED = 0
 """Of the bootstrap's generator: the same table, the same intervals."""
+METHOD = """Every policy and clock ran closed loop from the same start states. Intervals are 95 % percentile bootstrap
+intervals (2,000 resamples): the lanes of one training run are averaged first and training runs are resampled. With one
+training run the lanes are resampled, and the interval is labelled “evaluation seeds only”: it says nothing about
+training again. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane earned in its
+first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane’s first 1,000."""
 _STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 _SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
 
@@ -92,12 +97,7 @@ def _page(sections: Sequence[str], command: str) -> str:
         f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><main>"
         f"{''.join(sections)}"
         "<section><h2>How this was made</h2>"
-        "<p>Every policy and clock ran closed loop from the same start states. Intervals are 95 % percentile bootstrap "
-        "intervals (2,000 resamples): the lanes of one training run are averaged first and training runs are resampled. "
-        "With one training run the lanes are resampled, and the interval is labelled \u201cevaluation seeds only\u201d: it "
-        "says nothing about training again. <em>Going</em> means alive and still earning at least a tenth, per step, of "
-        "what the lane earned in its first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than "
-        "a tenth of the lane\u2019s first 1,000.</p>"
+        f"<p>{METHOD}</p>"
         f"<h2>Command</h2><pre>{shown}</pre></section></main><script>{_SCRIPT}</script></body></html>\n"
     )
 
