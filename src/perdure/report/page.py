@@ -29,7 +29,7 @@ METHOD = """Every policy and clock ran closed loop from the same start states. I
 intervals (2,000 resamples): the lanes of one training run are averaged first and training runs are resampled. With one
 training run the lanes are resampled, and the interval is labelled “evaluation seeds only”: it says nothing about
 training again. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane earned in its
-first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane’s first 1,000."""
+first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane's first 1,000."""
 _STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 _SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
 
