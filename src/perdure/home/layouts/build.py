@@ -164,7 +164,7 @@ def _add_light(spec: Any, apartment: Apartment) -> None:
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=(*np.mean(apartment.room, axis=0), 6.0),
-        dir=(0.25, 0.35, -1.0),
+        dir=(0.12, 0.16, -1.0),
         diffuse=(0.38, 0.37, 0.35),
         specular=(0.05, 0.05, 0.05),
         castshadow=True,
