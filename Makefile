@@ -2,8 +2,8 @@
 
 # The demonstration: how long each robot is asked to last, from how many starts, and what it is told about time.
 DEMO_STEPS  ?= 100000
-DEMO_SEEDS  ?= 8
-DEMO_CLOCKS ?= constant:0 constant:500 countdown
+DEMO_SEEDS  ?= 2
+DEMO_CLOCKS ?= constant:0 constant:500
 DEMO_OUT    ?= demo
 
 # Test processes, and what else pytest should be told: make test PYTEST="-k clock"
@@ -54,7 +54,7 @@ demo: setup ## Carry the shipped policies far beyond their training horizon, and
 		{ set +x; } 2>/dev/null; \
 	done; \
 	echo; echo "The reports, to be opened in a browser:"; \
-	for task in $$tasks; do echo "  $(CURDIR)/$(DEMO_OUT)/$$task/report.html"; done
+	for task in $$tasks; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
 
 test: check ## Check format, lint and types, then run every test but the long ones
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)
