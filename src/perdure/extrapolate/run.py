@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import queue
 import subprocess
 import sys
 import tempfile
@@ -77,9 +78,17 @@ def extrapolate(
     store = Store(out)
     progress = _Progress([len(group.lanes) for group in groups], evaluation.steps, watch)
 
+    free: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for place in range(workers):
+        free.put(place)
+
     def work(number: int) -> None:
         if not store.done(groups[number].key):
-            _run_worker(groups[number], evaluation, labels, store, lambda *now: progress.moved(number, *now))
+            place = free.get()
+            try:
+                _run_worker(groups[number], evaluation, labels, store, place, lambda *now: progress.moved(number, *now))
+            finally:
+                free.put(place)
         progress.finished(number)
 
     with ThreadPoolExecutor(workers) as pool:
@@ -142,13 +151,19 @@ def _clock_json(lane: LaneSpec) -> dict[str, Any] | None:
 
 
 def _run_worker(
-    group: _Group, evaluation: Extrapolation, labels: Sequence[str], store: Store, moved: Callable[[int, int], None]
+    group: _Group,
+    evaluation: Extrapolation,
+    labels: Sequence[str],
+    store: Store,
+    place: int,
+    moved: Callable[[int, int], None],
 ) -> None:
     job = {
         "policies": [str(path.resolve()) for path in evaluation.policies],
         "labels": list(labels),
         "lanes": [[lane.policy, _clock_json(lane), lane.eval_seed] for lane in group.lanes],
         "steps": evaluation.steps,
+        "place": place,
         "store": str(store.root),
         "key": group.key,
         "config": group.config,
