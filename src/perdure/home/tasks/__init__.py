@@ -24,7 +24,7 @@ from perdure.home.tasks.facts import NOTHING, SOMETHING_ELSE, WorldFacts
 from perdure.home.tasks.predicates import AT, PREDICATES, Predicate, predicate
 from perdure.home.tasks.prepare_groceries import PREPARE_GROCERIES
 from perdure.home.tasks.set_table import SET_TABLE
-from perdure.home.tasks.task import LIMITS, HomeTask, PlacementRule, SkillStep, Stage, TargetRule
+from perdure.home.tasks.task import LIMITS, HomeTask, PlacementRule, SkillName, SkillStep, Stage, TargetRule
 from perdure.home.tasks.tidy_house import TIDY_HOUSE
 
 TASKS: dict[str, HomeTask] = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
@@ -52,6 +52,7 @@ __all__ = [
     "HomeTask",
     "PlacementRule",
     "Predicate",
+    "SkillName",
     "SkillStep",
     "Stabilizing",
     "Stage",

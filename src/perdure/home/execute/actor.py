@@ -1,0 +1,38 @@
+"""Who acts while a skill runs: a learned policy, the oracle, a scripted motion, a hand-over."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.skills import Progress, Skill
+from perdure.home.world import Sensors, World
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Actor(Protocol):
+    """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number."""
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """A lane starts a skill; its errand is set."""
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """Actions for these lanes, rows of `sensors` and `progress`. Shape (len(lanes), 10)."""
+
+
+class Scripted:
+    """Acts for skills that bring their own motion (`reset_arm`)."""
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """Nothing to remember."""
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Actor.act`."""
+        from perdure.home.skills import ResetArm
+
+        assert isinstance(skill, ResetArm)
+        return skill.act(sensors)

@@ -1,0 +1,56 @@
+"""What a step of a task's plan is about, in the world as it is when the step begins."""
+
+from __future__ import annotations
+
+from perdure.home.episodes import Episode
+from perdure.home.skills import Aim, region
+from perdure.home.tasks import SkillName, SkillStep
+from perdure.home.world import Errand, Lane
+
+
+def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
+    """The errand of one step of the plan.
+
+    Args:
+        episode: The episode the lane runs; its targets are the first objects of the scene.
+        step: The step of the plan.
+        lane: The lane, in the state in which the step begins.
+    """
+    opened = positions(lane)
+    toward: SkillName = step.toward or step.skill
+    aim = make_aim(episode, toward, step.target)
+    link = (
+        lane.scene.links.index(aim.link) if aim.link is not None and toward.split("_")[0] in ("open", "close") else -1
+    )
+    goal = episode.goals[step.target].position
+    if step.skill != "navigate":
+        return Errand(step.target, goal, link, toward, aim.point)
+    space, cells = region(lane.scene.apartment, opened, aim)
+    return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
+
+
+def make_aim(episode: Episode, skill: SkillName, target: int) -> Aim:
+    """What a skill is about, as navigation sees it. Objects count as lying where the episode begins (M3)."""
+    apartment = episode.apartment()
+    container = episode.container(target)
+    if skill == "place":
+        goal = episode.goals[target]
+        receptacle = apartment.receptacle(goal.receptacle)
+        fridge = apartment.piece(receptacle.piece).kind == "fridge"
+        return Aim(skill, goal.position, "top_door" if fridge else receptacle.link)
+    if skill == "pick":
+        return Aim(skill, episode.objects[target].position, container)
+    if container is None:
+        return Aim(skill, episode.objects[target].position)
+    x, y, z = (float(value) for value in apartment.handle_to_room(container, 0.0))
+    return Aim(skill, (x, y, z), container)
+
+
+def positions(lane: Lane) -> dict[str, float]:
+    """How far drawers and doors are open, to a centimetre or degree or so, those that are closed left out.
+
+    Rounded, so that free spaces are found again in the cache.
+    """
+    q = lane.qpos[lane.scene.link_qpos]
+    rounded = {link: round(float(value), 2) for link, value in zip(lane.scene.links, q, strict=True)}
+    return {link: value for link, value in rounded.items() if abs(value) > 0.02}

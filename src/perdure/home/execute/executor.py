@@ -1,0 +1,276 @@
+"""Runs task plans over many episodes at once, open loop: the next skill begins whatever became of the last one.
+
+As in TP+SRL: a skill ends by its own stop rule or at its limit; after a place, open or close that timed out the hand is
+opened by force; the episode ends with the plan or at the task's limit. Then the world goes on for a settling time, the
+robot standing still, so that one can see what stays where it was put.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode, start_pose
+from perdure.home.errors import HomeError
+from perdure.home.execute.actor import Actor
+from perdure.home.execute.errands import make_errand
+from perdure.home.execute.log import Ending, EpisodeLog, Recorder, SkillRun
+from perdure.home.skills import Progress, Skill
+from perdure.home.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts, latch
+from perdure.home.world import ACTION_SIZE, Jaws, SceneOptions, Sensors, World, episode_scene
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+Watch = Callable[[World, Mapping[int, Episode]], None]
+
+HANDS_OPENED = ("place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
+"""Skills after whose time-out the hand is opened by force (M3)."""
+
+
+@dataclass(frozen=True)
+class ExecutorOptions:
+    """How episodes are run."""
+
+    eval_seed: int = 0
+    """Draws where the robot starts."""
+    lanes: int = 16
+    """Episodes that run at the same time."""
+    threads: int | None = None
+    """Threads that step them; the cores this process may use when None."""
+    jaws: Jaws = "never"
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    settle_steps: int = SETTLE_STEPS
+
+
+@dataclass
+class _Running:
+    """A lane's episode while it runs."""
+
+    episode: Episode
+    plan: tuple[SkillStep, ...]
+    recorder: Recorder
+    reached: BoolArray
+    done: list[SkillRun] = field(default_factory=list)
+    step: int = 0
+    began: int = 0
+    settling: int | None = None
+    """Steps of the settling time so far, None before it."""
+    diverged: bool = False
+
+    @property
+    def current(self) -> SkillStep | None:
+        return self.plan[len(self.done)] if self.settling is None else None
+
+
+class Executor:
+    """Runs episodes of one task.
+
+    Lanes take the next episode as soon as they are free; an episode's course does not depend on its neighbours.
+    """
+
+    def __init__(
+        self, skills: Mapping[str, Skill], actors: Mapping[str, Actor], options: ExecutorOptions | None = None
+    ) -> None:
+        """Takes what to run and who acts.
+
+        Args:
+            skills: The skill for each name in the plan.
+            actors: Who acts in each of them.
+            options: How.
+        """
+        self._skills, self._actors = dict(skills), dict(actors)
+        self._options = options or ExecutorOptions()
+        missing = self._skills.keys() ^ self._actors.keys()
+        if missing:
+            raise HomeError(f"skills and actors must have the same names; {', '.join(sorted(missing))} do not")
+
+    def run(self, episodes: Sequence[Episode], watch: Watch | None = None) -> Iterator[EpisodeLog]:
+        """Runs episodes; hands out the log of each as soon as it has ended (so not always in order).
+
+        Args:
+            episodes: What to run.
+            watch: Called after every control step with the world and the lanes' episodes.
+        """
+        options = self._options
+        world = World(min(options.lanes, len(episodes)), options.threads, options.jaws)
+        waiting = list(reversed(episodes))
+        running: list[_Running | None] = [None] * world.num_lanes
+        self._progress: Progress | None = None
+        try:
+            for lane in range(world.num_lanes):
+                running[lane] = self._start(world, lane, waiting.pop())
+            while any(running):
+                lanes = np.array([k for k, each in enumerate(running) if each is not None])
+                self._step(world, lanes, running)
+                if watch is not None:
+                    watch(world, {int(k): running[int(k)].episode for k in lanes})  # type: ignore[union-attr]
+                for lane in lanes:
+                    each = running[lane]
+                    assert each is not None
+                    if (each.settling is not None and each.settling >= options.settle_steps) or each.diverged:
+                        yield self._finish(each)
+                        running[lane] = self._start(world, int(lane), waiting.pop()) if waiting else None
+        finally:
+            world.close()
+
+    def _start(self, world: World, lane: int, episode: Episode) -> _Running:
+        task = episode.home_task
+        scene = episode_scene(episode, self._options.scene)
+        world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
+        running = _Running(episode, task.skills, Recorder(), np.zeros(len(task.stages), dtype=bool))
+        self._begin_skill(world, lane, running)
+        return running
+
+    def _begin_skill(self, world: World, lane: int, running: _Running) -> None:
+        step = running.current
+        if step is None:
+            return
+        world.assign(lane, make_errand(running.episode, step, world.lane(lane)))
+        skill = self._skill(step)
+        running.began = running.step
+        fresh = skill.begin(world.sense(np.array([lane]), skill.needs_laser))
+        if self._progress is None or len(self._progress) != world.num_lanes:
+            self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
+        self._progress = self._progress.put(np.array([lane]), fresh)
+        self._actors[step.skill].begin(world, lane, skill)
+
+    def _skill(self, step: SkillStep) -> Skill:
+        if step.skill not in self._skills:
+            raise HomeError(f"the plan needs {step.skill}, but only {', '.join(self._skills)} are given")
+        return self._skills[step.skill]
+
+    def _step(self, world: World, lanes: IntArray, running: list[_Running | None]) -> None:
+        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
+        groups = self._groups(lanes, running)
+        for name, group in groups.items():
+            skill = self._skills[name]
+            sensors = world.sense(group, skill.needs_laser)
+            assert self._progress is not None
+            acted = self._actors[name].act(world, group, skill, sensors, self._progress[group])
+            actions[group] = skill.mask(acted, sensors)
+            speed[group], arm_step[group] = skill.base_speed, skill.arm_step
+        world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
+        everyone = world.sense(lanes)
+        self._record(world, lanes, running, everyone)
+        for name, group in groups.items():
+            self._after(world, name, group, running)
+        for lane in lanes:
+            each = running[lane]
+            assert each is not None
+            if each.settling is not None:
+                each.settling += 1
+
+    def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
+        """Lanes by the skill they are at; lanes that settle are in none."""
+        groups: dict[str, list[int]] = {}
+        for lane in lanes:
+            step = running[lane].current  # type: ignore[union-attr]
+            if step is not None:
+                groups.setdefault(step.skill, []).append(int(lane))
+        return {name: np.array(group) for name, group in groups.items()}
+
+    def _after(self, world: World, name: str, group: IntArray, running: list[_Running | None]) -> None:
+        """Ends skills that stop or run out of time, and begins the next ones."""
+        skill = self._skills[name]
+        sensors = world.sense(group, False)
+        assert self._progress is not None
+        progress = skill.advance(self._progress[group], sensors)
+        self._progress = self._progress.put(group, progress)
+        stop, success = skill.stop(sensors, progress), skill.success(sensors, progress)
+        for row, lane in enumerate(group):
+            each = running[lane]
+            assert each is not None
+            out_of_time = bool(progress.elapsed[row] >= skill.limit)
+            at_limit = each.step >= each.episode.home_task.max_steps
+            if stop[row] or out_of_time or at_limit:
+                ending: Ending = "stopped" if stop[row] else "timed out" if out_of_time else "task limit"
+                forced = ending == "timed out" and name in HANDS_OPENED and not bool(sensors.empty_hand[row])
+                self._end_skill(world, int(lane), each, (ending, bool(success[row]), forced), at_limit)
+
+    def _end_skill(
+        self, world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool
+    ) -> None:
+        step = each.current
+        assert step is not None
+        ending, success, forced = how
+        if forced:
+            world.lane(lane).release()
+        each.done.append(
+            SkillRun(len(each.done), step.skill, step.target, each.began, each.step, ending, success, forced)
+        )
+        if at_limit or len(each.done) == len(each.plan):
+            each.settling = 0
+        else:
+            self._begin_skill(world, lane, each)
+
+    def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
+        for row, lane in enumerate(lanes):
+            each = running[lane]
+            assert each is not None
+            targets = len(each.episode.goals)
+            poses, speeds = world.objects(int(lane), targets)
+            facts = world_facts(world, each.episode, int(lane), poses[:, :3])
+            if each.settling is None:
+                each.reached = latch(each.episode.home_task, each.reached, facts)
+                each.step += 1
+            active = len(each.done) if each.settling is None else len(each.plan)
+            up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
+            speed = np.sqrt((speeds**2).sum(axis=1))
+            each.diverged |= bool(sensors.diverged[row])
+            each.recorder.rows.append(
+                (
+                    poses[:, :3],
+                    int(facts.held),
+                    float(facts.drawer),
+                    float(facts.fridge),
+                    active,
+                    sensors.base[row],
+                    sensors.gripper[row],
+                    up,
+                    speed,
+                    float(sensors.contact_force[row]),
+                )
+            )
+
+    def _finish(self, each: _Running) -> EpisodeLog:
+        objects, held, drawer, fridge, active, base, gripper, up, speed, force = each.recorder.arrays()
+        return EpisodeLog(
+            episode=each.episode,
+            eval_seed=self._options.eval_seed,
+            skills=tuple(each.done),
+            steps=each.step,
+            facts=WorldFacts(objects, each.episode.goal_positions, held, drawer, fridge),  # type: ignore[arg-type]
+            active=active,  # type: ignore[arg-type]
+            base=base,  # type: ignore[arg-type]
+            gripper=gripper,  # type: ignore[arg-type]
+            object_up=up,  # type: ignore[arg-type]
+            object_speed=speed,  # type: ignore[arg-type]
+            contact_force=force,  # type: ignore[arg-type]
+            latched=each.reached,
+            diverged=each.diverged,
+        )
+
+
+def world_facts(world: World, episode: Episode, number: int, positions: FloatArray) -> WorldFacts:
+    """What the task's predicates need of one lane now."""
+    lane = world.lane(number)
+    held = lane.held if 0 <= lane.held < len(episode.goals) else NOTHING
+    if held == NOTHING and (lane.held >= 0 or lane.held_link >= 0):
+        held = SOMETHING_ELSE
+    containers = [episode.container(k) for k in range(len(episode.goals))]
+    drawer = next((c for c in containers if c is not None and c != "top_door"), None)
+    q = lane.qpos[lane.scene.link_qpos]
+    links = lane.scene.links
+    return WorldFacts(
+        positions,
+        episode.goal_positions,
+        np.array(held),
+        np.array(q[links.index(drawer)] if drawer else 0.0),
+        np.array(q[links.index("top_door")]),
+    )

@@ -1,0 +1,80 @@
+"""Oracle for drawers and the fridge's door: take the handle, move it along its line or arc, let go, go back to rest.
+
+The arm keeps the gripper on the handle's way (damped least squares); the base drives to keep that way within reach.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Pose
+from perdure.home.oracle.ghost import Ghost
+from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go
+from perdure.home.oracle.pick import AHEAD, TURNS, approach
+from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
+from perdure.home.oracle.wishes import handle_grabs
+from perdure.home.world import CONTROL_HZ, GRASP, RELEASE
+from perdure.home.world.handles import Handles
+
+FloatArray = NDArray[np.float64]
+
+SPEED = 0.40
+"""Of the handle in [m/s]."""
+NEAREST, FARTHEST = 0.62, 0.85
+"""Distances along the floor between which the base keeps the gripper in [m]."""
+BACK = 0.15
+"""How far the robot draws back from a handle it has let go, in [m]."""
+
+
+def articulate(view: View, goal: float, enough: float) -> Motion:
+    """Moves the errand's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
+    link = int(view.sensors.link[0])
+    plan = plan_handle(Ghost(view.lane), link, view.base)
+    if plan is None:
+        return
+    yield from approach(view, plan)
+    yield view.action(grip=GRASP)
+    if view.lane.held_link != link:
+        return
+    yield from _carry(view, link, goal, enough)
+    yield view.action(grip=RELEASE)
+    yield from together(turn_and_go(view, view.base.yaw, -BACK), rest_arm(view))
+
+
+def plan_handle(ghost: Ghost, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+    """Where to stand and how to reach a handle as it is now."""
+    scene = ghost.lane.scene
+    point = ghost.handles()[link]
+    pose = scene.apartment.piece_of(scene.links[link]).pose
+    front = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])
+    if scene.apartment.articulation(scene.links[link]).kind == "hinge":
+        front = (np.array([base.x, base.y, point[2]]) - point) / np.linalg.norm(np.array([base.x, base.y]) - point[:2])
+    wishes = handle_grabs(point, np.array([base.x, base.y]), front)
+    places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
+    return plan_reach(ghost, places, wishes)
+
+
+def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
+    """With the handle in the hand: its wanted place runs ahead along its way, gripper and base follow."""
+    handles = Handles.of(view.lane.scene.apartment)
+    lever = float(np.hypot(*handles.lever[link])) or 1.0
+    wanted = float(view.sensors.link_position[0])
+    offset = view.sensors.gripper[0] - handles.one(link, wanted)
+    direction = float(np.sign(goal - wanted))
+    for _ in range(150):
+        now = float(view.sensors.link_position[0])
+        if abs(goal - now) <= enough:
+            break
+        # The wanted place waits for the handle when it falls behind by more than a hand's breadth.
+        if abs(wanted - now) * lever < 0.08:
+            wanted += direction * min(SPEED / CONTROL_HZ / lever, abs(goal - wanted))
+        ahead_of_it = handles.one(link, wanted + 0.02 * direction) - handles.one(link, wanted)
+        along = view.base.to_local(ahead_of_it + (view.base.x, view.base.y, 0.0))
+        local = view.base.to_local(handles.one(link, wanted))
+        far, bearing = float(np.hypot(local[0], local[1])), float(np.arctan2(local[1], local[0]))
+        forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)
+        forward += 3.0 * (far - FARTHEST) if far > FARTHEST else 3.0 * (far - NEAREST) if far < NEAREST else 0.0
+        turn = float(np.clip(bearing, -0.3, 0.3)) if abs(bearing) > 0.6 else 0.0
+        arm = reach_for(view, handles.one(link, wanted) + offset, 0.7)
+        yield view.action(float(np.clip(forward, -0.7, 0.7)), turn, arm)

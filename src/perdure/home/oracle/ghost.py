@@ -1,0 +1,109 @@
+"""Asking a lane's model what the robot would touch somewhere else, without moving anything."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.home.layouts import Pose
+from perdure.home.robot import gripper_pose
+from perdure.home.robot.data import TORSO_HEIGHT
+from perdure.home.world import Lane
+from perdure.home.world.handles import Handles
+from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO
+
+FloatArray = NDArray[np.float64]
+
+TOLERATED = 0.004
+"""Depth in [m] up to which a touch is none."""
+
+
+class Ghost:
+    """A second set of data for a lane's model, the rest of the world as it is when the ghost is made."""
+
+    def __init__(self, lane: Lane) -> None:
+        """A ghost of the robot in this lane."""
+        import mujoco
+
+        self._mujoco = mujoco
+        self.lane = lane
+        self._data: Any = mujoco.MjData(lane.model)
+        self._data.qpos[:] = lane.qpos
+        self._start: FloatArray = np.array(lane.qpos)
+        self._held = lane.held
+
+    def open(self, link: int, position: float) -> None:
+        """Moves a drawer or door in the ghost's world."""
+        self._start[self.lane.scene.link_qpos[link]] = position
+
+    def handles(self) -> FloatArray:
+        """Handles of all drawers and doors in the ghost's world. Shape (links, 3)."""
+        scene = self.lane.scene
+        return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
+
+    def in_fridge(self, point: FloatArray) -> bool:
+        """Whether a point of the room is within the fridge's outline."""
+        apartment = self.lane.scene.apartment
+        fridge = next((piece for piece in apartment.pieces if piece.kind == "fridge"), None)
+        if fridge is None:
+            return False
+        local = fridge.pose.to_local(np.asarray(point))
+        return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
+
+    def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, ignore: int = -1) -> float:
+        """How deep the robot (with what it holds) would be inside something else in [m], 0 for free.
+
+        Args:
+            base: Where it stands.
+            arm: Joint angles. Shape (7,).
+            held: Number of the object in its hand; what the lane holds when None, -1 for none.
+            ignore: An object that does not count.
+        """
+        scene, data = self.lane.scene, self._data
+        data.qpos[:] = self._start
+        robot = data.qpos[scene.robot_qpos]
+        robot[:3] = base.x, base.y, base.yaw
+        robot[TORSO], robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
+        held = self._held if held is None else held
+        if held >= 0:
+            position, rotation = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
+            address = scene.object_qpos[held]
+            data.qpos[address : address + 3] = position
+            self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
+        self._mujoco.mj_kinematics(self.lane.model, data)
+        self._mujoco.mj_collision(self.lane.model, data)
+        return self._deepest(held, ignore)
+
+    def _deepest(self, held: int, ignore: int) -> float:
+        scene, contact = self.lane.scene, self._data.contact
+        geoms, distance = contact.geom, contact.dist
+        if not len(distance):
+            return 0.0
+        robot = scene.robot_geoms[geoms]
+        ours = robot.any(axis=1)
+        if held >= 0:
+            carried = np.isin(geoms, scene.object_geoms[held])
+            ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
+        if ignore >= 0:
+            ours &= ~np.isin(geoms, scene.object_geoms[ignore]).any(axis=1)
+        deep = -distance[ours]
+        return float(max(deep.max() - TOLERATED, 0.0)) if len(deep) else 0.0
+
+    def path_depth(
+        self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, ignore: int = -1, points: int = 8
+    ) -> float:
+        """The deepest touch on the straight way between two arm poses, both ends included, in [m]."""
+        first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        return max(
+            self.depth(base, first + share * (last - first), held, ignore) for share in np.linspace(0.0, 1.0, points)
+        )
+
+
+def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where the gripper would be in the room: position (3,) and rotation (3, 3)."""
+    position, rotation = gripper_pose(TORSO_HEIGHT, arm)
+    cos, sin = np.cos(base.yaw), np.sin(base.yaw)
+    about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return base.to_room(position), about_z @ rotation

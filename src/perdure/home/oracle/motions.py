@@ -1,0 +1,154 @@
+"""Motions that oracle skills are made of, as generators: each yields an action and is sent what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Pose
+from perdure.home.robot.data import ARM_HIGH, ARM_LOW, TORSO_HEIGHT
+from perdure.home.robot.kinematics import pose_and_jacobian
+from perdure.home.skills import rest_error
+from perdure.home.world import ACTION_SIZE, ARM, ARM_STEP, CONTROL_HZ, FORWARD, GRIP, LEAVE, TURN, Lane, Sensors, World
+from perdure.home.world.sensors import wrap
+
+FloatArray = NDArray[np.float64]
+Motion = Generator[FloatArray, None, None]
+
+ARRIVED_RAD = 0.02
+"""Largest lag of a joint in [rad] at which an arm pose counts as reached."""
+
+
+@dataclass
+class View:
+    """One lane as an oracle skill sees it; `sensors` (one row) is renewed before each action."""
+
+    world: World
+    number: int
+    sensors: Sensors
+    base_speed: float
+
+    @property
+    def lane(self) -> Lane:
+        """The lane itself: an oracle may know everything."""
+        return self.world.lane(self.number)
+
+    @property
+    def base(self) -> Pose:
+        """Where the robot stands."""
+        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def arm(self) -> FloatArray:
+        """Where the arm's servos are told to be. Shape (7,)."""
+        target: FloatArray = self.sensors.arm_target[0]
+        return target
+
+    def action(
+        self, forward: float = 0.0, turn: float = 0.0, arm: FloatArray | None = None, grip: float = LEAVE
+    ) -> FloatArray:
+        """An action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
+        action = np.zeros(ACTION_SIZE)
+        action[FORWARD], action[TURN], action[GRIP] = forward / self.base_speed, turn / self.base_speed, grip
+        if arm is not None:
+            action[ARM] = arm / ARM_STEP
+        return np.clip(action, -1.0, 1.0)
+
+
+def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
+    """A step straight towards an arm pose, no joint farther than the benchmark allows. Shape (7,)."""
+    step = goal - now
+    return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
+
+
+def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10) -> Motion:
+    """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go."""
+    for goal in poses:
+        while np.abs(goal - view.arm).max() > 1e-9:
+            yield view.action(arm=arm_step(view.arm, goal))
+    for _ in range(settle):
+        if np.abs(view.sensors.arm[0] - view.arm).max() < ARRIVED_RAD:
+            return
+        yield view.action()
+
+
+def rest_arm(view: View) -> Motion:
+    """The arm back to its pose of rest, rolls the shorter way round."""
+    yield from move_arm(view, [view.arm + rest_error(view.sensors.arm_target)[0]], settle=15)
+
+
+def turn_and_go(view: View, yaw: float, distance: float) -> Motion:
+    """Turns to a heading, then drives straight on (back when negative) by a distance."""
+    yield from turn_to(view, yaw)
+    start = view.base
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    for _ in range(int(30 + 60 * abs(distance))):
+        gone = float((np.array([view.base.x, view.base.y]) - (start.x, start.y)) @ along)
+        left = distance - gone
+        if abs(left) < 0.01:
+            break
+        error = float(wrap(np.array(yaw - view.base.yaw)))
+        yield view.action(forward=float(np.clip(4.0 * left, -1.0, 1.0)), turn=float(np.clip(4.0 * error, -1.0, 1.0)))
+    yield view.action()
+
+
+def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
+    """Turns on the spot to a heading."""
+    for _ in range(150):
+        error = float(wrap(np.array(yaw - view.base.yaw)))
+        if abs(error) < within:
+            return
+        yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
+
+
+def follow(view: View, points: FloatArray) -> Motion:
+    """Drives along way points: turns to the next one, drives, corrects its heading on the way."""
+    for point in points:
+        for _ in range(400):
+            away = point - np.array([view.base.x, view.base.y])
+            far = float(np.hypot(*away))
+            if far < 0.03:
+                break
+            error = float(wrap(np.arctan2(away[1], away[0]) - view.base.yaw))
+            if far < 0.10 and abs(error) > 0.5 * np.pi:
+                break
+            slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
+            yield view.action(
+                forward=float(np.clip(3.0 * far, 0.05, 1.4)) * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5))
+            )
+
+
+def reach_for(view: View, point: FloatArray, speed: float = 0.4) -> FloatArray:
+    """Joint steps that bring the gripper point nearer to a point of the room; its rotation is free. Shape (7,).
+
+    Damped least squares; what the three equations leave open draws the arm to its pose of rest.
+    """
+    now, _, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
+    away = view.base.to_local(point) - now
+    far = float(np.linalg.norm(away))
+    away = away * min(1.0, speed / CONTROL_HZ / max(far, 1e-9))
+    rows = matrix[:3]
+    inverse = rows.T @ np.linalg.inv(rows @ rows.T + 0.03**2 * np.eye(3))
+    home = np.clip(0.02 * rest_error(view.sensors.arm_target)[0], -0.01, 0.01)
+    step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
+    step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
+    within: FloatArray = np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm
+    return within
+
+
+def together(first: Motion, second: Motion) -> Motion:
+    """Two motions at once, of the base and of the arm: their actions are added; lasts until both have ended."""
+    running: list[Motion] = [first, second]
+    while running:
+        total = np.zeros(ACTION_SIZE)
+        for motion in tuple(running):
+            try:
+                total += next(motion)
+            except StopIteration:
+                running.remove(motion)
+        if running:
+            yield np.clip(total, -1.0, 1.0)

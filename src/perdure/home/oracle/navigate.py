@@ -1,0 +1,64 @@
+"""Oracle navigation: the cell from which the next skill's arm motion works, the shortest way there, then face the aim."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Pose
+from perdure.home.oracle.articulate import plan_handle
+from perdure.home.oracle.ghost import Ghost
+from perdure.home.oracle.motions import Motion, View, follow, turn_to
+from perdure.home.oracle.pick import plan_pick
+from perdure.home.oracle.place import plan_place
+from perdure.home.oracle.placing import ReachPlan, around
+from perdure.home.tasks import SkillName
+from perdure.home.world import Errand
+
+FloatArray = NDArray[np.float64]
+
+BEST_DISTANCE = {
+    "pick": 0.72,
+    "place": 0.72,
+    "open_drawer": 0.85,
+    "close_drawer": 0.5,
+    "open_fridge": 0.95,
+    "close_fridge": 0.9,
+}
+"""From where each skill works best, along the floor in [m]."""
+PLACES = 8
+"""Standing places that are tried."""
+
+
+def navigate(view: View, errand: Errand, toward: SkillName) -> Motion:
+    """Drives to where `toward` works."""
+    assert errand.route is not None
+    route = errand.route
+    goals = np.nonzero(route.values == 0.0)[0]
+    aim = np.array(errand.aim)
+    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES))
+    plan = _plan(view, errand, toward, stands)
+    stand = stands[0] if plan is None else plan.base
+    cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
+    way = route.space.distances(cell).path(np.array([view.base.x, view.base.y]))
+    yield from follow(view, np.concatenate([way[1:], [[stand.x, stand.y]]]))
+    yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
+
+
+def _plan(view: View, errand: Errand, toward: SkillName, stands: list[Pose]) -> ReachPlan | None:
+    """The skill's own plan from the first standing place that works, each with a step ahead or back."""
+    best: ReachPlan | None = None
+    ghost = Ghost(view.lane)
+    aim = np.array(errand.aim)
+    for stand in stands:
+        if toward == "pick":
+            plan = plan_pick(ghost, view.sensors.object[0].copy(), errand.target, stand, [stand])
+        elif toward == "place":
+            plan = plan_place(ghost, aim, stand, [stand])
+        else:
+            plan = plan_handle(ghost, errand.link, stand, [stand])
+        if plan is not None and (best is None or plan.depth < best.depth):
+            best = plan
+        if best is not None and best.free:
+            break
+    return best

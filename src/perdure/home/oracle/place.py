@@ -1,0 +1,48 @@
+"""Oracle place: hold the object level above its goal, wait until it hangs still, let go, go back to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Pose
+from perdure.home.oracle.ghost import Ghost
+from perdure.home.oracle.motions import Motion, View, move_arm, rest_arm
+from perdure.home.oracle.pick import AHEAD, TURNS, approach
+from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
+from perdure.home.oracle.wishes import place_wishes
+from perdure.home.world import RELEASE
+
+FloatArray = NDArray[np.float64]
+
+HEIGHT = 0.015
+"""How far above its goal the object is let go in [m]."""
+STILL = 0.03
+"""Speed of the gripper in [m/s] below which it counts as still."""
+
+
+def place(view: View) -> Motion:
+    """Places the errand's object."""
+    target = int(view.sensors.target[0])
+    if view.lane.held != target:
+        yield from rest_arm(view)
+        return
+    goal = view.sensors.goal[0].copy()
+    plan = plan_place(Ghost(view.lane), goal, view.base)
+    if plan is None:
+        return
+    yield from approach(view, plan)
+    for _ in range(20):
+        if np.linalg.norm(view.sensors.gripper_velocity[0]) < STILL:
+            break
+        yield view.action()
+    yield view.action(grip=RELEASE)
+    yield from move_arm(view, [plan.poses[0]], settle=0)
+    yield from rest_arm(view)
+
+
+def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+    """Where to stand and how to bring the held object to its goal."""
+    wishes = place_wishes(goal, np.array([base.x, base.y]), HEIGHT, ghost.in_fridge(goal))
+    places = list(ahead(base, goal, AHEAD, TURNS)) if stands is None else stands
+    return plan_reach(ghost, places, wishes)

@@ -1,0 +1,150 @@
+"""Where to stand and how to hold the arm: search over standing places, gripper directions and their inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import FreeSpace, Pose
+from perdure.home.oracle.ghost import Ghost
+from perdure.home.oracle.inverse_many import reach_many
+from perdure.home.robot.data import REST_ARM
+from perdure.home.world import ARM_STEP
+from perdure.home.world.sensors import wrap
+
+FloatArray = NDArray[np.float64]
+
+DEPTH_COST = 1e4
+"""Steps that a metre of depth weighs as much as."""
+FARTHEST = 1.2
+"""How far the arm may reach along the floor in [m]; beyond, inverse kinematics is not asked."""
+CLOSE = 0.01
+"""How far from the wanted point a pose may leave the gripper in [m]."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A gripper pose that would do."""
+
+    point: FloatArray
+    """Where the gripper point should be in the room. Shape (3,)."""
+    approach: FloatArray
+    """Where its x axis should point in the room. Shape (3,)."""
+    upright: bool
+    """Whether its z axis must point up (then the approach must be level)."""
+    before: FloatArray
+    """From `point` to where the gripper should come from, in the room. Shape (3,)."""
+
+
+@dataclass(frozen=True)
+class ReachPlan:
+    """Where to stand, and arm poses from rest to the wish."""
+
+    base: Pose
+    poses: tuple[FloatArray, ...]
+    depth: float
+    """The deepest touch on the way in [m]; 0 is free."""
+    steps: float
+    """Control steps it takes, roughly."""
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing is touched."""
+        return self.depth == 0.0
+
+    @property
+    def cost(self) -> float:
+        """Steps; a centimetre inside something else weighs as much as a hundred."""
+        return self.steps + DEPTH_COST * self.depth
+
+
+def plan_reach(
+    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], ignore: int = -1, checks: int = 40
+) -> ReachPlan | None:
+    """The quickest way to fulfil a wish without touching anything; else the one that touches least.
+
+    Args:
+        ghost: The world.
+        stands: Standing places.
+        wishes: Gripper poses, all upright or none.
+        ignore: An object that may be touched (the one to be grasped).
+        checks: Plans that are tested for touching, the quickest first.
+
+    Returns:
+        A plan, None when no standing place lets the arm reach.
+    """
+    candidates = _reachable(ghost, list(stands), wishes)
+    best: ReachPlan | None = None
+    blocked: dict[Pose, float] = {}
+    rest = np.array(REST_ARM)
+    for stand, via, end, steps in candidates[:checks]:
+        if stand not in blocked:
+            blocked[stand] = ghost.depth(stand, rest, ignore=ignore)
+        worst = max(blocked[stand], ghost.depth(stand, end, ignore=ignore))
+        if best is not None and steps + DEPTH_COST * worst >= best.cost:
+            continue
+        worst = max(worst, ghost.path_depth(stand, via, end, ignore=ignore, points=4))
+        if worst == 0.0:
+            worst = ghost.path_depth(stand, rest, via, ignore=ignore, points=7)
+        plan = ReachPlan(stand, (via, end), worst, steps)
+        if best is None or plan.cost < best.cost:
+            best = plan
+        if plan.free:
+            break
+    return best
+
+
+def _reachable(
+    ghost: Ghost, stands: Sequence[Pose], wishes: Sequence[Wish]
+) -> list[tuple[Pose, FloatArray, FloatArray, float]]:
+    """All standing places and wishes that inverse kinematics can join, the quickest first."""
+    pairs = [(s, w) for s in stands for w in wishes]
+    pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
+    if not pairs:
+        return []
+    points = np.array([s.to_local(w.point) for s, w in pairs])
+    vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
+    approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
+    upright, rest = pairs[0][1].upright, np.array(REST_ARM)
+    end, way, turn = reach_many(points, approach, upright, rest)
+    good = (way < CLOSE) & (turn < (0.05 if upright else 0.3))
+    rows = np.nonzero(good)[0]
+    if not len(rows):
+        return []
+    via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
+    now, found = ghost.lane.robot, []
+    for row, middle, miss in zip(rows, via, via_way, strict=True):
+        stand = pairs[row][0]
+        turning = abs(float(wrap(np.array(stand.yaw - now[2]))))
+        drive = 25.0 * float(np.hypot(stand.x - now[0], stand.y - now[1])) + 15.0 * turning
+        arm = (np.abs(middle - rest).max() + np.abs(end[row] - middle).max()) / ARM_STEP
+        if miss < 3.0 * CLOSE:
+            found.append((stand, middle, end[row], float(arm + drive)))
+    return sorted(found, key=lambda each: each[3])
+
+
+def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequence[float]) -> Iterator[Pose]:
+    """Standing places that one turn and one straight drive reach: facing a point give or take a turn, then ahead."""
+    facing = float(np.arctan2(toward[1] - base.y, toward[0] - base.x))
+    for turn in turns:
+        for step in steps:
+            yaw = facing + turn
+            yield Pose(base.x + step * float(np.cos(yaw)), base.y + step * float(np.sin(yaw)), yaw)
+
+
+def around(space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int) -> Iterator[Pose]:
+    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out."""
+    centers = space.centers[cells]
+    away = np.hypot(*(centers - point[:2]).T)
+    taken: list[FloatArray] = []
+    for index in np.argsort(np.abs(away - best), kind="stable"):
+        center = centers[index]
+        if any(np.hypot(*(center - other)) < 0.15 for other in taken):
+            continue
+        taken.append(center)
+        yield Pose(float(center[0]), float(center[1]), float(np.arctan2(*(point[:2] - center)[::-1])))
+        if len(taken) >= count:
+            return

@@ -1,0 +1,89 @@
+"""Gripper poses that would do for picking, placing and holding a handle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.oracle.placing import Wish
+
+FloatArray = NDArray[np.float64]
+
+STANDOFFS = (0.11, 0.07, 0.13)
+"""Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
+SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
+"""How steeply the gripper points down on open surfaces."""
+INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0))
+"""The same in a fridge."""
+LIFT = 0.08
+"""How far above the last point the gripper comes from in [m]."""
+TURNS = (0.0, 0.5, -0.5)
+"""Turns of the approach about the vertical, in [rad]."""
+
+
+def pick_wishes(
+    point: FloatArray, origin: FloatArray, rivals: FloatArray, inside: bool, slopes: Sequence[float] | None = None
+) -> list[Wish]:
+    """Poses in which the magic grasp takes the object and nothing else.
+
+    Args:
+        point: Middle of the object. Shape (3,).
+        origin: From where the robot comes, on the floor. Shape (2,).
+        rivals: Middles of other objects, and handles. Shape (k, 3).
+        inside: Whether it lies in a fridge: then the gripper comes from the front, not from above.
+        slopes: How steeply the gripper points down, in [rad].
+    """
+    wishes = []
+    for slope in slopes or (INSIDE_SLOPES if inside else SLOPES):
+        for turn in TURNS:
+            approach = _direction(point, origin, slope, turn)
+            for standoff in STANDOFFS:
+                spot = point - standoff * approach
+                if len(rivals) and np.linalg.norm(rivals - spot, axis=1).min() < standoff + 0.01:
+                    continue
+                before = -0.15 * approach if inside else np.array([0.0, 0.0, LIFT])
+                wishes.append(Wish(spot, approach, False, before))
+                break
+    return wishes
+
+
+def handle_grabs(point: FloatArray, origin: FloatArray, front: FloatArray) -> list[Wish]:
+    """Poses in which the magic grasp takes a handle.
+
+    Args:
+        point: The handle. Shape (3,).
+        origin: Where the robot stands, on the floor. Shape (2,).
+        front: Direction out of the piece's front. Shape (3,).
+    """
+    wishes = []
+    for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0), np.radians(75.0)):
+        for turn in TURNS:
+            approach = _direction(point, origin, slope, turn)
+            spot = point + 0.09 * front
+            wishes.append(Wish(spot, approach, False, 0.05 * front))
+    return wishes
+
+
+def place_wishes(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[Wish]:
+    """Level poses that hold the object upright above its goal.
+
+    Args:
+        point: The goal of its middle. Shape (3,).
+        origin: From where the robot comes, on the floor. Shape (2,).
+        height: How far above the goal to let go in [m].
+        inside: Whether the goal is in a fridge.
+    """
+    wishes = []
+    for turn in (0.0, 0.4, -0.4, 0.8, -0.8):
+        approach = _direction(point, origin, 0.0, turn)
+        spot = point + np.array([0.0, 0.0, height])
+        lift = np.array([0.0, 0.0, 0.04 if inside else LIFT])
+        wishes.append(Wish(spot, approach, True, lift - (0.2 * approach if inside else 0.0)))
+    return wishes
+
+
+def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float) -> FloatArray:
+    heading = np.arctan2(point[1] - origin[1], point[0] - origin[0]) + turn
+    return np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), -np.sin(slope)])

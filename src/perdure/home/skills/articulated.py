@@ -1,0 +1,120 @@
+"""What the four skills share that open or close a drawer or the fridge: hold the handle, move it, let go, retract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
+from perdure.home.world import Sensors
+from perdure.home.world.sensors import norm
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
+GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
+RETRACTED = 0.15
+"""How near the gripper point must be to rest in [m] (M3: looser than after pick and place)."""
+
+
+@dataclass(frozen=True)
+class Articulated(Skill):
+    """Reward (M3): 2 per metre nearer to the handle until it is held, +1 for the first right grasp, 2 per metre or
+    radian nearer to the wanted position while it is held, +1 for letting go there, then 2 per metre nearer to rest.
+    """
+
+    failures: ClassVar[tuple[str, ...]] = (
+        "none",
+        "wrong grasp",
+        "let go early",
+        "left the goal",
+        "invalid grasp",
+        "excess force",
+    )
+    wanted: ClassVar[float]
+    """Wanted joint position in [m] or [rad]."""
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """See `Skill.elements`."""
+        return (
+            *PROPRIOCEPTION,
+            *point_elements("handle", "the handle"),
+            Element("to_wanted", "wanted minus joint position", "m or rad"),
+            Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
+            Element("holding", "1 when the handle is held", "1", 0.0, 1.0),
+        )
+
+    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Skill.observe`."""
+        columns = [
+            *proprioception(sensors),
+            *point(sensors, sensors.handle),
+            (self.wanted - sensors.link_position)[:, None],
+            sensors.link_velocity[:, None],
+            holds_handle(sensors).astype(np.float64)[:, None],
+        ]
+        return np.concatenate(columns, axis=1)
+
+    def there(self, position: FloatArray) -> BoolArray:
+        """Whether the drawer or door is where it should be. Shape (n,)."""
+        raise NotImplementedError
+
+    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+        """See `Skill.terms`."""
+        approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
+        moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
+        retract = rest_distance(before) - rest_distance(after)
+        return {
+            "approach": DISTANCE_REWARD * np.where(~now.grasped, approach, 0.0),
+            "grasp": GRASP_REWARD * (now.grasped & ~was.grasped),
+            "move": JOINT_REWARD * np.where(holds_handle(after), moved, 0.0),
+            "release": RELEASE_REWARD * (now.released & ~was.released & self.there(after.link_position)),
+            "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
+        }
+
+    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """It is where it should be, the hand is empty and within 0.15 m of rest."""
+        retracted = rest_distance(sensors) <= RETRACTED
+        done: BoolArray = self.there(sensors.link_position) & sensors.empty_hand & retracted
+        return done
+
+    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+        """See `Skill.failure`."""
+        there = self.there(sensors.link_position)
+        return first_of(
+            ~sensors.empty_hand & ~holds_handle(sensors),
+            progress.released & ~progress.reached,
+            progress.released & progress.reached & ~there,
+            invalid_grasp(sensors),
+            progress.force_sum > self.force_limit,
+        )
+
+    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """The hand is empty and back near rest after it was more than 0.3 m away; M3 does not look at the joint."""
+        done: BoolArray = sensors.empty_hand & (rest_distance(sensors) <= RETRACTED) & progress.away
+        return done
+
+    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
+        progress = super()._remember(progress, sensors)
+        holds = holds_handle(sensors)
+        grasped = progress.grasped | holds
+        return replace(
+            progress,
+            grasped=grasped,
+            released=progress.released | (grasped & ~holds),
+            reached=progress.reached | self.there(sensors.link_position),
+        )
+
+
+def holds_handle(sensors: Sensors) -> BoolArray:
+    """Whether the errand's handle is held. Shape (n,)."""
+    holds: BoolArray = (sensors.link >= 0) & (sensors.held_link == sensors.link)
+    return holds

@@ -1,0 +1,63 @@
+"""Parts that the observations of several skills share: what a robot senses of itself, and points around it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.robot.data import ARM_JOINTS, REST_POSITION
+from perdure.home.skills.skill import Element, rest_distance
+from perdure.home.world import Sensors
+
+FloatArray = NDArray[np.float64]
+
+
+def proprioception(sensors: Sensors) -> list[FloatArray]:
+    """Arm, gripper and base as the robot's own encoders tell. 25 columns."""
+    lag = sensors.arm_target - sensors.arm
+    speed = sensors.base_velocity[:, [0, 2]]
+    to_rest = np.asarray(REST_POSITION) - sensors.gripper_in_base
+    rotation = sensors.gripper_rotation
+    axes = [rotation[:, :, 0], rotation[:, :, 2]]
+    return [wound(sensors.arm), lag, speed, to_rest, rest_distance(sensors)[:, None], *axes]
+
+
+def wound(arm: FloatArray) -> FloatArray:
+    """Arm angles, those of joints without end brought into [-pi, pi)."""
+    result = arm.copy()
+    for column in (2, 4, 6):
+        result[:, column] = np.mod(result[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    return result
+
+
+PROPRIOCEPTION: tuple[Element, ...] = (
+    *(Element(f"{name}", f"angle of {name}", "rad", -np.pi, np.pi) for name in ARM_JOINTS),
+    *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ARM_JOINTS),
+    Element("base_forward", "speed of the base forward", "m/s"),
+    Element("base_turn", "turning speed of the base", "rad/s"),
+    *(
+        Element(f"to_rest_{axis}", f"from the gripper point to its rest position, base frame {axis}", "m")
+        for axis in "xyz"
+    ),
+    Element("rest_distance", "d_ee^r: length of that", "m", 0.0),
+    *(Element(f"gripper_forward_{axis}", f"gripper's x axis, base frame {axis}", "1", -1.0, 1.0) for axis in "xyz"),
+    *(Element(f"gripper_up_{axis}", f"gripper's z axis, base frame {axis}", "1", -1.0, 1.0) for axis in "xyz"),
+)
+
+
+def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:
+    """From the gripper point to points of the room, along the axes of the base. Shape (n, 3)."""
+    return sensors.turned_to_base(points - sensors.gripper)
+
+
+def point_elements(name: str, what: str) -> tuple[Element, ...]:
+    """Six elements: a point relative to the gripper and in the base frame."""
+    return (
+        *(Element(f"{name}_from_gripper_{a}", f"from the gripper point to {what}, base axes {a}", "m") for a in "xyz"),
+        *(Element(f"{name}_in_base_{a}", f"{what}, base frame {a}", "m") for a in "xyz"),
+    )
+
+
+def point(sensors: Sensors, points: FloatArray) -> list[FloatArray]:
+    """The columns of `point_elements`."""
+    return [seen_from_gripper(sensors, points), sensors.in_base(points)]

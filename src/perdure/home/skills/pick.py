@@ -1,0 +1,86 @@
+"""Pick: grasp the target and bring the gripper back to its rest position."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
+from perdure.home.world import GRIP, Sensors
+from perdure.home.world.sensors import norm
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+DISTANCE_REWARD = 4.0
+GRASP_REWARD = 1.0
+
+
+@dataclass(frozen=True)
+class Pick(Skill):
+    """Reward (M3): 4 per metre nearer to the object, once it is held 4 per metre nearer to rest, +1 for the grasp."""
+
+    name = "pick"
+    failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
+    force_limit = 5000.0
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """See `Skill.elements`."""
+        return (
+            *PROPRIOCEPTION,
+            *point_elements("object", "the object"),
+            Element("holding", "1 when something is held", "1", 0.0, 1.0),
+        )
+
+    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Skill.observe`."""
+        holding = (sensors.held >= 0).astype(np.float64)[:, None]
+        return np.concatenate([*proprioception(sensors), *point(sensors, sensors.object), holding], axis=1)
+
+    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+        """See `Skill.terms`."""
+        approach = norm(before.object - before.gripper) - norm(after.object - after.gripper)
+        retract = rest_distance(before) - rest_distance(after)
+        held_before = before.holds_target
+        return {
+            # In the step of the grasp the object jumps into the gripper: that is no approach.
+            "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
+            "retract": DISTANCE_REWARD * np.where(held_before & after.holds_target, retract, 0.0),
+            "grasp": GRASP_REWARD * (now.grasped & ~was.grasped),
+        }
+
+    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """The target is held and the gripper is within 0.05 m of rest."""
+        reached: BoolArray = sensors.holds_target & (rest_distance(sensors) <= RETRACTED)
+        return reached
+
+    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+        """See `Skill.failure`."""
+        return first_of(
+            (sensors.held >= 0) & ~sensors.holds_target | (sensors.held_link >= 0),
+            progress.grasped & ~sensors.holds_target,
+            invalid_grasp(sensors),
+            progress.force_sum > self.force_limit,
+        )
+
+    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """Something (M3: anything) is held and the gripper is back at rest."""
+        done: BoolArray = (sensors.held >= 0) & (rest_distance(sensors) < RETRACTED)
+        return done
+
+    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
+        """Pick never lets go."""
+        masked = actions.copy()
+        masked[:, GRIP] = np.maximum(masked[:, GRIP], 0.0)
+        return masked
+
+    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
+        progress = super()._remember(progress, sensors)
+        return replace(progress, grasped=progress.grasped | sensors.holds_target)

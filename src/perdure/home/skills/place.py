@@ -1,0 +1,134 @@
+"""Place: let go of the target within its goal region, so that it stays, and bring the gripper back to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.errors import HomeError
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
+from perdure.home.tasks import LIMITS
+from perdure.home.world import GRIP, Sensors
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+GOAL_RADIUS = 0.15
+"""eps_g: how near the object's middle must be to its goal in [m] (M3, habitat-lab)."""
+DISTANCE_REWARD = 4.0
+RELEASE_REWARD = 1.0
+
+
+@dataclass(frozen=True)
+class Place(Skill):
+    """Success over Delta steps (thesis, section 2.1.2).
+
+    At time t: for each of the last Delta steps, t included, the object is within eps_g = 0.15 m of its goal and not
+    held, and at t the gripper point is within eps_r = 0.05 m of its rest position. Delta = 1 is the benchmark's rule.
+
+    Reward (M3): while it is held 4 per metre nearer to the goal; at the first release +1 inside the goal region, else
+    -1 and the end; after it 4 per metre nearer to rest.
+    """
+
+    name = "place"
+    failures: ClassVar[tuple[str, ...]] = ("none", "wrong drop", "invalid grasp", "excess force")
+    force_limit = 7500.0
+    delta: int = 1
+    """Delta: for how many steps the object must have stayed."""
+    limited_to: int | None = None
+    """Control steps the skill may last; 200 + Delta (200 for Delta = 1) when None."""
+
+    def __post_init__(self) -> None:
+        """Delta below 1 or a limit too short for it raise HomeError."""
+        if self.delta < 1:
+            raise HomeError(f"delta must be at least 1 step, not {self.delta}")
+        if self.limit < self.delta:
+            raise HomeError(f"a skill of {self.limit} steps cannot last delta = {self.delta} steps")
+
+    @property
+    def limit(self) -> int:
+        """See `Skill.limit`."""
+        if self.limited_to is not None:
+            return self.limited_to
+        return LIMITS["place"] + (self.delta if self.delta > 1 else 0)
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """See `Skill.elements`."""
+        lasting = Element("lasting", "share of the delta steps that the object has stayed", "1", 0.0, 1.0)
+        return (
+            *PROPRIOCEPTION,
+            *point_elements("goal", "the goal"),
+            *(Element(f"object_from_goal_{a}", f"from the goal to the object, base axes {a}", "m") for a in "xyz"),
+            Element("goal_distance", "d_o^g: length of that", "m", 0.0),
+            *(Element(f"object_up_{a}", f"object's z axis, base axes {a}", "1", -1.0, 1.0) for a in "xyz"),
+            Element("holding", "1 when the object is held", "1", 0.0, 1.0),
+            *((lasting,) if self.delta > 1 else ()),
+        )
+
+    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Skill.observe`."""
+        columns = [
+            *proprioception(sensors),
+            *point(sensors, sensors.goal),
+            sensors.turned_to_base(sensors.object - sensors.goal),
+            sensors.object_to_goal[:, None],
+            sensors.turned_to_base(sensors.object_up),
+            sensors.holds_target.astype(np.float64)[:, None],
+        ]
+        if self.delta > 1:
+            columns.append(np.minimum(progress.lasting / self.delta, 1.0)[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+        """See `Skill.terms`."""
+        nearer = before.object_to_goal - after.object_to_goal
+        retract = rest_distance(before) - rest_distance(after)
+        first = now.released & ~was.released
+        inside = after.object_to_goal <= GOAL_RADIUS
+        return {
+            "carry": DISTANCE_REWARD * np.where(after.holds_target, nearer, 0.0),
+            "release": RELEASE_REWARD * (first & inside),
+            "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
+        }
+
+    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """See the class."""
+        reached: BoolArray = (progress.lasting >= self.delta) & (rest_distance(sensors) <= RETRACTED)
+        return reached
+
+    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+        """A wrong drop is a first release outside the goal region."""
+        just = progress.released & (progress.lasting == 0) & ~progress.reached
+        return first_of(just, invalid_grasp(sensors), progress.force_sum > self.force_limit)
+
+    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """The hand is empty and back at rest; M3's rule does not look at the object, with Delta > 1 the count must run out."""
+        done = sensors.empty_hand & (rest_distance(sensors) < RETRACTED)
+        if self.delta > 1:
+            done &= progress.lasting >= self.delta
+        return np.asarray(done)
+
+    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
+        """Place never grasps."""
+        masked = actions.copy()
+        masked[:, GRIP] = np.minimum(masked[:, GRIP], 0.0)
+        return masked
+
+    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
+        progress = super()._remember(progress, sensors)
+        there = (sensors.object_to_goal <= GOAL_RADIUS) & (sensors.held != sensors.target)
+        grasped = progress.grasped | sensors.holds_target
+        return replace(
+            progress,
+            grasped=grasped,
+            released=progress.released | (grasped & ~sensors.holds_target),
+            lasting=np.where(there, progress.lasting + 1, 0),
+            reached=progress.reached | there,
+        )

@@ -1,0 +1,67 @@
+"""Reset the arm: bring its joints to the pose of rest. Scripted, as in the benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.robot.data import REST_ARM
+from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
+from perdure.home.skills.skill import Element, Progress, Skill
+from perdure.home.world import ACTION_SIZE, ARM, Sensors
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+DONE = 0.05
+"""Largest joint error in [rad] at which the arm is reset (habitat-lab)."""
+FASTEST = 0.1
+"""Largest change of a joint's target in a step in [rad] (M3)."""
+
+
+@dataclass(frozen=True)
+class ResetArm(Skill):
+    """No reward of its own: nobody learns it."""
+
+    name = "reset_arm"
+    arm_step = FASTEST
+    failures = ("none",)
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """See `Skill.elements`."""
+        return PROPRIOCEPTION
+
+    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Skill.observe`."""
+        return np.concatenate(proprioception(sensors), axis=1)
+
+    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+        """See `Skill.terms`."""
+        return {}
+
+    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """All joints are within 0.05 rad of rest."""
+        done: BoolArray = np.abs(rest_error(sensors.arm)).max(axis=1) < DONE
+        return done
+
+    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+        """The same."""
+        return self.success(sensors, progress)
+
+    def act(self, sensors: Sensors) -> FloatArray:
+        """Every joint straight to rest, at most 0.1 rad in a step. Shape (n, 10)."""
+        actions = np.zeros((len(sensors), ACTION_SIZE))
+        actions[:, ARM] = np.clip(rest_error(sensors.arm_target) / FASTEST, -1.0, 1.0)
+        return actions
+
+
+def rest_error(arm: FloatArray) -> FloatArray:
+    """From joint angles to rest; rolls go the shorter way round. Shape (n, 7)."""
+    error = np.asarray(REST_ARM) - arm
+    for column in (2, 4, 6):
+        error[:, column] = np.mod(error[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    return error

@@ -1,0 +1,57 @@
+"""The one stepper of training, oracle and execution: scenes, lanes, the magic grasp, sensors.
+
+Contents:
+    SceneOptions, Scene, build_scene, episode_scene    compiled models
+    World                                              many lanes in a pool of threads
+    Lane                                               one of them
+    Sensors, Errand                                    what is known of a lane, and what it is about
+    ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         what a robot can be told
+"""
+
+from perdure.home.world.actions import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    BASE_SPEED,
+    FORWARD,
+    GRASP,
+    GRASP_RADIUS,
+    GRIP,
+    LEAVE,
+    NAVIGATION_SPEED,
+    RELEASE,
+    TURN,
+)
+from perdure.home.world.lane import Jaws, Lane
+from perdure.home.world.laser import BEAMS, LASER_RANGE
+from perdure.home.world.scene import CONTROL_HZ, PHYSICS_HZ, Scene, SceneOptions, build_scene, episode_scene
+from perdure.home.world.sensors import Errand, Sensors
+from perdure.home.world.world import World
+
+__all__ = [
+    "ACTION_SIZE",
+    "ARM",
+    "ARM_STEP",
+    "BASE_SPEED",
+    "BEAMS",
+    "CONTROL_HZ",
+    "FORWARD",
+    "GRASP",
+    "GRASP_RADIUS",
+    "GRIP",
+    "LASER_RANGE",
+    "LEAVE",
+    "NAVIGATION_SPEED",
+    "PHYSICS_HZ",
+    "RELEASE",
+    "TURN",
+    "Errand",
+    "Jaws",
+    "Lane",
+    "Scene",
+    "SceneOptions",
+    "Sensors",
+    "World",
+    "build_scene",
+    "episode_scene",
+]

@@ -1,0 +1,60 @@
+"""Where the handles of an apartment are, as numbers ready to be used at every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Apartment
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Handles:
+    """Handles of all drawers and doors in the room.
+
+    A drawer's handle at joint position q is at origin + q * slide; a door's turns about its vertical hinge.
+    """
+
+    origin: FloatArray
+    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (links, 3)."""
+    slide: FloatArray
+    """Direction of a drawer in the room, 0 for doors. Shape (links, 3)."""
+    lever: FloatArray
+    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (links, 2)."""
+    sign: FloatArray
+    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (links,)."""
+
+    @staticmethod
+    @lru_cache(maxsize=256)
+    def of(apartment: Apartment) -> Handles:
+        """The handles of an apartment, in the order of its articulations."""
+        origins, slides, levers, signs = [], [], [], []
+        for moving in apartment.articulations:
+            pose = apartment.piece_of(moving.link).pose
+            handle = apartment.handle_to_room(moving.link, 0.0)
+            axis = pose.to_room(np.asarray(moving.axis)) - pose.to_room(np.zeros(3))
+            if moving.kind == "slide":
+                origins.append(handle), slides.append(axis), levers.append(np.zeros(2)), signs.append(0.0)
+            else:
+                hinge = pose.to_room(np.asarray(moving.origin))
+                origins.append(np.array([hinge[0], hinge[1], handle[2]]))
+                slides.append(np.zeros(3)), levers.append(handle[:2] - hinge[:2]), signs.append(moving.axis[2])
+        return Handles(*(np.array(each, dtype=np.float64) for each in (origins, slides, levers, signs)))
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """All handles. Shape (links,) -> (links, 3)."""
+        cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
+        points = self.origin + q[:, None] * self.slide
+        points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
+        points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
+        return points
+
+    def one(self, link: int, q: float) -> FloatArray:
+        """One handle. Shape (3,)."""
+        part = slice(link, link + 1)
+        return Handles(self.origin[part], self.slide[part], self.lever[part], self.sign[part]).at(np.array([q]))[0]

@@ -1,0 +1,39 @@
+"""The laser of the base: ranges to whatever stands in a plane just above the floor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.world.lane import Lane
+
+FloatArray = NDArray[np.float64]
+
+BEAMS = 32
+"""OURS: few enough for a small network; the Fetch's own scanner has 662 in 220 degrees."""
+LASER_RANGE = 5.0
+"""OURS: ranges beyond are cut, in [m]."""
+HEIGHT = 0.28
+"""Of the plane above the floor in [m] (Fetch's URDF: `laser_link` at 0.2878)."""
+NO_SCAN: FloatArray = np.full(BEAMS, LASER_RANGE)
+_ANGLES = 2.0 * np.pi * np.arange(BEAMS) / BEAMS
+_GROUPS = np.array([1, 1, 0, 1, 0, 0], dtype=np.uint8)
+"""Groups that collide: solids, walls, hulls."""
+
+
+def scan(lane: Lane) -> FloatArray:
+    """Ranges from the robot's middle, beam 0 to the front, further ones to the left. Shape (BEAMS,)."""
+    import mujoco
+
+    x, y, yaw = lane.robot[:3]
+    rays = np.stack([np.cos(_ANGLES + yaw), np.sin(_ANGLES + yaw), np.zeros(BEAMS)], axis=1).ravel()
+    hit, ranges = np.full(BEAMS, -1, dtype=np.int32), np.zeros(BEAMS)
+    origin = np.array([x, y, HEIGHT])
+    own_base = int(lane.model.body("robot").id)  # the rays start inside it
+    arguments = (lane.model, lane.data, origin, rays, _GROUPS, 1, own_base, hit, ranges)
+    try:
+        mujoco.mj_multiRay(*arguments, None, BEAMS, LASER_RANGE)  # since MuJoCo 3.5 with room for normals
+    except TypeError:
+        mujoco.mj_multiRay(*arguments, BEAMS, LASER_RANGE)
+    cut: FloatArray = np.where(hit < 0, LASER_RANGE, np.minimum(ranges, LASER_RANGE))
+    return cut

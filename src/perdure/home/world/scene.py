@@ -1,0 +1,242 @@
+"""From an episode to a compiled MuJoCo model: apartment, robot, objects, and the constraints of the magic grasp.
+
+A scene is pristine: a lane steps its own copy of the model (a grasp switches a collision bit in it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode, Placement
+from perdure.home.errors import HomeError
+from perdure.home.layouts import Apartment, build_apartment
+from perdure.home.objects import YcbObjects
+from perdure.home.robot import add_fetch
+from perdure.home.robot.data import JOINTS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CONTROL_HZ = 30
+"""Control steps per second, as in M3 and habitat-lab."""
+PHYSICS_HZ = 240
+"""Physics steps per second at which tasks are evaluated; `docs/home.md` shows what 120 and 480 change."""
+HANDLE_SOLREF = (0.02, 1.0)
+"""How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
+MAX_CACHED = 256
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How a scene is built; the same options and episode give the same model."""
+
+    physics_hz: int = PHYSICS_HZ
+    looks: bool = False
+    """Whether parts that are only seen are built: pictures need them, physics does not."""
+    clutter: bool = True
+    """Whether objects that are no targets are there."""
+    targets: tuple[int, ...] | None = None
+    """The targets that are there, None for all."""
+    sleep: bool = True
+    """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
+
+    def __post_init__(self) -> None:
+        """A physics rate that is no multiple of the control rate raises HomeError."""
+        if self.physics_hz < CONTROL_HZ or self.physics_hz % CONTROL_HZ:
+            raise HomeError(f"physics_hz must be a multiple of {CONTROL_HZ}, not {self.physics_hz}")
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in one control step."""
+        return self.physics_hz // CONTROL_HZ
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A compiled model and where to find things in it."""
+
+    apartment: Apartment
+    opened: Mapping[str, float]
+    placements: tuple[Placement, ...]
+    options: SceneOptions
+    model: Any
+    """`mujoco.MjModel`; never changed."""
+
+    @cached_property
+    def object_qpos(self) -> IntArray:
+        """Address of each object's pose in `qpos` (3 position, 4 quaternion). Shape (objects,)."""
+        return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_qposadr")
+
+    @cached_property
+    def object_qvel(self) -> IntArray:
+        """Address of each object's velocity in `qvel` (3 linear in the room, 3 angular in its own frame)."""
+        return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_dofadr")
+
+    @cached_property
+    def robot_qpos(self) -> slice:
+        """Where the robot's joints stand in `qpos`, in the order of `perdure.home.robot.JOINTS`."""
+        first = int(self._joint_addresses([JOINTS[0]], "jnt_qposadr")[0])
+        return slice(first, first + len(JOINTS))
+
+    @cached_property
+    def robot_qvel(self) -> slice:
+        """Where the robot's joints stand in `qvel`."""
+        first = int(self._joint_addresses([JOINTS[0]], "jnt_dofadr")[0])
+        return slice(first, first + len(JOINTS))
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Links of all drawers and doors; handles are numbered in this order."""
+        return tuple(moving.link for moving in self.apartment.articulations)
+
+    @cached_property
+    def link_qpos(self) -> IntArray:
+        """Address of each drawer's or door's position in `qpos`. Shape (links,)."""
+        return self._joint_addresses([m.joint for m in self.apartment.articulations], "jnt_qposadr")
+
+    @cached_property
+    def link_qvel(self) -> IntArray:
+        """Address of each drawer's or door's velocity in `qvel`. Shape (links,)."""
+        return self._joint_addresses([m.joint for m in self.apartment.articulations], "jnt_dofadr")
+
+    @cached_property
+    def object_geoms(self) -> tuple[IntArray, ...]:
+        """The colliding geoms of each object."""
+        model = self.model
+        bodies = [int(model.body(f"object_{k}").id) for k in range(len(self.placements))]
+        return tuple(np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in bodies)
+
+    @cached_property
+    def robot_geoms(self) -> NDArray[np.bool_]:
+        """Which geoms belong to the robot. Shape (geoms,)."""
+        root = int(self.model.body("robot").id)
+        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
+
+    @cached_property
+    def object_reach(self) -> FloatArray:
+        """Largest side of each object's bounding box in [m]. Shape (objects,)."""
+        boxes = [np.subtract(*YcbObjects().box(p.kind)[::-1]) for p in self.placements]
+        return np.array([np.max(box) for box in boxes]) if boxes else np.zeros(0)
+
+    @cached_property
+    def gripper_offset(self) -> FloatArray:
+        """The gripper point in the frame of body `gripper_link`. Shape (3,)."""
+        return np.array(self.model.site("gripper").pos)
+
+    def weld(self, number: int) -> int:
+        """The equality that holds object `number` in the gripper."""
+        return int(self.model.eq(f"hold/object_{number}").id)
+
+    def grip(self, link: int) -> int:
+        """The equality that holds the handle of link `link`."""
+        return int(self.model.eq(f"hold/{self.links[link]}").id)
+
+    def _joint_addresses(self, names: Sequence[str], table: str) -> IntArray:
+        addresses = getattr(self.model, table)
+        return np.array([addresses[self.model.joint(name).id] for name in names], dtype=np.int64)
+
+
+def build_scene(
+    apartment: Apartment,
+    placements: Sequence[Placement],
+    opened: Mapping[str, float] | None = None,
+    options: SceneOptions | None = None,
+) -> Scene:
+    """Builds and compiles a scene; about a tenth of a second.
+
+    Args:
+        apartment: Where it plays.
+        placements: The objects; object k is the body `object_k`.
+        opened: Joint positions of drawers and doors at the start by link name, 0 where not given.
+        options: How to build it.
+    """
+    import mujoco
+
+    options = options or SceneOptions()
+    spec = mujoco.MjSpec()
+    _set_physics(spec, options)
+    build_apartment(apartment, spec, looks=options.looks)
+    objects = YcbObjects(looks=options.looks)
+    for number, placement in enumerate(placements):
+        objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
+    add_fetch(spec, looks=options.looks)
+    _add_holds(spec, apartment, len(placements))
+    return Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
+
+
+def episode_scene(episode: Episode, options: SceneOptions | None = None) -> Scene:
+    """The scene of an episode; the last ones asked for are kept and handed out again."""
+    return _episode_scene(_Key(episode, options or SceneOptions()))
+
+
+class _Key:
+    """An episode is not hashable (its joint positions are a dictionary); its name and its content are."""
+
+    def __init__(self, episode: Episode, options: SceneOptions) -> None:
+        self.episode, self.options = episode, options
+        self.identity = (episode.name, episode.objects, tuple(sorted(episode.opened.items())), options)
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self.identity == other.identity
+
+
+@lru_cache(maxsize=MAX_CACHED)
+def _episode_scene(key: _Key) -> Scene:
+    episode, options = key.episode, key.options
+    count = len(episode.goals)
+    wanted = range(count) if options.targets is None else options.targets
+    placements = [episode.objects[k] for k in wanted]
+    if options.clutter:
+        placements += episode.objects[count:]
+    return build_scene(episode.apartment(), placements, episode.opened, options)
+
+
+def _set_physics(spec: Any, options: SceneOptions) -> None:
+    import mujoco
+
+    spec.option.timestep = 1.0 / options.physics_hz
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # A world that diverges must be seen, not put back to its start in silence.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    if options.sleep:
+        spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+
+
+def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
+    """One weld per object and one point-to-point constraint per handle, all switched off."""
+    import mujoco
+
+    site = spec.site("gripper")
+    offset = np.array(site.pos)
+    for number in range(objects):
+        equality = spec.add_equality(
+            name=f"hold/object_{number}",
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="gripper_link",
+            name2=f"object_{number}",
+            active=False,
+        )
+        data = np.zeros(len(equality.data))
+        data[3:6], data[6:10], data[10] = offset, (1.0, 0.0, 0.0, 0.0), 1.0
+        equality.data = data
+    for moving in apartment.articulations:
+        spec.add_equality(
+            name=f"hold/{moving.link}",
+            type=mujoco.mjtEq.mjEQ_CONNECT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="gripper_link",
+            name2=moving.link,
+            active=False,
+            solref=HANDLE_SOLREF,
+        )
