@@ -76,7 +76,7 @@ def test_a_can_on_its_side_rolls_as_far_as_its_energy_carries_it(kind, expected)
     assert asleep
 
 
-@pytest.mark.parametrize("kind", ["013_apple", "002_master_chef_can", "005_tomato_soup_can", "007_tuna_fish_can"])
+@pytest.mark.parametrize("kind", ["013_apple", "002_master_chef_can", "005_tomato_soup_can"])
 def test_with_pyramidal_friction_cones_round_things_roll_no_more_than_half_as_far_again(kind):
     """MuJoCo's default cones resist less across their corners; the distances stay what a home would call rolling."""
     distances = [roll(kind, heading, cone=0)[0] for heading in (0.0, 0.7)]

@@ -19,7 +19,7 @@ def dropped(kind, tilt, height=0.08, **options):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_dropped_from_8_centimetres_and_a_little_tilted_it_stands_and_sleeps(kind, timestep, cone):
     model, data = dropped(kind, 0.15, timestep=timestep, cone=cone)
-    run(model, data, 4.5)
+    run(model, data, 6.0)
     assert data.ntree_awake == 0
     assert np.linalg.norm(data.qpos[:2]) < 0.05
     assert data.qpos[2] == pytest.approx(KINDS[kind].half[2], abs=1e-3)

@@ -17,6 +17,7 @@ APPLE_ROLLING = 1.2e-3
 """Rolling friction of the apple in [m], OURS: 3.2 % of its weight, as it is not round."""
 
 _SCAN = "size: scan, BOP's YCB-V model table; mass: Calli et al. 2015"
+_MEASURED = "size and mass: measured, Calli et al. 2015"
 _TABLE = "size: measured, Calli et al. 2015 (the scan lies askew in its frame); mass: the same"
 
 
@@ -30,7 +31,7 @@ class Kind:
         mass: In [kg].
         shape: What it is to the physics.
         sliding: Sliding friction.
-        rolling: Rolling friction in [m]: the lever arm of the weight that resists rolling. 0: the object never rolls.
+        rolling: Rolling friction in [m]: the lever arm of the weight that resists rolling; 0 if it has no round side.
         source: Where size and mass come from.
     """
 
@@ -66,7 +67,7 @@ KINDS: dict[str, Kind] = {
         Kind("009_gelatin_box", (0.0850, 0.0730, 0.0280), 0.097, "box", _TABLE),
         Kind("010_potted_meat_can", (0.1021, 0.0603, 0.0836), 0.370, "rounded_box", _SCAN),
         Kind("024_bowl", (0.1614, 0.1614, 0.0550), 0.147, "bowl", _SCAN),
-        Kind("013_apple", (0.0750, 0.0750, 0.0750), 0.068, "sphere", _TABLE, rolling=APPLE_ROLLING),
+        Kind("013_apple", (0.0750, 0.0750, 0.0750), 0.068, "sphere", _MEASURED, rolling=APPLE_ROLLING),
     )
 }
 """The ten kinds by their YCB name."""

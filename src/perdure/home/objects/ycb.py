@@ -60,11 +60,12 @@ class YcbObjects:
         body.mass, body.inertia, body.explicitinertial = what.mass, moments(what), True
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
         shell = self.looks and what.shape in ("bowl", "sphere")
+        hidden = self.looks and what.shape != "box"
         for piece in pieces(what):
             geom = _add_piece(spec, body, piece)
             geom.friction = (what.sliding, TORSIONAL, what.rolling if piece.rolls else 0.0)
             geom.condim = 6 if piece.rolls else 3
-            geom.group = HIDDEN if shell else BOTH
+            geom.group = HIDDEN if hidden else BOTH
             geom.rgba = COATS[kind]
         if self.looks:
             seen = [add_shell(spec, body, what)] if shell else []
