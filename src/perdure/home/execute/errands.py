@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from perdure.home.episodes import Episode
 from perdure.home.skills import Aim, region
 from perdure.home.tasks import SkillName, SkillStep
@@ -18,7 +20,7 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
     """
     opened = positions(lane)
     toward: SkillName = step.toward or step.skill
-    aim = make_aim(episode, toward, step.target)
+    aim = make_aim(episode, toward, step.target, opened)
     link = (
         lane.scene.links.index(aim.link) if aim.link is not None and toward.split("_")[0] in ("open", "close") else -1
     )
@@ -29,8 +31,15 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
     return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
 
 
-def make_aim(episode: Episode, skill: SkillName, target: int) -> Aim:
-    """What a skill is about, as navigation sees it. Objects count as lying where the episode begins (M3)."""
+def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[str, float]) -> Aim:
+    """What a skill is about, as navigation sees it. Objects count as lying where the episode begins (M3).
+
+    Args:
+        episode: The episode.
+        skill: The skill.
+        target: The target it is about.
+        opened: How far drawers and doors are open now, by link name.
+    """
     apartment = episode.apartment()
     container = episode.container(target)
     if skill == "place":
@@ -42,7 +51,7 @@ def make_aim(episode: Episode, skill: SkillName, target: int) -> Aim:
         return Aim(skill, episode.objects[target].position, container)
     if container is None:
         return Aim(skill, episode.objects[target].position)
-    x, y, z = (float(value) for value in apartment.handle_to_room(container, 0.0))
+    x, y, z = (float(value) for value in apartment.handle_to_room(container, opened.get(container, 0.0)))
     return Aim(skill, (x, y, z), container)
 
 

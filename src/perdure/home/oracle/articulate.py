@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go
-from perdure.home.oracle.pick import AHEAD, TURNS, approach
+from perdure.home.oracle.pick import AHEAD, ATTEMPTS, SAFE, TURNS, approach
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import handle_grabs
-from perdure.home.world import CONTROL_HZ, GRASP, RELEASE
+from perdure.home.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.world.handles import Handles
 
 FloatArray = NDArray[np.float64]
@@ -30,29 +30,50 @@ BACK = 0.15
 def articulate(view: View, goal: float, enough: float) -> Motion:
     """Moves the errand's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
     link = int(view.sensors.link[0])
-    plan = plan_handle(Ghost(view.lane), link, view.base)
-    if plan is None:
-        return
-    yield from approach(view, plan)
-    yield view.action(grip=GRASP)
-    if view.lane.held_link != link:
+    for _ in range(ATTEMPTS):
+        plan = plan_handle(Ghost(view.lane), link, view.base)
+        if plan is None:
+            return
+        yield from approach(view, plan, lambda: _near(view))
+        yield view.action(grip=GRASP)
+        if view.lane.held_link == link:
+            break
+        if not view.sensors.empty_hand[0]:
+            yield view.action(grip=RELEASE)
+        yield from rest_arm(view)
+    else:
         return
     yield from _carry(view, link, goal, enough)
     yield view.action(grip=RELEASE)
     yield from together(turn_and_go(view, view.base.yaw, -BACK), rest_arm(view))
 
 
+def _near(view: View) -> bool:
+    """Whether the handle can be grasped."""
+    return float(np.linalg.norm(view.sensors.handle[0] - view.sensors.gripper[0])) < GRASP_RADIUS - SAFE
+
+
 def plan_handle(ghost: Ghost, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Where to stand and how to reach a handle as it is now."""
-    scene = ghost.lane.scene
-    point = ghost.handles()[link]
-    pose = scene.apartment.piece_of(scene.links[link]).pose
-    front = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])
-    if scene.apartment.articulation(scene.links[link]).kind == "hinge":
-        front = (np.array([base.x, base.y, point[2]]) - point) / np.linalg.norm(np.array([base.x, base.y]) - point[:2])
-    wishes = handle_grabs(point, np.array([base.x, base.y]), front)
+    point, origin = ghost.handles()[link], np.array([base.x, base.y])
+    wishes = handle_grabs(point, origin, _sides(ghost, link, point, origin))
     places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
     return plan_reach(ghost, places, wishes)
+
+
+def _sides(ghost: Ghost, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
+    """Where the hand may be from a handle: in front of a drawer; of a door before its outer face or its edge too."""
+    scene = ghost.lane.scene
+    handles = Handles.of(scene.apartment)
+    if handles.sign[link] == 0.0:
+        return [handles.slide[link]]
+    q = ghost.position(link)
+    out = handles.one(link, q + 0.01) - point
+    radial = point - handles.origin[link]
+    toward = np.array([*(origin - point[:2]), 0.0])
+    face, edge, robot = (each / np.linalg.norm(each) for each in (out, radial * (1.0, 1.0, 0.0), toward))
+    corner = (face + edge) / np.sqrt(2.0)
+    return [robot, corner, edge, face]
 
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
@@ -60,7 +81,7 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
     handles = Handles.of(view.lane.scene.apartment)
     lever = float(np.hypot(*handles.lever[link])) or 1.0
     wanted = float(view.sensors.link_position[0])
-    offset = view.sensors.gripper[0] - handles.one(link, wanted)
+    tool = view.sensors.turned_to_gripper(view.sensors.handle - view.sensors.gripper)[0]
     direction = float(np.sign(goal - wanted))
     for _ in range(150):
         now = float(view.sensors.link_position[0])
@@ -76,5 +97,5 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
         forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)
         forward += 3.0 * (far - FARTHEST) if far > FARTHEST else 3.0 * (far - NEAREST) if far < NEAREST else 0.0
         turn = float(np.clip(bearing, -0.3, 0.3)) if abs(bearing) > 0.6 else 0.0
-        arm = reach_for(view, handles.one(link, wanted) + offset, 0.7)
+        arm = reach_for(view, handles.one(link, wanted), 0.7, tool)
         yield view.action(float(np.clip(forward, -0.7, 0.7)), turn, arm)

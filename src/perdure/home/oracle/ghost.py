@@ -43,6 +43,10 @@ class Ghost:
         scene = self.lane.scene
         return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
 
+    def position(self, link: int) -> float:
+        """How far a drawer or door is open in the ghost's world."""
+        return float(self._start[self.lane.scene.link_qpos[link]])
+
     def in_fridge(self, point: FloatArray) -> bool:
         """Whether a point of the room is within the fridge's outline."""
         apartment = self.lane.scene.apartment

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,11 @@ Motion = Generator[FloatArray, None, None]
 
 ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
+
+
+def never() -> bool:
+    """Always False."""
+    return False
 
 
 @dataclass
@@ -65,10 +70,15 @@ def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
     return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
 
 
-def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10) -> Motion:
-    """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go."""
+def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = never) -> Motion:
+    """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
+
+    Ends early as soon as `until` holds.
+    """
     for goal in poses:
         while np.abs(goal - view.arm).max() > 1e-9:
+            if until():
+                return
             yield view.action(arm=arm_step(view.arm, goal))
     for _ in range(settle):
         if np.abs(view.sensors.arm[0] - view.arm).max() < ARRIVED_RAD:
@@ -122,16 +132,23 @@ def follow(view: View, points: FloatArray) -> Motion:
             )
 
 
-def reach_for(view: View, point: FloatArray, speed: float = 0.4) -> FloatArray:
-    """Joint steps that bring the gripper point nearer to a point of the room; its rotation is free. Shape (7,).
+def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
+    """Joint steps that bring a point of the hand nearer to a point of the room; its rotation is free. Shape (7,).
 
     Damped least squares; what the three equations leave open draws the arm to its pose of rest.
+
+    Args:
+        view: The lane.
+        point: Where to, in the room. Shape (3,).
+        speed: How fast at most, in [m/s].
+        tool: The point of the hand, from the gripper point along the gripper's axes. Shape (3,).
     """
-    now, _, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
-    away = view.base.to_local(point) - now
+    position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
+    arm = rotation @ tool
+    away = view.base.to_local(point) - position - arm
     far = float(np.linalg.norm(away))
     away = away * min(1.0, speed / CONTROL_HZ / max(far, 1e-9))
-    rows = matrix[:3]
+    rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
     inverse = rows.T @ np.linalg.inv(rows @ rows.T + 0.03**2 * np.eye(3))
     home = np.clip(0.02 * rest_error(view.sensors.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, move_arm, rest_arm, together, turn_and_go
+from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import pick_wishes
-from perdure.home.world import GRASP
+from perdure.home.world import GRASP, GRASP_RADIUS
+from perdure.home.world.handles import Handles
 
 FloatArray = NDArray[np.float64]
 
+ATTEMPTS = 3
+SAFE = 0.005
+"""What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
 AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)
 
@@ -21,17 +27,26 @@ TURNS = (0.0, 0.3, -0.3)
 def pick(view: View) -> Motion:
     """Picks the errand's object."""
     target = int(view.sensors.target[0])
-    point = view.sensors.object[0].copy()
-    plan = plan_pick(Ghost(view.lane), point, target, view.base)
-    if plan is None:
-        return
-    yield from approach(view, plan)
-    yield view.action(grip=GRASP)
-    held = view.lane.held
-    if held != target and held >= 0:
-        return
-    yield from move_arm(view, [plan.poses[0]], settle=0)
-    yield from rest_arm(view)
+    for _ in range(ATTEMPTS):
+        plan = plan_pick(Ghost(view.lane), view.sensors.object[0].copy(), target, view.base)
+        if plan is None:
+            return
+        yield from approach(view, plan, lambda: _can_grasp(view, target))
+        if _can_grasp(view, target):
+            yield view.action(grip=GRASP)
+        yield from retreat(view, plan)
+        if view.lane.held >= 0:
+            return
+
+
+def _can_grasp(view: View, target: int) -> bool:
+    """Whether a grasp now would take the target."""
+    lane, gripper = view.lane, view.sensors.gripper[0]
+    middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
+    distance = np.linalg.norm(middles - gripper, axis=1)
+    handles = Handles.of(lane.scene.apartment).at(lane.qpos[lane.scene.link_qpos])
+    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE
+    return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - SAFE and not handle_near)
 
 
 def plan_pick(
@@ -49,11 +64,42 @@ def plan_pick(
     return plan_reach(ghost, places, wishes, ignore=target)
 
 
-def approach(view: View, plan: ReachPlan) -> Motion:
-    """Drives to where a plan stands and brings the arm to its last pose."""
-    away = np.array([plan.base.x - view.base.x, plan.base.y - view.base.y])
-    along = float(away @ (np.cos(plan.base.yaw), np.sin(plan.base.yaw)))
-    drive = turn_and_go(view, plan.base.yaw, along)
-    # The arm may start while the base drives, if it ends up nearer: then nothing is behind it.
-    yield from together(drive, move_arm(view, list(plan.poses[:1]), settle=0))
-    yield from move_arm(view, list(plan.poses[1:]))
+def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
+    """Drives to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
+
+    Ends early as soon as `until` holds.
+    """
+    drive = turn_and_go(view, plan.entry.yaw, _along(view, plan.entry))
+    arm = move_arm(view, list(plan.poses[:1]), 0, until)
+    if _clear_on_the_way(view, plan):
+        yield from together(drive, arm)
+    else:
+        yield from drive
+        yield from arm
+    if plan.entry != plan.base:  # in over a shelf, then down
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base))
+    yield from move_arm(view, list(plan.poses[1:]), until=until)
+
+
+def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
+    """Whether the arm may already move while the base drives."""
+    ghost, now, end = Ghost(view.lane), view.base, plan.entry
+    for share in (0.0, 0.5):
+        stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
+        if ghost.path_depth(stand, view.arm, plan.poses[0], points=4) > 0.0:
+            return False
+    return True
+
+
+def retreat(view: View, plan: ReachPlan) -> Motion:
+    """The way back: up, out, and the arm to rest."""
+    yield from move_arm(view, [plan.poses[0]], settle=0)
+    if plan.entry != plan.base:
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.entry))
+    yield from rest_arm(view)
+
+
+def _along(view: View, stand: Pose) -> float:
+    """How far ahead a standing place is."""
+    away = np.array([stand.x - view.base.x, stand.y - view.base.y])
+    return float(away @ (np.cos(stand.yaw), np.sin(stand.yaw)))

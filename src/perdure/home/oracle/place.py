@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, move_arm, rest_arm
-from perdure.home.oracle.pick import AHEAD, TURNS, approach
+from perdure.home.oracle.motions import Motion, View, rest_arm
+from perdure.home.oracle.pick import AHEAD, TURNS, approach, retreat
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import place_wishes
 from perdure.home.world import RELEASE
@@ -37,8 +37,7 @@ def place(view: View) -> Motion:
             break
         yield view.action()
     yield view.action(grip=RELEASE)
-    yield from move_arm(view, [plan.poses[0]], settle=0)
-    yield from rest_arm(view)
+    yield from retreat(view, plan)
 
 
 def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:

@@ -21,6 +21,11 @@ DEPTH_COST = 1e4
 """Steps that a metre of depth weighs as much as."""
 FARTHEST = 1.2
 """How far the arm may reach along the floor in [m]; beyond, inverse kinematics is not asked."""
+OTHER_STARTS = (
+    (-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067),
+    (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
+)
+"""Arm poses from which inverse kinematics starts beside that of rest."""
 CLOSE = 0.01
 """How far from the wanted point a pose may leave the gripper in [m]."""
 
@@ -37,13 +42,18 @@ class Wish:
     """Whether its z axis must point up (then the approach must be level)."""
     before: FloatArray
     """From `point` to where the gripper should come from, in the room. Shape (3,)."""
+    back: float = 0.0
+    """How far behind its standing place the robot should raise its arm in [m], to drive the gripper in and out."""
 
 
 @dataclass(frozen=True)
 class ReachPlan:
     """Where to stand, and arm poses from rest to the wish."""
 
+    entry: Pose
+    """Where the arm is brought from rest to its poses."""
     base: Pose
+    """Where the robot stands in the end: straight ahead of `entry`."""
     poses: tuple[FloatArray, ...]
     depth: float
     """The deepest touch on the way in [m]; 0 is free."""
@@ -80,16 +90,20 @@ def plan_reach(
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
     rest = np.array(REST_ARM)
-    for stand, via, end, steps in candidates[:checks]:
-        if stand not in blocked:
-            blocked[stand] = ghost.depth(stand, rest, ignore=ignore)
-        worst = max(blocked[stand], ghost.depth(stand, end, ignore=ignore))
+    for stand, via, end, steps, back in candidates[:checks]:
+        entry = _behind(stand, back)
+        if entry not in blocked:
+            blocked[entry] = ghost.depth(entry, rest, ignore=ignore)
+        worst = max(blocked[entry], ghost.depth(stand, end, ignore=ignore))
         if best is not None and steps + DEPTH_COST * worst >= best.cost:
             continue
-        worst = max(worst, ghost.path_depth(stand, via, end, ignore=ignore, points=4))
+        if back > 0.0:
+            drive = [ghost.depth(_behind(stand, share * back), end, ignore=ignore) for share in (0.25, 0.5, 0.75, 1.0)]
+            worst = max(worst, *drive)
+        worst = max(worst, ghost.path_depth(entry, via, end, ignore=ignore, points=4))
         if worst == 0.0:
-            worst = ghost.path_depth(stand, rest, via, ignore=ignore, points=7)
-        plan = ReachPlan(stand, (via, end), worst, steps)
+            worst = ghost.path_depth(entry, rest, via, ignore=ignore, points=7)
+        plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
         if plan.free:
@@ -97,9 +111,13 @@ def plan_reach(
     return best
 
 
+def _behind(stand: Pose, back: float) -> Pose:
+    return Pose(stand.x - back * float(np.cos(stand.yaw)), stand.y - back * float(np.sin(stand.yaw)), stand.yaw)
+
+
 def _reachable(
     ghost: Ghost, stands: Sequence[Pose], wishes: Sequence[Wish]
-) -> list[tuple[Pose, FloatArray, FloatArray, float]]:
+) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
     """All standing places and wishes that inverse kinematics can join, the quickest first."""
     pairs = [(s, w) for s in stands for w in wishes]
     pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
@@ -109,7 +127,14 @@ def _reachable(
     vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
     approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
     upright, rest = pairs[0][1].upright, np.array(REST_ARM)
-    end, way, turn = reach_many(points, approach, upright, rest)
+    # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
+    starts = (REST_ARM, *OTHER_STARTS) if upright else (REST_ARM,)
+    pairs, points, vias, approach = (
+        pairs * len(starts),
+        *(np.tile(x, (len(starts), 1)) for x in (points, vias, approach)),
+    )
+    first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)
+    end, way, turn = reach_many(points, approach, upright, first)
     good = (way < CLOSE) & (turn < (0.05 if upright else 0.3))
     rows = np.nonzero(good)[0]
     if not len(rows):
@@ -122,7 +147,8 @@ def _reachable(
         drive = 25.0 * float(np.hypot(stand.x - now[0], stand.y - now[1])) + 15.0 * turning
         arm = (np.abs(middle - rest).max() + np.abs(end[row] - middle).max()) / ARM_STEP
         if miss < 3.0 * CLOSE:
-            found.append((stand, middle, end[row], float(arm + drive)))
+            back = pairs[row][1].back
+            found.append((stand, middle, end[row], float(arm + drive + 30.0 * back), back))
     return sorted(found, key=lambda each: each[3])
 
 

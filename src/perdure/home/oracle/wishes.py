@@ -11,14 +11,18 @@ from perdure.home.oracle.placing import Wish
 
 FloatArray = NDArray[np.float64]
 
-STANDOFFS = (0.11, 0.07, 0.13)
+STANDOFFS = (0.11, 0.08, 0.05, 0.03)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
+RIVAL_GAP = 0.03
+"""How much farther than the target every other object and handle must be from the gripper point in [m]."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """How steeply the gripper points down on open surfaces."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0))
 """The same in a fridge."""
 LIFT = 0.08
 """How far above the last point the gripper comes from in [m]."""
+BACK = 0.4
+"""How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
 TURNS = (0.0, 0.5, -0.5)
 """Turns of the approach about the vertical, in [rad]."""
 
@@ -41,28 +45,28 @@ def pick_wishes(
             approach = _direction(point, origin, slope, turn)
             for standoff in STANDOFFS:
                 spot = point - standoff * approach
-                if len(rivals) and np.linalg.norm(rivals - spot, axis=1).min() < standoff + 0.01:
+                if len(rivals) and np.linalg.norm(rivals - spot, axis=1).min() < standoff + RIVAL_GAP:
                     continue
-                before = -0.15 * approach if inside else np.array([0.0, 0.0, LIFT])
-                wishes.append(Wish(spot, approach, False, before))
+                before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
+                wishes.append(Wish(spot, approach, False, before, BACK if inside else 0.0))
                 break
     return wishes
 
 
-def handle_grabs(point: FloatArray, origin: FloatArray, front: FloatArray) -> list[Wish]:
+def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[Wish]:
     """Poses in which the magic grasp takes a handle.
 
     Args:
         point: The handle. Shape (3,).
         origin: Where the robot stands, on the floor. Shape (2,).
-        front: Direction out of the piece's front. Shape (3,).
+        sides: Directions from the handle in which the gripper may wait, of length 1. Shape (3,) each.
     """
     wishes = []
-    for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0), np.radians(75.0)):
-        for turn in TURNS:
-            approach = _direction(point, origin, slope, turn)
-            spot = point + 0.09 * front
-            wishes.append(Wish(spot, approach, False, 0.05 * front))
+    for side in sides:
+        for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0)):
+            for turn in TURNS:
+                approach = _direction(point, origin, slope, turn)
+                wishes.append(Wish(point + 0.09 * side, approach, False, 0.05 * side))
     return wishes
 
 
@@ -79,8 +83,8 @@ def place_wishes(point: FloatArray, origin: FloatArray, height: float, inside: b
     for turn in (0.0, 0.4, -0.4, 0.8, -0.8):
         approach = _direction(point, origin, 0.0, turn)
         spot = point + np.array([0.0, 0.0, height])
-        lift = np.array([0.0, 0.0, 0.04 if inside else LIFT])
-        wishes.append(Wish(spot, approach, True, lift - (0.2 * approach if inside else 0.0)))
+        lift = np.array([0.0, 0.0, 0.03 if inside else LIFT])
+        wishes.append(Wish(spot, approach, True, lift, BACK if inside else 0.0))
     return wishes
 
 
