@@ -118,13 +118,23 @@ class FreeSpace:
         distance, index = tree.query(points)
         return members[index], distance
 
-    def distances(self, goals: IntArray) -> Geodesic:
-        """Geodesic distances from every free cell to the nearest of some goal cells (indices into `centers`)."""
+    def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
+        """Geodesic distances from every free cell to the nearest of some goal cells.
+
+        Args:
+            goals: Indices into `centers`. Shape (k,).
+            cost: What a metre costs at each free cell, 1 everywhere when None: distances are then costs. Shape (n,).
+        """
         from scipy.sparse.csgraph import dijkstra
 
         if len(goals) == 0:
             raise HomeError("geodesic distances need at least one goal cell")
-        value, toward, _ = dijkstra(self._graph, directed=False, indices=goals, min_only=True, return_predecessors=True)
+        graph = self._graph
+        if cost is not None:
+            graph = graph.tocoo()
+            graph.data = graph.data * 0.5 * (cost[graph.row] + cost[graph.col])
+            graph = graph.tocsr()
+        value, toward, _ = dijkstra(graph, directed=False, indices=goals, min_only=True, return_predecessors=True)
         return Geodesic(self, value, toward.astype(np.int64))
 
     @cached_property

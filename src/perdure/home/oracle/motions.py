@@ -18,6 +18,10 @@ from perdure.home.world.sensors import wrap
 FloatArray = NDArray[np.float64]
 Motion = Generator[FloatArray, None, None]
 
+PATIENCE = 10
+"""Steps without motion after which the robot counts as stuck."""
+AHEAD = 6
+"""How many way points (5 cm each) before itself a robot looks at."""
 ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
 
@@ -91,15 +95,15 @@ def rest_arm(view: View) -> Motion:
     yield from move_arm(view, [view.arm + rest_error(view.sensors.arm_target)[0]], settle=15)
 
 
-def turn_and_go(view: View, yaw: float, distance: float) -> Motion:
-    """Turns to a heading, then drives straight on (back when negative) by a distance."""
+def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:
+    """Turns to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
     yield from turn_to(view, yaw)
     start = view.base
     along = np.array([np.cos(yaw), np.sin(yaw)])
     for _ in range(int(30 + 60 * abs(distance))):
         gone = float((np.array([view.base.x, view.base.y]) - (start.x, start.y)) @ along)
         left = distance - gone
-        if abs(left) < 0.01:
+        if abs(left) < 0.01 or until():
             break
         error = float(wrap(np.array(yaw - view.base.yaw)))
         yield view.action(forward=float(np.clip(4.0 * left, -1.0, 1.0)), turn=float(np.clip(4.0 * error, -1.0, 1.0)))
@@ -107,29 +111,70 @@ def turn_and_go(view: View, yaw: float, distance: float) -> Motion:
 
 
 def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
-    """Turns on the spot to a heading."""
-    for _ in range(150):
+    """Turns on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
+    stuck = Stuck()
+    direction = 0.0
+    for _ in range(200):
         error = float(wrap(np.array(yaw - view.base.yaw)))
         if abs(error) < within:
             return
+        if direction and abs(error) > 0.3:
+            error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
         yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
+        if stuck.after(view.base):
+            yield from back_off(view)
+            direction = -float(np.sign(error)) if stuck.count > 1 else 0.0
 
 
 def follow(view: View, points: FloatArray) -> Motion:
-    """Drives along way points: turns to the next one, drives, corrects its heading on the way."""
-    for point in points:
-        for _ in range(400):
-            away = point - np.array([view.base.x, view.base.y])
-            far = float(np.hypot(*away))
-            if far < 0.03:
-                break
-            error = float(wrap(np.arctan2(away[1], away[0]) - view.base.yaw))
-            if far < 0.10 and abs(error) > 0.5 * np.pi:
-                break
-            slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
-            yield view.action(
-                forward=float(np.clip(3.0 * far, 0.05, 1.4)) * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5))
-            )
+    """Drives along close way points: always towards the one a little ahead; backs off where it gets stuck."""
+    stuck = Stuck()
+    here = 0
+    for _ in range(450):
+        now = np.array([view.base.x, view.base.y])
+        away = np.linalg.norm(points[here : here + 12] - now, axis=1)
+        here += int(away.argmin())
+        last = len(points) - 1
+        if here >= last - 1 and np.linalg.norm(points[last] - now) < 0.03:
+            return
+        ahead = points[min(here + AHEAD, last)] - now
+        far, left = float(np.hypot(*ahead)), float(np.linalg.norm(points[last] - now))
+        error = float(wrap(np.arctan2(ahead[1], ahead[0]) - view.base.yaw))
+        if left < 0.12 and abs(error) > 0.5 * np.pi:
+            return
+        slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
+        speed = float(np.clip(3.0 * max(left, far if here + AHEAD < last else 0.0), 0.05, 1.3))
+        yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
+        if stuck.after(view.base):
+            yield from back_off(view)
+            here = max(here - 4, 0)
+
+
+def back_off(view: View) -> Motion:
+    """A short way straight back: what blocks the robot is nearly always before it, where its arm is."""
+    for _ in range(12):
+        yield view.action(forward=-0.6)
+
+
+@dataclass
+class Stuck:
+    """Whether a robot that should move has not moved for a while."""
+
+    since: int = 0
+    count: int = 0
+    """How often it got stuck."""
+    last: Pose | None = None
+
+    def after(self, base: Pose) -> bool:
+        """One step on: True when it has stood still for `PATIENCE` steps; then counting begins anew."""
+        old = self.last
+        moved = old is None or abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * abs(base.yaw - old.yaw) > 0.004
+        self.since = 0 if moved else self.since + 1
+        self.last = base
+        if self.since < PATIENCE:
+            return False
+        self.since, self.count = 0, self.count + 1
+        return True
 
 
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.layouts import Pose
+from perdure.home.execute.errands import positions
+from perdure.home.layouts import Apartment, Pose, free_space, plane
+from perdure.home.layouts.footprint import apartment_footprints
 from perdure.home.oracle.articulate import plan_handle
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, follow, turn_to
@@ -26,6 +30,8 @@ BEST_DISTANCE = {
     "close_fridge": 0.9,
 }
 """From where each skill works best, along the floor in [m]."""
+ARM_LOW, ARM_REACH = 0.7, 0.75
+"""Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
 PLACES = 8
 """Standing places that are tried."""
 
@@ -40,9 +46,20 @@ def navigate(view: View, errand: Errand, toward: SkillName) -> Motion:
     plan = _plan(view, errand, toward, stands)
     stand = stands[0] if plan is None else plan.base
     cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
-    way = route.space.distances(cell).path(np.array([view.base.x, view.base.y]))
-    yield from follow(view, np.concatenate([way[1:], [[stand.x, stand.y]]]))
+    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
+    way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
+    yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
     yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
+
+
+@lru_cache(maxsize=64)
+def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
+    """What a metre costs at each free cell: more where the arm at rest, half a metre ahead, may meet tall furniture."""
+    space = free_space(apartment, dict(opened))
+    tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
+    near = plane.clearance(space.centers, tall)
+    cost: FloatArray = 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
+    return cost
 
 
 def _plan(view: View, errand: Errand, toward: SkillName, stands: list[Pose]) -> ReachPlan | None:

@@ -61,7 +61,7 @@ def plan_pick(
     rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
     wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, ghost.in_fridge(point))
     places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
-    return plan_reach(ghost, places, wishes, ignore=target)
+    return plan_reach(ghost, places, wishes)
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
@@ -77,7 +77,7 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
         yield from drive
         yield from arm
     if plan.entry != plan.base:  # in over a shelf, then down
-        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base))
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base), until)
     yield from move_arm(view, list(plan.poses[1:]), until=until)
 
 

@@ -72,7 +72,7 @@ class ReachPlan:
 
 
 def plan_reach(
-    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], ignore: int = -1, checks: int = 40
+    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], ignore: int = -1, checks: int = 80
 ) -> ReachPlan | None:
     """The quickest way to fulfil a wish without touching anything; else the one that touches least.
 

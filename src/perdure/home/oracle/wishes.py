@@ -11,9 +11,9 @@ from perdure.home.oracle.placing import Wish
 
 FloatArray = NDArray[np.float64]
 
-STANDOFFS = (0.11, 0.08, 0.05, 0.03)
+STANDOFFS = (0.13, 0.10, 0.07, 0.04)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
-RIVAL_GAP = 0.03
+RIVAL_GAP = 0.02
 """How much farther than the target every other object and handle must be from the gripper point in [m]."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """How steeply the gripper points down on open surfaces."""
@@ -49,7 +49,6 @@ def pick_wishes(
                     continue
                 before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
                 wishes.append(Wish(spot, approach, False, before, BACK if inside else 0.0))
-                break
     return wishes
 
 
@@ -84,7 +83,9 @@ def place_wishes(point: FloatArray, origin: FloatArray, height: float, inside: b
         approach = _direction(point, origin, 0.0, turn)
         spot = point + np.array([0.0, 0.0, height])
         lift = np.array([0.0, 0.0, 0.03 if inside else LIFT])
-        wishes.append(Wish(spot, approach, True, lift, BACK if inside else 0.0))
+        wishes.append(Wish(spot, approach, True, lift, BACK))
+        if not inside:
+            wishes.append(Wish(spot, approach, True, lift))
     return wishes
 
 
