@@ -6,11 +6,14 @@ suite appears here by itself.
 
 from __future__ import annotations
 
+from ast import literal_eval
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, Protocol
 
-from perdure.envs.errors import UnknownTask
+from perdure.envs.checks import checked_seeds
+from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.world import World
 
 GYMNASIUM_PREFIX = "gymnasium:"
@@ -95,10 +98,55 @@ class GymnasiumFamily:
         return GymnasiumWorld.from_id(task.removeprefix(GYMNASIUM_PREFIX), seeds)
 
 
+@dataclass(frozen=True)
+class VectorFamily:
+    """Gymnasium ids that a module registers together with a vector environment of its own.
+
+    A name may go on with options of the environment: `perdure/HomePlace-v0,task=set_table,delta=30`.
+    """
+
+    name: str
+    """See `Family.name`."""
+    module: str
+    """Importing it registers the ids; it is imported when one of them is asked for."""
+    prefix: str
+    """How its ids begin."""
+
+    def owns(self, task: str) -> bool:
+        """See `Family.owns`."""
+        import gymnasium
+
+        if not task.startswith(self.prefix):
+            return False
+        import_module(self.module)
+        return task.partition(",")[0] in gymnasium.registry
+
+    def listings(self) -> list[TaskListing]:
+        """See `Family.listings`; in alphabetical order."""
+        import gymnasium
+
+        import_module(self.module)
+        specs = [gymnasium.spec(each) for each in sorted(gymnasium.registry) if each.startswith(self.prefix)]
+        return [TaskListing(spec.id, self.name, spec.max_episode_steps) for spec in specs]
+
+    def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
+        """See `Family.make`."""
+        import gymnasium
+
+        from perdure.envs.vector_env_world import VectorEnvWorld
+
+        registered, _, text = task.partition(",")
+        env = gymnasium.make_vec(
+            registered, num_envs=len(checked_seeds(seeds)), max_episode_steps=None, threads=threads, **_options(text)
+        )
+        return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
+
+
 FAMILIES: tuple[Family, ...] = (
     EnvPoolFamily("EnvPool MuJoCo", "envpool.mujoco.gym"),
     EnvPoolFamily("EnvPool dm_control", "envpool.mujoco.dmc"),
     EnvPoolFamily("EnvPool Shadow hand", "envpool.mujoco.robotics", prefix="Hand"),
+    VectorFamily("Home", "perdure.home.gym", "perdure/Home"),
     GymnasiumFamily(),
 )
 
@@ -119,6 +167,19 @@ def family_of(task: str) -> Family:
         if family.owns(task):
             return family
     raise UnknownTask(task, (listing.name for family in FAMILIES for listing in family.listings()))
+
+
+def _options(text: str) -> dict[str, Any]:
+    """Options of an environment from `name=value,name=value`; values are Python literals, or else words."""
+    options: dict[str, Any] = {}
+    for name, equals, value in (part.partition("=") for part in text.split(",") if part):
+        if not equals:
+            raise WorldError(f"An option of a task is written name=value, not {name!r}.")
+        try:
+            options[name] = literal_eval(value)
+        except (ValueError, SyntaxError):
+            options[name] = value
+    return options
 
 
 def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:

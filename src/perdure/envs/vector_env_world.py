@@ -125,7 +125,7 @@ class VectorEnvWorld:
             truncated[chosen],
             horizon_end,
             elapsed,
-            np.zeros(len(chosen), np.bool_),
+            np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)[chosen],
         )
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO
 
 FloatArray = NDArray[np.float64]
 
-TOLERATED = 0.004
+TOLERATED = 0.002
 """Depth in [m] up to which a touch is none."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, follow, turn_to
 from perdure.home.oracle.pick import plan_pick
 from perdure.home.oracle.place import plan_place
-from perdure.home.oracle.placing import ReachPlan, around
+from perdure.home.oracle.placing import ReachPlan, ahead, around
 from perdure.home.tasks import SkillName
 from perdure.home.world import Errand
 
@@ -32,8 +33,10 @@ BEST_DISTANCE = {
 """From where each skill works best, along the floor in [m]."""
 ARM_LOW, ARM_REACH = 0.7, 0.75
 """Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
-PLACES = 8
+PLACES = 10
 """Standing places that are tried."""
+STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
+"""How far the next skill may drive on from there, in [m]."""
 
 
 def navigate(view: View, errand: Errand, toward: SkillName) -> Motion:
@@ -68,12 +71,15 @@ def _plan(view: View, errand: Errand, toward: SkillName, stands: list[Pose]) -> 
     ghost = Ghost(view.lane)
     aim = np.array(errand.aim)
     for stand in stands:
+        places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
         if toward == "pick":
-            plan = plan_pick(ghost, view.sensors.object[0].copy(), errand.target, stand, [stand])
+            plan = plan_pick(ghost, view.sensors.object[0].copy(), errand.target, stand, places)
         elif toward == "place":
-            plan = plan_place(ghost, aim, stand, [stand])
+            plan = plan_place(ghost, aim, stand, places)
         else:
-            plan = plan_handle(ghost, errand.link, stand, [stand])
+            plan = plan_handle(ghost, errand.link, stand, places)
+        if plan is not None:
+            plan = replace(plan, base=stand)
         if plan is not None and (best is None or plan.depth < best.depth):
             best = plan
         if best is not None and best.free:

@@ -18,7 +18,7 @@ from perdure.home.world.handles import Handles
 FloatArray = NDArray[np.float64]
 
 ATTEMPTS = 3
-SAFE = 0.005
+SAFE = 0.002
 """What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
 AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)

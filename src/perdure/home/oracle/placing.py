@@ -168,7 +168,7 @@ def around(space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: 
     taken: list[FloatArray] = []
     for index in np.argsort(np.abs(away - best), kind="stable"):
         center = centers[index]
-        if any(np.hypot(*(center - other)) < 0.15 for other in taken):
+        if any(np.hypot(*(center - other)) < 0.2 for other in taken):
             continue
         taken.append(center)
         yield Pose(float(center[0]), float(center[1]), float(np.arctan2(*(point[:2] - center)[::-1])))

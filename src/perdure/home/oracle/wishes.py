@@ -11,13 +11,13 @@ from perdure.home.oracle.placing import Wish
 
 FloatArray = NDArray[np.float64]
 
-STANDOFFS = (0.13, 0.10, 0.07, 0.04)
+STANDOFFS = (0.11, 0.08, 0.05)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
 RIVAL_GAP = 0.02
 """How much farther than the target every other object and handle must be from the gripper point in [m]."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """How steeply the gripper points down on open surfaces."""
-INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0))
+INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same in a fridge."""
 LIFT = 0.08
 """How far above the last point the gripper comes from in [m]."""
@@ -25,6 +25,8 @@ BACK = 0.4
 """How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
 TURNS = (0.0, 0.5, -0.5)
 """Turns of the approach about the vertical, in [rad]."""
+INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
+"""The same in a fridge, where one object may stand in front of another."""
 
 
 def pick_wishes(
@@ -41,7 +43,7 @@ def pick_wishes(
     """
     wishes = []
     for slope in slopes or (INSIDE_SLOPES if inside else SLOPES):
-        for turn in TURNS:
+        for turn in INSIDE_TURNS if inside else TURNS:
             approach = _direction(point, origin, slope, turn)
             for standoff in STANDOFFS:
                 spot = point - standoff * approach
@@ -78,14 +80,14 @@ def place_wishes(point: FloatArray, origin: FloatArray, height: float, inside: b
         height: How far above the goal to let go in [m].
         inside: Whether the goal is in a fridge.
     """
+    up = np.array([0.0, 0.0, 1.0])
     wishes = []
-    for turn in (0.0, 0.4, -0.4, 0.8, -0.8):
+    for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8):
         approach = _direction(point, origin, 0.0, turn)
-        spot = point + np.array([0.0, 0.0, height])
-        lift = np.array([0.0, 0.0, 0.03 if inside else LIFT])
-        wishes.append(Wish(spot, approach, True, lift, BACK))
-        if not inside:
-            wishes.append(Wish(spot, approach, True, lift))
+        for back in (BACK, 0.6) if inside else (0.0, BACK):
+            for more in (0.0, 0.03) if inside else (0.0,):
+                spot = point + (height + more) * up
+                wishes.append(Wish(spot, approach, True, (0.02 if inside else LIFT) * up, back))
     return wishes
 
 

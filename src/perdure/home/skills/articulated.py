@@ -30,6 +30,7 @@ class Articulated(Skill):
     radian nearer to the wanted position while it is held, +1 for letting go there, then 2 per metre nearer to rest.
     """
 
+    slack = 0.0
     failures: ClassVar[tuple[str, ...]] = (
         "none",
         "wrong grasp",

@@ -17,9 +17,14 @@ def proprioception(sensors: Sensors) -> list[FloatArray]:
     lag = sensors.arm_target - sensors.arm
     speed = sensors.base_velocity[:, [0, 2]]
     to_rest = np.asarray(REST_POSITION) - sensors.gripper_in_base
-    rotation = sensors.gripper_rotation
+    rotation = unit(sensors.gripper_rotation)
     axes = [rotation[:, :, 0], rotation[:, :, 2]]
     return [wound(sensors.arm), lag, speed, to_rest, rest_distance(sensors)[:, None], *axes]
+
+
+def unit(axes: FloatArray) -> FloatArray:
+    """Components of unit vectors; rounding may have put one a last bit beyond 1."""
+    return np.clip(axes, -1.0, 1.0)
 
 
 def wound(arm: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception, unit
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
@@ -79,7 +79,7 @@ class Place(Skill):
             *point(sensors, sensors.goal),
             sensors.turned_to_base(sensors.object - sensors.goal),
             sensors.object_to_goal[:, None],
-            sensors.turned_to_base(sensors.object_up),
+            unit(sensors.turned_to_base(sensors.object_up)),
             sensors.holds_target.astype(np.float64)[:, None],
         ]
         if self.delta > 1:

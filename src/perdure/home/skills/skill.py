@@ -25,7 +25,7 @@ IntArray = NDArray[np.int64]
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
-"""Taken in every step (M3)."""
+"""Taken in every step (M3; not when a drawer or door is opened or closed)."""
 PENALTY = 1.0
 """Taken when a failure ends the skill (M3)."""
 FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
@@ -96,6 +96,8 @@ class Skill(ABC):
     arm_step: ClassVar[float] = ARM_STEP
     """What an arm action of 1 means in [rad] per step."""
     needs_laser: ClassVar[bool] = False
+    slack: ClassVar[float] = SLACK
+    """What every step costs."""
     failures: ClassVar[tuple[str, ...]] = ("none", "invalid grasp", "excess force")
     """What the numbers mean that `failure` returns; 0 is no failure."""
     force_limit: ClassVar[float] = np.inf
@@ -164,7 +166,7 @@ class Skill(ABC):
         terms = dict(self.terms(before, after, was, now))
         rise = np.maximum(now.force - was.force, 0.0)
         terms["force"] = -np.minimum(FORCE_COST * rise, FORCE_CAP)
-        terms["slack"] = np.full(len(now), -SLACK)
+        terms["slack"] = np.full(len(now), -self.slack)
         terms["failure"] = -PENALTY * (self.failure(after, now) > 0)
         terms["success"] = SUCCESS_REWARD * self.success(after, now)
         total = np.zeros(len(now))

@@ -1,0 +1,88 @@
+"""What a home environment is about, checked before anything is built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from perdure.home.episodes import Episode, load_episodes
+from perdure.home.errors import HomeError
+from perdure.home.layouts import split_apartments
+from perdure.home.skills import Skill, get_skill
+from perdure.home.starts import STARTS, train_pool
+from perdure.home.tasks import get_task
+from perdure.home.world import SceneOptions
+
+PHYSICS_HZ = 120
+"""Physics steps per second in training; tasks are evaluated at 240."""
+
+
+@dataclass(frozen=True)
+class LessonOptions:
+    """Which skill is learned, and on what."""
+
+    skill: str = "place"
+    task: str = "tidy_house"
+    split: str = "train"
+    """`train`: generated episodes, see `episodes`; `val` and `eval`: the published ones."""
+    targets: tuple[int, ...] | int | None = None
+    """Targets of the task it is about (or the only one), drawn uniformly; all that the skill is used for when None."""
+    delta: int = 1
+    """For place: how many steps the object must stay."""
+    clutter: bool = False
+    """Whether objects that are no targets are there."""
+    physics_hz: int = PHYSICS_HZ
+    episodes: int | None = None
+    """How many episodes are used; 64 of `train` (one per apartment), all published ones when None."""
+
+    def __post_init__(self) -> None:
+        """Whatever does not fit together raises HomeError."""
+        if self.skill not in STARTS:
+            raise HomeError(f"there is no environment for the skill {self.skill!r}; there are {', '.join(STARTS)}")
+        if self.delta != 1 and self.skill != "place":
+            raise HomeError(f"delta is about place; {self.skill} has none, so it must stay 1, not {self.delta}")
+        if self.episodes is not None and self.episodes < 1:
+            raise HomeError(f"episodes must be at least 1, not {self.episodes}")
+        split_apartments(self.split)
+        used = self._used()
+        if not used:
+            raise HomeError(f"{self.task} never uses the skill {self.skill}")
+        if not self.chosen_targets or set(self.chosen_targets) - set(used):
+            raise HomeError(f"targets of {self.skill} in {self.task} are some of {used}, not {self.targets}")
+        _ = self.scene, self.make_skill()
+
+    @property
+    def chosen_targets(self) -> tuple[int, ...]:
+        """The targets among which is drawn."""
+        if self.targets is None:
+            return self._used()
+        return (self.targets,) if isinstance(self.targets, int) else tuple(self.targets)
+
+    @property
+    def scene(self) -> SceneOptions:
+        """How scenes are built, up to the target."""
+        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter)
+
+    def make_skill(self) -> Skill:
+        """The skill."""
+        return get_skill(self.skill, delta=self.delta) if self.skill == "place" else get_skill(self.skill)
+
+    def load(self) -> tuple[Episode, ...]:
+        """The episodes among which is drawn."""
+        if self.split == "train":
+            return train_pool(self.task, **({} if self.episodes is None else {"count": self.episodes})).episodes
+        return load_episodes(self.task, self.split).episodes[: self.episodes]
+
+    def _used(self) -> tuple[int, ...]:
+        """Targets for which the task's plan uses the skill."""
+        return tuple(sorted({step.target for step in get_task(self.task).skills if step.skill == self.skill}))
+
+
+def checked_options(options: Mapping[str, Any]) -> LessonOptions:
+    """Options by name; HomeError for names that do not exist."""
+    known = [each.name for each in fields(LessonOptions)]
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise HomeError(f"no option is named {', '.join(unknown)}; there are {', '.join(known)}")
+    return LessonOptions(**options)

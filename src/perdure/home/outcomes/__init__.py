@@ -1,0 +1,48 @@
+"""What became of episodes, read from their logs alone: success, failure modes, placements. Nothing is simulated here.
+
+Contents:
+    write_logs, read_logs, write_records        logs as Parquet, see `schema`
+    record_of, EpisodeRecord, Target, Run       what is kept of an episode
+    Event, Release, Track
+    latched, stabilizing, stages_stabilizing    both ways of counting, from a record
+    placement_mechanism, label, outcome         why it failed; `mechanisms` holds the rules and thresholds
+    analyse, Analysis                           all tables
+"""
+
+from perdure.home.outcomes.analysis import Analysis, analyse
+from perdure.home.outcomes.convert import episode_hash, record_of
+from perdure.home.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
+from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
+from perdure.home.outcomes.files import read_logs, write_logs, write_records
+from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
+from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, Release, Run, Target, Track
+
+__all__ = [
+    "COUNTINGS",
+    "MECHANISMS",
+    "UNTRAINED",
+    "Analysis",
+    "Counting",
+    "EpisodeRecord",
+    "Event",
+    "Label",
+    "Mechanism",
+    "Release",
+    "Run",
+    "Target",
+    "Track",
+    "analyse",
+    "episode_hash",
+    "label",
+    "latched",
+    "outcome",
+    "placement",
+    "placement_mechanism",
+    "read_logs",
+    "record_of",
+    "stabilizing",
+    "stage_steps",
+    "stages_stabilizing",
+    "write_logs",
+    "write_records",
+]

@@ -1,0 +1,129 @@
+"""Logs on disk: one Parquet file per run, written whole; a damaged, foreign or contradictory one is refused by name."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.home.errors import HomeError
+from perdure.home.execute.log import EpisodeLog
+from perdure.home.outcomes.convert import record_of
+from perdure.home.outcomes.records import EpisodeRecord
+from perdure.home.outcomes.schema import SCHEMA_NAME, SCHEMA_VERSION, columns, from_frame, to_frame
+from perdure.store import write_whole
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_RESERVED = ("schema", "version", "sha256")
+
+
+def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], run: Mapping[str, str]) -> Path:
+    """Writes what an executor kept of some episodes as one file, whole.
+
+    Args:
+        path: Where to.
+        logs: Executed episodes, of one arm and one training seed.
+        run: `arm` and `train_seed` (see `record_of`); everything goes into the file's metadata, too.
+
+    Raises:
+        HomeError: If there are no logs, an episode is there twice, or `run` does not say what was run.
+        OSError: If the file cannot be written; an old one is untouched.
+    """
+    return write_records(path, [record_of(log, run) for log in logs], run)
+
+
+def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord], run: Mapping[str, str]) -> Path:
+    """Writes records, such as another simulator's, as one file, whole; see `write_logs`."""
+    check_distinct(records, f"the records for {os.fspath(path)}")
+    reserved = [name for name, value in run.items() if name in _RESERVED or not isinstance(value, str)]
+    if reserved:
+        raise HomeError(f"run says {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
+    frame = to_frame(records)
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **run}
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, metadata={**notes, "sha256": _digest(frame, notes)}, compression_level=12)
+    return write_whole(path, buffer.getvalue())
+
+
+def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
+    """Reads a file of logs.
+
+    Raises:
+        HomeError: If it is missing, no Parquet file, of another schema or version, damaged, or contradicts itself.
+    """
+    frame, notes = _read_parquet(Path(path))
+    if notes.get("schema") != SCHEMA_NAME:
+        raise HomeError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
+    if notes.get("version") != SCHEMA_VERSION:
+        raise HomeError(f"{path} has version {notes.get('version')}; this package reads version {SCHEMA_VERSION}")
+    if dict(frame.schema) != columns():
+        wrong = sorted(name for name, kind in {**frame.schema, **columns()}.items() if frame.schema.get(name) != kind)
+        raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong or 'in order'}")
+    if notes.pop("sha256", None) != _digest(frame, notes):
+        raise HomeError(f"{path} is damaged: its content does not fit the SHA-256 it was written with")
+    try:
+        records = from_frame(frame)
+        check_distinct(records, "it")
+    except (HomeError, TypeError, ValueError, IndexError) as error:
+        raise HomeError(f"{path} does not hold what a file of logs must hold: {error}") from error
+    return records
+
+
+def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
+    """HomeError when there is no record, or one episode of one arm and its seeds is there twice."""
+    if not records:
+        raise HomeError(f"{name} must hold at least one episode")
+    seen: set[Any] = set()
+    for record in records:
+        if record.key in seen:
+            raise HomeError(f"{name} must not hold an episode twice: {record.name}")
+        seen.add(record.key)
+
+
+def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
+    import polars as pl
+
+    if not path.is_file():
+        raise HomeError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
+    content = path.read_bytes()
+    if content[:4] != b"PAR1":
+        raise HomeError(f"{path} is not a Parquet file")
+    try:
+        notes = pl.read_parquet_metadata(io.BytesIO(content))
+        frame = pl.read_parquet(io.BytesIO(content))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
+    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+
+
+def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
+    """SHA-256 of metadata and content: Parquet's own checks let most flipped bits through."""
+    digest = hashlib.sha256(repr(sorted(notes.items())).encode())
+    for name in columns():
+        digest.update(name.encode())
+        _feed(digest, frame[name])
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, series: pl.Series) -> None:
+    """Feeds a column, however deep it is nested: the lengths of its lists, then what is in them."""
+    import polars as pl
+
+    digest.update(f"{len(series)} {series.null_count()}".encode())
+    if series.dtype == pl.List:
+        lengths = series.list.len()
+        digest.update(lengths.cast(pl.Int64).to_numpy().tobytes())
+        _feed(digest, series.filter(lengths > 0).explode())
+    elif series.dtype == pl.Struct:
+        for part in series.struct.unnest():
+            _feed(digest, part)
+    elif series.dtype == pl.String:
+        digest.update("\0".join(map(str, series.to_list())).encode())
+    else:
+        digest.update(series.to_numpy().tobytes())

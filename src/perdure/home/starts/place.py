@@ -1,0 +1,25 @@
+"""Place begins within 2 m of the goal with the object in the gripper, the goal's container open (M3, `place_v1`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from perdure.home.episodes import Episode
+from perdure.home.starts.arm import draw_arm
+from perdure.home.starts.containers import draw_open, goal_container
+from perdure.home.starts.stand import stand_near
+from perdure.home.starts.start import Start
+from perdure.home.world import Errand
+
+
+def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
+    """See `Draw`."""
+    apartment, goal = episode.apartment(), episode.goals[target].position
+    opened = draw_open(apartment, goal_container(episode, target), rng)
+    return Start(
+        base=stand_near(apartment, goal, rng),
+        arm=draw_arm(rng),
+        errand=Errand(0, goal, toward="place", aim=goal),
+        opened=opened,
+        held=0,
+    )

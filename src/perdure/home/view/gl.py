@@ -1,0 +1,70 @@
+"""An OpenGL context without a window: EGL (the graphics card, or Mesa) or else OSMesa (the processor)."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import import_module
+from typing import Any
+
+from perdure.home.errors import HomeError
+
+OFF = ("disable", "disabled", "off", "false", "0")
+"""Values of MUJOCO_GL with which MuJoCo draws nothing."""
+
+
+def open_context(width: int, height: int) -> Any:
+    """An OpenGL context that is current in this thread.
+
+    MUJOCO_GL decides when it is `egl`, `osmesa` or `glfw`; else, on Linux, the first of EGL and OSMesa that works.
+
+    Args:
+        width: Of the largest picture in pixels.
+        height: Of the largest picture in pixels.
+
+    Raises:
+        HomeError: When none of them works here.
+    """
+    failures = []
+    for name in _candidates():
+        try:
+            context = _context_class(name)(width, height)
+            context.make_current()
+        except Exception as error:  # every driver has its own way to fail
+            failures.append(f"{name} ({_first_line(error)})")
+            _forget_opengl()
+        else:
+            return context
+    raise HomeError(f"no picture can be drawn here: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6")
+
+
+def _candidates() -> tuple[str, ...]:
+    wish = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wish in OFF:
+        raise HomeError(f"no picture can be drawn: MUJOCO_GL={wish} switches pictures off")
+    if wish in ("egl", "osmesa", "glfw"):
+        return (wish,)
+    return ("egl", "osmesa") if sys.platform.startswith("linux") else ("default",)
+
+
+def _context_class(name: str) -> Any:
+    if name != "default":
+        return import_module(f"mujoco.{name}").GLContext
+    import mujoco
+
+    return mujoco.GLContext
+
+
+def _forget_opengl() -> None:
+    """PyOpenGL binds to one platform when it is first imported; the next candidate needs another one."""
+    os.environ.pop("PYOPENGL_PLATFORM", None)
+    for module in [name for name in sys.modules if name.partition(".")[0] == "OpenGL" or name.startswith(_GL_OF_MUJOCO)]:
+        del sys.modules[module]
+
+
+_GL_OF_MUJOCO = ("mujoco.egl", "mujoco.osmesa", "mujoco.glfw")
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).split("\n")
+    return f"{type(error).__name__}: {lines[0].strip()}"[:120]

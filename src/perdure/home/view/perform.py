@@ -1,0 +1,75 @@
+"""The oracle runs one episode before an audience: a film camera or a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode
+from perdure.home.execute.actor import Actor, Scripted
+from perdure.home.execute.executor import Executor, ExecutorOptions
+from perdure.home.execute.log import EpisodeLog
+from perdure.home.oracle import Oracle
+from perdure.home.skills import get_skill
+from perdure.home.view.narrate import Narrator
+from perdure.home.world import SceneOptions, World
+
+FloatArray = NDArray[np.float64]
+
+Audience = Callable[[World, Narrator], bool]
+"""Called after every control step; the episode ends early when it returns False."""
+
+AFTERWARDS = 45
+"""Control steps that are shown after the plan has ended."""
+
+
+class _EnoughError(Exception):
+    """The audience has left."""
+
+
+def perform(
+    episode: Episode, audience: Audience, seed: int = 0, actors: Mapping[str, Actor] | None = None
+) -> EpisodeLog | None:
+    """Runs one episode with everything that can be seen in it.
+
+    Args:
+        episode: Which one.
+        audience: Who watches.
+        seed: Evaluation seed: draws where the robot starts.
+        actors: Who acts in which skill; the oracle in all of them when None.
+
+    Returns:
+        The episode's log, None when the audience left early.
+    """
+    names = {step.skill for step in episode.home_task.skills}
+    oracle = Oracle()
+    cast: Mapping[str, Actor] = actors or {n: Scripted() if n == "reset_arm" else oracle for n in names}
+    narrator = Narrator(episode)
+    options = ExecutorOptions(
+        eval_seed=seed, lanes=1, threads=1, scene=SceneOptions(looks=True), settle_steps=AFTERWARDS
+    )
+
+    def watch(world: World, episodes: Mapping[int, Episode]) -> None:
+        narrator.after_step(world)
+        if not audience(world, narrator):
+            raise _EnoughError
+
+    executor = Executor({name: get_skill(name) for name in names}, narrator.hear(cast), options)
+    try:
+        return next(iter(executor.run([episode], watch)))
+    except _EnoughError:
+        return None
+
+
+def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:
+    """What a skill is about on lane 0: a point of the room, and the number of the object there (-1 for none)."""
+    sensors, errand = world.sense(np.array([0])), world.errand(0)
+    if skill == "reset_arm":
+        return None, -1
+    if skill == "pick":
+        return sensors.object[0], errand.target
+    if skill == "place":
+        return sensors.goal[0], errand.target
+    return (sensors.aim[0] if skill == "navigate" else sensors.handle[0]), -1
