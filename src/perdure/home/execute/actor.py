@@ -17,15 +17,23 @@ IntArray = NDArray[np.int64]
 class Actor(Protocol):
     """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number."""
 
+    sees: bool
+    """Whether it wants the laser's ranges where the skill has them: they cost more than a step."""
+
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """A lane starts a skill; its errand is set."""
 
     def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
         """Actions for these lanes, rows of `sensors` and `progress`. Shape (len(lanes), 10)."""
 
+    def overtime(self, lane: int) -> bool:
+        """Whether a lane needs more time than the skill's limit, to put down what it holds."""
+
 
 class Scripted:
     """Acts for skills that bring their own motion (`reset_arm`)."""
+
+    sees = False
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """Nothing to remember."""
@@ -36,3 +44,7 @@ class Scripted:
 
         assert isinstance(skill, ResetArm)
         return skill.act(sensors)
+
+    def overtime(self, lane: int) -> bool:
+        """Never needs more time."""
+        return False

@@ -32,6 +32,10 @@ HANDS_OPENED = ("place", "open_drawer", "close_drawer", "open_fridge", "close_fr
 """Skills after whose time-out the hand is opened by force (M3)."""
 
 
+OVERTIME = 150
+"""Steps that a hand-over may go on beyond the limit of place."""
+
+
 @dataclass(frozen=True)
 class ExecutorOptions:
     """How episodes are run."""
@@ -61,6 +65,9 @@ class _Running:
     settling: int | None = None
     """Steps of the settling time so far, None before it."""
     diverged: bool = False
+    drawer: int = -1
+    """Number of the drawer that the task is about among the scene's links, -1 for none."""
+    fridge: int = -1
 
     @property
     def current(self) -> SkillStep | None:
@@ -123,6 +130,9 @@ class Executor:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
         running = _Running(episode, task.skills, Recorder(), np.zeros(len(task.stages), dtype=bool))
+        containers = [episode.container(target) for target in range(len(episode.goals))]
+        running.drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
+        running.fridge = scene.links.index("top_door")
         self._begin_skill(world, lane, running)
         return running
 
@@ -133,7 +143,7 @@ class Executor:
         world.assign(lane, make_errand(running.episode, step, world.lane(lane)))
         skill = self._skill(step)
         running.began = running.step
-        fresh = skill.begin(world.sense(np.array([lane]), skill.needs_laser))
+        fresh = skill.begin(world.sense(np.array([lane])))
         if self._progress is None or len(self._progress) != world.num_lanes:
             self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
         self._progress = self._progress.put(np.array([lane]), fresh)
@@ -149,22 +159,18 @@ class Executor:
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(lanes, running)
         for name, group in groups.items():
-            skill = self._skills[name]
-            sensors = world.sense(group, skill.needs_laser)
+            skill, actor = self._skills[name], self._actors[name]
+            sensors = world.sense(group, skill.needs_laser and actor.sees)
             assert self._progress is not None
-            acted = self._actors[name].act(world, group, skill, sensors, self._progress[group])
+            acted = actor.act(world, group, skill, sensors, self._progress[group])
             actions[group] = skill.mask(acted, sensors)
             speed[group], arm_step[group] = skill.base_speed, skill.arm_step
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
         everyone = world.sense(lanes)
         self._record(world, lanes, running, everyone)
+        row_of = {int(lane): row for row, lane in enumerate(lanes)}
         for name, group in groups.items():
-            self._after(world, name, group, running)
-        for lane in lanes:
-            each = running[lane]
-            assert each is not None
-            if each.settling is not None:
-                each.settling += 1
+            self._after(world, name, group, everyone[np.array([row_of[int(lane)] for lane in group])], running)
 
     def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
         """Lanes by the skill they are at; lanes that settle are in none."""
@@ -175,10 +181,11 @@ class Executor:
                 groups.setdefault(step.skill, []).append(int(lane))
         return {name: np.array(group) for name, group in groups.items()}
 
-    def _after(self, world: World, name: str, group: IntArray, running: list[_Running | None]) -> None:
+    def _after(
+        self, world: World, name: str, group: IntArray, sensors: Sensors, running: list[_Running | None]
+    ) -> None:
         """Ends skills that stop or run out of time, and begins the next ones."""
         skill = self._skills[name]
-        sensors = world.sense(group, False)
         assert self._progress is not None
         progress = skill.advance(self._progress[group], sensors)
         self._progress = self._progress.put(group, progress)
@@ -187,6 +194,8 @@ class Executor:
             each = running[lane]
             assert each is not None
             out_of_time = bool(progress.elapsed[row] >= skill.limit)
+            if out_of_time and sensors.holds_target[row] and progress.elapsed[row] < skill.limit + OVERTIME:
+                out_of_time = not self._actors[name].overtime(int(lane))
             at_limit = each.step >= each.episode.home_task.max_steps
             if stop[row] or out_of_time or at_limit:
                 ending: Ending = "stopped" if stop[row] else "timed out" if out_of_time else "task limit"
@@ -210,30 +219,32 @@ class Executor:
             self._begin_skill(world, lane, each)
 
     def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
-        for row, lane in enumerate(lanes):
-            each = running[lane]
-            assert each is not None
-            targets = len(each.episode.goals)
-            poses, speeds = world.objects(int(lane), targets)
-            facts = world_facts(world, each.episode, int(lane), poses[:, :3])
+        everyone = [each for each in (running[lane] for lane in lanes) if each is not None]
+        task, count = everyone[0].episode.home_task, len(everyone[0].episode.goals)
+        found = [world.objects(int(lane), count) for lane in lanes]
+        poses, speeds = np.array([each[0] for each in found]), np.array([each[1] for each in found])
+        facts = lane_facts(world, lanes, everyone, poses[:, :, :3], sensors)
+        reached = latch(task, np.array([each.reached for each in everyone]), facts)
+        up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
+        speed = np.sqrt((speeds**2).sum(axis=2))
+        for row, each in enumerate(everyone):
             if each.settling is None:
-                each.reached = latch(each.episode.home_task, each.reached, facts)
+                each.reached = reached[row]
                 each.step += 1
-            active = len(each.done) if each.settling is None else len(each.plan)
-            up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
-            speed = np.sqrt((speeds**2).sum(axis=1))
+            else:
+                each.settling += 1
             each.diverged |= bool(sensors.diverged[row])
             each.recorder.rows.append(
                 (
-                    poses[:, :3],
-                    int(facts.held),
-                    float(facts.drawer),
-                    float(facts.fridge),
-                    active,
+                    poses[row, :, :3],
+                    int(facts.held[row]),
+                    float(facts.drawer[row]),
+                    float(facts.fridge[row]),
+                    len(each.done) if each.settling is None else len(each.plan),
                     sensors.base[row],
                     sensors.gripper[row],
-                    up,
-                    speed,
+                    up[row],
+                    speed[row],
                     float(sensors.contact_force[row]),
                 )
             )
@@ -257,20 +268,18 @@ class Executor:
         )
 
 
-def world_facts(world: World, episode: Episode, number: int, positions: FloatArray) -> WorldFacts:
-    """What the task's predicates need of one lane now."""
-    lane = world.lane(number)
-    held = lane.held if 0 <= lane.held < len(episode.goals) else NOTHING
-    if held == NOTHING and (lane.held >= 0 or lane.held_link >= 0):
-        held = SOMETHING_ELSE
-    containers = [episode.container(k) for k in range(len(episode.goals))]
-    drawer = next((c for c in containers if c is not None and c != "top_door"), None)
-    q = lane.qpos[lane.scene.link_qpos]
-    links = lane.scene.links
+def lane_facts(
+    world: World, lanes: IntArray, running: Sequence[_Running], positions: FloatArray, sensors: Sensors
+) -> WorldFacts:
+    """What the task's predicates need, for all lanes at once."""
+    targets = positions.shape[1]
+    held = np.where((sensors.held >= 0) & (sensors.held < targets), sensors.held, NOTHING)
+    held = np.where((held == NOTHING) & ~sensors.empty_hand, SOMETHING_ELSE, held)
+    opened = [world.lane(int(lane)).links for lane in lanes]
     return WorldFacts(
         positions,
-        episode.goal_positions,
-        np.array(held),
-        np.array(q[links.index(drawer)] if drawer else 0.0),
-        np.array(q[links.index("top_door")]),
+        np.array([each.episode.goal_positions for each in running]),
+        held,
+        np.array([q[each.drawer] if each.drawer >= 0 else 0.0 for q, each in zip(opened, running, strict=True)]),
+        np.array([q[each.fridge] for q, each in zip(opened, running, strict=True)]),
     )

@@ -116,6 +116,20 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         outcome = self._advance(self._sensors, self._progress, told, stepped)
         return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
 
+    @property
+    def sensors(self) -> Sensors:
+        """What is known of all lanes now; HomeError before the first reset."""
+        if self._sensors is None:
+            raise HomeError("nothing is known before the first reset")
+        return self._sensors
+
+    @property
+    def progress(self) -> Progress:
+        """What the skill remembers of all lanes now; HomeError before the first reset."""
+        if self._progress is None:
+            raise HomeError("nothing is remembered before the first reset")
+        return self._progress
+
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads."""
         self.world.close()

@@ -28,6 +28,8 @@ MOVES = {
 class Oracle:
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
+    sees = False
+
     def __init__(self) -> None:
         """Nothing is planned before a skill begins."""
         self._motions: dict[int, Motion | None] = {}
@@ -53,6 +55,10 @@ class Oracle:
             except StopIteration:
                 self._motions[number] = None
         return actions
+
+    def overtime(self, lane: int) -> bool:
+        """Never needs more time."""
+        return False
 
     def _motion(self, view: View, skill: Skill) -> Motion:
         if skill.name == "pick":

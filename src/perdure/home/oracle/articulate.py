@@ -91,7 +91,7 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
         if abs(wanted - now) * lever < 0.08:
             wanted += direction * min(SPEED / CONTROL_HZ / lever, abs(goal - wanted))
         ahead_of_it = handles.one(link, wanted + 0.02 * direction) - handles.one(link, wanted)
-        along = view.base.to_local(ahead_of_it + (view.base.x, view.base.y, 0.0))
+        along = view.base.to_local(ahead_of_it + np.array([view.base.x, view.base.y, 0.0]))
         local = view.base.to_local(handles.one(link, wanted))
         far, bearing = float(np.hypot(local[0], local[1])), float(np.arctan2(local[1], local[0]))
         forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)

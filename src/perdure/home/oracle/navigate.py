@@ -1,4 +1,4 @@
-"""Oracle navigation: the cell from which the next skill's arm motion works, the shortest way there, then face the aim."""
+"""Oracle navigation: to a cell from which the next skill's arm motion works, the shortest way, then face the aim."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where to stand and how to hold the arm: search over standing places, gripper directions and their inverse kinematics."""
+"""Where to stand and how to hold the arm: search over standing places and gripper directions."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ Contents:
     write_logs, read_logs, write_records        logs as Parquet, see `schema`
     record_of, EpisodeRecord, Target, Run       what is kept of an episode
     Event, Release, Track
+    History                                     every pose at every step, for logs of other simulators
     latched, stabilizing, stages_stabilizing    both ways of counting, from a record
     placement_mechanism, label, outcome         why it failed; `mechanisms` holds the rules and thresholds
     analyse, Analysis                           all tables
@@ -14,6 +15,7 @@ from perdure.home.outcomes.convert import episode_hash, record_of
 from perdure.home.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
 from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
 from perdure.home.outcomes.files import read_logs, write_logs, write_records
+from perdure.home.outcomes.history import History
 from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, Release, Run, Target, Track
 
@@ -25,6 +27,7 @@ __all__ = [
     "Counting",
     "EpisodeRecord",
     "Event",
+    "History",
     "Label",
     "Mechanism",
     "Release",

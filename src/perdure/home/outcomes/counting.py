@@ -6,6 +6,11 @@ first and the last step of every run, and at the first and the last step of the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+from typing import TypeVar
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +24,22 @@ NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0
 """How far in [m] an object is put from its goal in the facts when an event says only that it is not in it."""
+
+
+_Counted = TypeVar("_Counted")
+
+
+def _once(count: Callable[[EpisodeRecord], _Counted]) -> Callable[[EpisodeRecord], _Counted]:
+    """Counts a record once and remembers the result for as long as the record lives."""
+    known: WeakKeyDictionary[EpisodeRecord, _Counted] = WeakKeyDictionary()
+
+    @wraps(count)
+    def counted(record: EpisodeRecord) -> _Counted:
+        if record not in known:
+            known[record] = count(record)
+        return known[record]
+
+    return counted
 
 
 def moments(record: EpisodeRecord) -> tuple[IntArray, WorldFacts]:
@@ -42,6 +63,7 @@ def moments(record: EpisodeRecord) -> tuple[IntArray, WorldFacts]:
     )
 
 
+@_once
 def stage_steps(record: EpisodeRecord) -> tuple[int, ...]:
     """The step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
     steps, facts = moments(record)
@@ -72,6 +94,7 @@ def handled(record: EpisodeRecord, target: int) -> tuple[int, int] | None:
     return pick.begin, record.steps if place is None else place.end
 
 
+@_once
 def stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
     """Which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
     if record.diverged:
@@ -85,6 +108,7 @@ def stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
     return tuple(map(bool, goal_stabilizing(facts, handling, settle_steps=1)))
 
 
+@_once
 def stages_stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
     """Which stages count when every placement up to them must be goal-stabilizing."""
     counted = stabilizing_stages(record.home_task, np.array(latched(record)), np.array(stabilizing(record)))

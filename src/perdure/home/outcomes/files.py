@@ -62,8 +62,9 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
     if notes.get("version") != SCHEMA_VERSION:
         raise HomeError(f"{path} has version {notes.get('version')}; this package reads version {SCHEMA_VERSION}")
     if dict(frame.schema) != columns():
-        wrong = sorted(name for name, kind in {**frame.schema, **columns()}.items() if frame.schema.get(name) != kind)
-        raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong or 'in order'}")
+        names = {**frame.schema, **columns()}
+        wrong = sorted(name for name in names if frame.schema.get(name) != columns().get(name))
+        raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong}")
     if notes.pop("sha256", None) != _digest(frame, notes):
         raise HomeError(f"{path} is damaged: its content does not fit the SHA-256 it was written with")
     try:

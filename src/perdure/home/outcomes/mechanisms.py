@@ -36,8 +36,8 @@ For a placement, blamed or counted as not goal-stabilizing:
 | 13 | otherwise | rolled |
 
 It "left" at the first step out of its goal after the last one in it. It "fell over" when its tilt changed by more than
-`FELL_OVER` before it left or within half a second after, but not while it was falling off its support. A box that slides
-"rolled" too.
+`FELL_OVER` before it left or within half a second after, but not while it was falling off its support. A box that
+slides "rolled" too.
 """
 
 from __future__ import annotations
@@ -73,8 +73,9 @@ Mechanism = Literal[
 ]
 MECHANISMS: tuple[Mechanism, ...] = get_args(Mechanism)
 
-COLLISION_FORCE = 1000.0
-"""In [N], OURS. The arm presses with 150 N at most (its shoulder's 132 Nm over 0.9 m): this much is the base."""
+COLLISION_FORCE = 2000.0
+"""In [N], OURS. The arm presses with 150 N at most (its shoulder's 132 Nm over 0.9 m), and hands that succeed meet the
+handle of the fridge with up to 900 N: this much is the base."""
 THROWN_SPEED = 0.5
 """In [m/s], OURS. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3): most of
 the goal's radius of 0.15 m."""
@@ -83,8 +84,8 @@ DROPPED_HEIGHT = 0.1
 FELL_OVER = 45.0
 """Change of its tilt in [deg] after which an object fell over, OURS: all but the flattest are past their edge then."""
 OFF_SUPPORT = 0.1
-"""An object whose middle is so far in [m] below where it would rest is no longer on its support, OURS: the middle of the
-tallest object is 0.07 m lower when it lies."""
+"""An object whose middle is so far in [m] below where it would rest is off its support, OURS: the middle of the tallest
+object is 0.07 m lower when it lies."""
 REST_SECONDS, REST_MOVE = 0.5, 0.005
 """An object that moves by less than 5 mm within half a second has come to rest, OURS."""
 NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
@@ -207,16 +208,16 @@ def _rested(record: EpisodeRecord, release: Release, inside: BoolArray, left: in
     window = _rest_steps(record)
     if left < window + 1:
         return None
-    position = release.track.position[release.track.rows(release.step, release.step + left - 1)]
+    position = release.track.thin.position[release.track.thin.rows(release.step, release.step + left - 1)]
     moved = np.linalg.norm(position[window:] - position[:-window], axis=1)
     still = np.flatnonzero((moved < REST_MOVE) & inside[: left - window] & inside[window:left])
-    still = still[still > 0]  # the first row is still in the hand
     return int(still[-1]) + window // 2 if len(still) else None
 
 
 def _robot_near(release: Release, first: int, last: int) -> bool:
     """Whether hand or base were near the object at a step of its track, counted from the release."""
-    track, since = release.track, release.track.step - release.step
+    track = release.track.thin
+    since = track.step - release.step
     rows = (since > first) & (since <= last)
     hand = np.linalg.norm(track.gripper[rows] - track.position[rows], axis=1) <= NEAR_GRIPPER
     base = np.linalg.norm(track.base[rows, :2] - track.position[rows, :2], axis=1) <= NEAR_BASE
@@ -225,10 +226,11 @@ def _robot_near(release: Release, first: int, last: int) -> bool:
 
 def _fell_over(record: EpisodeRecord, release: Release, first: int, left: int) -> bool:
     """Whether the object fell over between a step, counted from the release, and half a second after it left."""
-    last = min(release.step + left + _rest_steps(record), int(release.track.step[-1]))
-    rows = release.track.rows(release.step + first, last)
-    falling = release.track.position[rows, 2] < record.targets[release.target].goal[2] - OFF_SUPPORT
-    angle = tilt(release.track.up[rows[: int(np.argmax(falling)) if falling.any() else None]])
+    track = release.track.thin
+    last = min(release.step + left + _rest_steps(record), int(track.step[-1]))
+    rows = track.rows(release.step + first, last)
+    falling = track.position[rows, 2] < record.targets[release.target].goal[2] - OFF_SUPPORT
+    angle = tilt(track.up[rows[: int(np.argmax(falling)) if falling.any() else None]])
     return len(angle) > 0 and bool(np.abs(angle - angle[0]).max() > FELL_OVER)
 
 

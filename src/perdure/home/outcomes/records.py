@@ -6,6 +6,7 @@ ends at 25 has acted in steps 10 to 24. The state at a release is that of the la
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -25,6 +26,10 @@ UNTRAINED = -1
 ENDINGS = ("stopped", "timed out", "task limit")
 CONTAINERS = ("", "drawer", "fridge")
 """Where a target lies at the start: in the open, in a drawer, in the fridge."""
+
+
+MOVED, TURNED = 0.002, 0.01
+"""Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,15 @@ class Track:
         if n == 0 or lengths != {n} or (np.diff(self.step) <= 0).any():
             raise HomeError(f"a track needs rising steps and as many poses; it has {n} steps, {sorted(lengths)} poses")
 
+    @cached_property
+    def thin(self) -> Track:
+        """Without the steps at which the object had hardly moved.
+
+        Mechanisms look at nothing else, so that logs which keep every step are judged alike.
+        """
+        rows = kept_steps(self.position, self.up)
+        return Track(self.step[rows], self.position[rows], self.up[rows], self.gripper[rows], self.base[rows])
+
     def rows(self, first: int, last: int) -> IntArray:
         """For each step from `first` to `last`, both included, the row of the track that holds then."""
         return np.searchsorted(self.step, np.arange(first, last + 1), side="right") - 1
@@ -123,9 +137,12 @@ class Release:
         return int(self.track.step[0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EpisodeRecord:
-    """An episode as logs keep it. Stages and placements are counted from the events, see `counting`."""
+    """An episode as logs keep it. Stages and placements are counted from the events, see `counting`.
+
+    Two records are equal only if they are the same object: what was counted of one is remembered with it.
+    """
 
     task: str
     split: str
@@ -197,6 +214,24 @@ class EpisodeRecord:
     def run(self, skill: str, target: int) -> Run | None:
         """The first run of a skill (or of any whose name begins so) for a target, None if it never ended."""
         return next((r for r in self.runs if r.skill.startswith(skill) and r.target == target), None)
+
+
+def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
+    """The steps a track keeps: the first, the last, and each at which the object has moved since the last one kept.
+
+    Args:
+        position: Shape (n, 3).
+        up: Shape (n,).
+    """
+    points, heights = position.tolist(), up.tolist()
+    kept = [0]
+    for step in range(1, len(points)):
+        last = kept[-1]
+        if math.dist(points[step], points[last]) > MOVED or abs(heights[step] - heights[last]) > TURNED:
+            kept.append(step)
+    if kept[-1] != len(points) - 1:
+        kept.append(len(points) - 1)
+    return np.array(kept)
 
 
 def _not_rising(steps: list[int], length: int) -> bool:

@@ -30,7 +30,7 @@ def _block(analysis: Analysis, group: tuple[str, ...]) -> str:
     episodes, stages = part(analysis.episodes), part(analysis.stages)
     settled = episodes["settle_seconds"].to_list()
     head = (
-        f"{group[0]} {group[1]}, {group[2]}: {len(episodes)} episodes in {stages['runs'][0]} runs, "
+        f"{group[0]} {group[1]}, {group[2]}: {len(episodes)} episodes, runs: {stages['runs'][0]}, "
         f"then {min(settled):.1f} to {max(settled):.1f} s of settling, {sum(episodes['diverged'].to_list())} diverged"
     )
     resampled = f"intervals: 95 %, resampled over {stages['resampled'][0]}"

@@ -26,8 +26,10 @@ RETRACTED = 0.15
 
 @dataclass(frozen=True)
 class Articulated(Skill):
-    """Reward (M3): 2 per metre nearer to the handle until it is held, +1 for the first right grasp, 2 per metre or
-    radian nearer to the wanted position while it is held, +1 for letting go there, then 2 per metre nearer to rest.
+    """A skill that brings a drawer or door to a wanted position by its handle.
+
+    Reward (M3): 2 per metre nearer to the handle until it is held, +1 for the first right grasp, 2 per metre or radian
+    nearer to the wanted position while it is held, +1 for letting go there, then 2 per metre nearer to rest.
     """
 
     slack = 0.0
@@ -73,11 +75,12 @@ class Articulated(Skill):
         approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
         moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
         retract = rest_distance(before) - rest_distance(after)
+        let_go = now.released & ~was.released & self.there(after.link_position)
         return {
             "approach": DISTANCE_REWARD * np.where(~now.grasped, approach, 0.0),
-            "grasp": GRASP_REWARD * (now.grasped & ~was.grasped),
+            "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
             "move": JOINT_REWARD * np.where(holds_handle(after), moved, 0.0),
-            "release": RELEASE_REWARD * (now.released & ~was.released & self.there(after.link_position)),
+            "release": np.where(let_go, RELEASE_REWARD, 0.0),
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 

@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 
 def proprioception(sensors: Sensors) -> list[FloatArray]:
-    """Arm, gripper and base as the robot's own encoders tell. 25 columns."""
+    """Arm, gripper and base as the robot's own encoders tell. 26 columns."""
     lag = sensors.arm_target - sensors.arm
     speed = sensors.base_velocity[:, [0, 2]]
     to_rest = np.asarray(REST_POSITION) - sensors.gripper_in_base

@@ -53,7 +53,7 @@ class Pick(Skill):
             # In the step of the grasp the object jumps into the gripper: that is no approach.
             "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
             "retract": DISTANCE_REWARD * np.where(held_before & after.holds_target, retract, 0.0),
-            "grasp": GRASP_REWARD * (now.grasped & ~was.grasped),
+            "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
         }
 
     def success(self, sensors: Sensors, progress: Progress) -> BoolArray:

@@ -94,7 +94,7 @@ class Place(Skill):
         inside = after.object_to_goal <= GOAL_RADIUS
         return {
             "carry": DISTANCE_REWARD * np.where(after.holds_target, nearer, 0.0),
-            "release": RELEASE_REWARD * (first & inside),
+            "release": np.where(first & inside, RELEASE_REWARD, 0.0),
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
@@ -109,7 +109,7 @@ class Place(Skill):
         return first_of(just, invalid_grasp(sensors), progress.force_sum > self.force_limit)
 
     def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The hand is empty and back at rest; M3's rule does not look at the object, with Delta > 1 the count must run out."""
+        """The hand is empty and back at rest, whatever the object does (M3); with Delta > 1 the count must run out."""
         done = sensors.empty_hand & (rest_distance(sensors) < RETRACTED)
         if self.delta > 1:
             done &= progress.lasting >= self.delta

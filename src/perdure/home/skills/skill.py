@@ -127,7 +127,7 @@ class Skill(ABC):
 
     @abstractmethod
     def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """Whether the executor goes on to the next skill (M3's stop rules; time-outs are the executor's). Shape (n,)."""
+        """Whether the executor goes on to the next skill: M3's stop rules, time-outs are its own affair. Shape (n,)."""
 
     def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
         """Actions with what the skill forbids taken out. Shape (n, 10)."""
@@ -167,8 +167,8 @@ class Skill(ABC):
         rise = np.maximum(now.force - was.force, 0.0)
         terms["force"] = -np.minimum(FORCE_COST * rise, FORCE_CAP)
         terms["slack"] = np.full(len(now), -self.slack)
-        terms["failure"] = -PENALTY * (self.failure(after, now) > 0)
-        terms["success"] = SUCCESS_REWARD * self.success(after, now)
+        terms["failure"] = np.where(self.failure(after, now) > 0, -PENALTY, 0.0)
+        terms["success"] = np.where(self.success(after, now), SUCCESS_REWARD, 0.0)
         total = np.zeros(len(now))
         for value in terms.values():
             total = total + value

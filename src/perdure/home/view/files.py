@@ -130,7 +130,9 @@ class _Gif:
         if not self._pictures:
             raise HomeError("a film needs at least one picture")
         first, *rest = self._pictures
-        first.save(self._path, save_all=True, append_images=rest, duration=round(1000 * self.pace), loop=0, optimize=False)
+        first.save(
+            self._path, save_all=True, append_images=rest, duration=round(1000 * self.pace), loop=0, optimize=False
+        )
 
     def stop(self) -> None:
         self._pictures.clear()

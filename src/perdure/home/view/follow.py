@@ -85,7 +85,9 @@ class Follower:
         for azimuth, elevation in DIRECTIONS:
             eye = middle + distance * _unit(azimuth, elevation)
             seen = sum((2.0 - k) * self._sees(point, eye, exclude) for k, point in enumerate(points))
-            turn = 0.3 if self._now is None else STAY / np.pi * abs((azimuth - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
+            turn = (
+                0.3 if self._now is None else STAY / np.pi * abs((azimuth - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
+            )
             scores.append(seen - turn - 0.4 * abs(elevation - np.radians(34.0)) + 0.3 * self._beside(azimuth))
         best: FloatArray = DIRECTIONS[int(np.argmax(scores))]
         return best
@@ -113,9 +115,7 @@ class Follower:
 
 
 def _unit(azimuth: float, elevation: float) -> FloatArray:
-    return np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
 def _partition_geoms(lane: Lane) -> frozenset[int]:

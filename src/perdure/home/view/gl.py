@@ -58,7 +58,9 @@ def _context_class(name: str) -> Any:
 def _forget_opengl() -> None:
     """PyOpenGL binds to one platform when it is first imported; the next candidate needs another one."""
     os.environ.pop("PYOPENGL_PLATFORM", None)
-    for module in [name for name in sys.modules if name.partition(".")[0] == "OpenGL" or name.startswith(_GL_OF_MUJOCO)]:
+    for module in [
+        name for name in sys.modules if name.partition(".")[0] == "OpenGL" or name.startswith(_GL_OF_MUJOCO)
+    ]:
         del sys.modules[module]
 
 

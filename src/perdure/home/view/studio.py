@@ -69,7 +69,9 @@ class Studio:
         """Itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """See `close`."""
         self.close()
 
@@ -148,7 +150,9 @@ class Studio:
             tip = place + (0.0, 0.0, 0.13)
             self._add(kinds.mjGEOM_ARROW, (0.012, 0.012, PIN), tip + (0.0, 0.0, PIN), mark.color, 0.95, down=True)
 
-    def _add(self, kind: Any, size: Sequence[float], place: FloatArray, color: Any, alpha: float, down: bool = False) -> None:
+    def _add(
+        self, kind: Any, size: Sequence[float], place: FloatArray, color: Any, alpha: float, down: bool = False
+    ) -> None:
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
             return

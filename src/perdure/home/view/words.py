@@ -128,5 +128,9 @@ def _write_stages(
     for k, (name, done) in enumerate(stages):
         x = left + k * pitch + radius
         circle = (x - radius, y - radius, x + radius, y + radius)
-        draw.ellipse(circle, fill=DONE if done else PAPER, outline=DONE if done else PALE, width=max(1, round(2 * scale)))
-        draw.text((x + radius + 4 * scale, y), name.replace("_", " "), font=letters, fill=INK if done else PALE, anchor="lm")
+        draw.ellipse(
+            circle, fill=DONE if done else PAPER, outline=DONE if done else PALE, width=max(1, round(2 * scale))
+        )
+        draw.text(
+            (x + radius + 4 * scale, y), name.replace("_", " "), font=letters, fill=INK if done else PALE, anchor="lm"
+        )

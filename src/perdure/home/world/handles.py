@@ -33,28 +33,35 @@ class Handles:
     @lru_cache(maxsize=256)
     def of(apartment: Apartment) -> Handles:
         """The handles of an apartment, in the order of its articulations."""
-        origins, slides, levers, signs = [], [], [], []
+        rows = []
         for moving in apartment.articulations:
             pose = apartment.piece_of(moving.link).pose
             handle = apartment.handle_to_room(moving.link, 0.0)
             axis = pose.to_room(np.asarray(moving.axis)) - pose.to_room(np.zeros(3))
             if moving.kind == "slide":
-                origins.append(handle), slides.append(axis), levers.append(np.zeros(2)), signs.append(0.0)
+                origin, slide, lever, sign = handle, axis, np.zeros(2), 0.0
             else:
                 hinge = pose.to_room(np.asarray(moving.origin))
-                origins.append(np.array([hinge[0], hinge[1], handle[2]]))
-                slides.append(np.zeros(3)), levers.append(handle[:2] - hinge[:2]), signs.append(moving.axis[2])
-        return Handles(*(np.array(each, dtype=np.float64) for each in (origins, slides, levers, signs)))
+                origin, slide = np.array([hinge[0], hinge[1], handle[2]]), np.zeros(3)
+                lever, sign = handle[:2] - hinge[:2], moving.axis[2]
+            rows.append((origin, slide, lever, sign))
+        return Handles(*(np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)))
 
     def at(self, q: FloatArray) -> FloatArray:
         """All handles. Shape (links,) -> (links, 3)."""
         cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
-        points = self.origin + q[:, None] * self.slide
+        points: FloatArray = self.origin + q[:, None] * self.slide
         points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
         points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
         return points
 
     def one(self, link: int, q: float) -> FloatArray:
-        """One handle. Shape (3,)."""
+        """One handle, the same bits as in `at`. Shape (3,)."""
         part = slice(link, link + 1)
-        return Handles(self.origin[part], self.slide[part], self.lever[part], self.sign[part]).at(np.array([q]))[0]
+        angle = self.sign[part] * q
+        cos, sin = np.cos(angle)[0], np.sin(angle)[0]
+        point: FloatArray = self.origin[link] + q * self.slide[link]
+        lever = self.lever[link]
+        point[0] += cos * lever[0] - sin * lever[1]
+        point[1] += sin * lever[0] + cos * lever[1]
+        return point

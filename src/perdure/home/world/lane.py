@@ -76,6 +76,21 @@ class Lane:
         """One control step of physics; lets other threads run meanwhile."""
         self._mujoco.mj_step(self.model, self.data, self.scene.options.substeps)
 
+    @property
+    def links(self) -> FloatArray:
+        """How far each drawer and door is open, in the order of `Scene.links`. Shape (links,)."""
+        positions: FloatArray = self.qpos[self.scene.link_qpos]
+        return positions
+
+    def forward(self) -> None:
+        """Renews what MuJoCo derives from positions, without a step."""
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def object(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """Pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
+        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
+        return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
+
     def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
         """The magic grasp: the nearest handle within reach, else the nearest object, turned to the gripper's axes.
 

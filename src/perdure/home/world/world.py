@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.layouts import Pose
-from perdure.home.robot import gripper_pose
 from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, TURN
 from perdure.home.world.handles import Handles
-from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO, Jaws, Lane
+from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.world.laser import NO_SCAN, scan
-from perdure.home.world.scene import CONTROL_HZ, Scene
-from perdure.home.world.sensors import Errand, Sensors, norm, turn, wrap
+from perdure.home.world.readings import Readings
+from perdure.home.world.scene import Scene
+from perdure.home.world.sensors import Errand, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -51,15 +50,7 @@ class World:
         self._handles: list[Handles | None] = [None] * lanes
         self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
         self._errand = [Errand()] * lanes
-        self._arm_target = np.tile(REST_ARM, (lanes, 1))
-        self._robot = np.zeros((lanes, ARM_TO))
-        self._robot_velocity = np.zeros((lanes, ARM_TO))
-        self._gripper = np.zeros((lanes, 3))
-        self._gripper_velocity = np.zeros((lanes, 3))
-        self._gripper_in_base = np.zeros((lanes, 3))
-        self._rotation = np.zeros((lanes, 3, 3))
-        self._force = np.zeros(lanes)
-        self._diverged = np.zeros(lanes, dtype=bool)
+        self._readings = Readings(lanes)
 
     def reset(
         self,
@@ -93,6 +84,7 @@ class World:
     def assign(self, lane: int, errand: Errand) -> None:
         """Gives a lane another errand."""
         self._errand[lane] = errand
+        self._read_errand(lane)
 
     def errand(self, lane: int) -> Errand:
         """What a lane is about."""
@@ -136,51 +128,13 @@ class World:
     def sense(self, lanes: IntArray | None = None, laser: bool = False) -> Sensors:
         """What is known of some lanes (all when None) now; with the ranges of the laser where they are asked for."""
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
-        numbers = [int(k) for k in chosen]
-        errands = [self._errand[k] for k in numbers]
-        robot, velocity = self._robot[chosen], self._robot_velocity[chosen]
-        bodies = [self._object(k, e.target) for k, e in zip(numbers, errands, strict=True)]
-        links = [self._link(k, e.link) for k, e in zip(numbers, errands, strict=True)]
-        lanes_ = [self.lane(k) for k in numbers]
-        base = robot[:, :3].copy()
-        aims = np.array([e.aim for e in errands], dtype=np.float64)
-        moving = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
-        object_pose = np.array([body[0] for body in bodies])
-        result = Sensors(
-            base=base,
-            base_velocity=np.concatenate([turn(moving, -base[:, 2])[:, :2], velocity[:, 2:3]], axis=1),
-            torso=robot[:, TORSO].copy(),
-            arm=robot[:, ARM_FROM:ARM_TO].copy(),
-            arm_velocity=velocity[:, ARM_FROM:ARM_TO].copy(),
-            arm_target=self._arm_target[chosen],
-            gripper_in_base=self._gripper_in_base[chosen],
-            gripper_rotation=self._rotation[chosen],
-            gripper=self._gripper[chosen],
-            gripper_velocity=self._gripper_velocity[chosen],
-            held=np.array([each.held for each in lanes_]),
-            held_link=np.array([each.held_link for each in lanes_]),
-            hold_error=np.zeros(len(chosen)),
-            target=np.array([e.target for e in errands]),
-            object=object_pose[:, :3],
-            object_up=_up_axis(object_pose[:, 3:]),
-            object_velocity=np.array([body[1] for body in bodies]),
-            goal=np.array([e.goal for e in errands], dtype=np.float64),
-            link=np.array([e.link for e in errands]),
-            handle=np.array([link[0] for link in links]),
-            link_position=np.array([link[1] for link in links]),
-            link_velocity=np.array([link[2] for link in links]),
-            aim=aims,
-            way=np.array([self._way(k, e) for k, e in zip(numbers, errands, strict=True)]),
-            facing_error=wrap(np.arctan2(aims[:, 1] - base[:, 1], aims[:, 0] - base[:, 0]) - base[:, 2]),
-            laser=np.array([scan(self.lane(k)) if laser else NO_SCAN for k in numbers]),
-            contact_force=self._force[chosen],
-            diverged=self._diverged[chosen],
-        )
-        return replace(result, hold_error=self._hold_error(numbers, result))
+        way = np.array([self._way(int(k)) for k in chosen])
+        ranges = np.array([scan(self.lane(k)) for k in chosen]) if laser else np.tile(NO_SCAN, (len(chosen), 1))
+        return self._readings.sensors(chosen, way, ranges)
 
     def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Poses (position, quaternion) and linear velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
-        found = [self._object(lane, number) for number in range(count)]
+        """Poses (position, quaternion) and velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
+        found = [self.lane(lane).object(number) for number in range(count)]
         return np.array([each[0] for each in found]), np.array([each[1] for each in found])
 
     def close(self) -> None:
@@ -193,13 +147,14 @@ class World:
         base, arm, opened, held = self._starts[number]
         lane = self.lane(number)
         lane.reset(base, arm, opened)
-        self._arm_target[number] = arm
-        self._force[number] = 0.0
-        self._diverged[number] = False
+        readings = self._readings
+        readings.arm_target[number] = arm
+        readings.force[number] = 0.0
         self._read(np.array([number]), first=True)
         if held >= 0:
-            lane.hold_object(held, self._gripper[number], self._room_rotation(number))
-            lane._mujoco.mj_forward(lane.model, lane.data)
+            lane.hold_object(held, readings.gripper[number], readings.room_rotation(number))
+            lane.forward()
+            self._read_errand(number)
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
@@ -212,14 +167,15 @@ class World:
         return np.clip(actions, -1.0, 1.0)
 
     def _command(self, chosen: IntArray, actions: FloatArray, speed: FloatArray, arm_step: FloatArray) -> None:
-        target = np.clip(self._arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
-        self._arm_target[chosen] = target
+        readings = self._readings
+        target = np.clip(readings.arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
+        readings.arm_target[chosen] = target
         grip = actions[:, GRIP]
         forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
         for row, number in enumerate(chosen):
             lane = self.lane(number)
             if grip[row] > 0.0:
-                lane.grasp(self._gripper[number], self._room_rotation(number), self._handle_points(number))
+                lane.grasp(readings.gripper[number], readings.room_rotation(number), self._handle_points(number))
             elif grip[row] < 0.0:
                 lane.release()
             lane.ctrl[ARM_FROM:ARM_TO] = target[row]
@@ -229,78 +185,35 @@ class World:
         for number in chosen:
             lane = self.lane(number)
             lane.step()
-            self._force[number] = lane.robot_force()
+            self._readings.force[number] = lane.robot_force()
 
     def _read(self, chosen: IntArray, first: bool = False) -> None:
-        self._diverged[chosen] = False
+        readings = self._readings
+        readings.diverged[chosen] = False
         for number in chosen:
             lane = self.lane(number)
             if not first and lane.blew_up():
                 self._begin(number)
-                self._diverged[number] = True
-            self._robot[number] = lane.robot[:ARM_TO]
-            self._robot_velocity[number] = lane.robot_velocity[:ARM_TO]
-        robot = self._robot[chosen]
-        position, rotation = gripper_pose(robot[:, TORSO], robot[:, ARM_FROM:ARM_TO])
-        gripper = turn(position, robot[:, 2])
-        gripper[:, :2] += robot[:, :2]
-        calm = self._diverged[chosen] | first
-        moved = np.where(calm[:, None], 0.0, (gripper - self._gripper[chosen]) * CONTROL_HZ)
-        self._gripper_in_base[chosen], self._rotation[chosen] = position, rotation
-        self._gripper[chosen], self._gripper_velocity[chosen] = gripper, moved
+                readings.diverged[number] = True
+            readings.read_robot(number, lane)
+        readings.move_grippers(chosen, readings.diverged[chosen] | first)
         for number in chosen:
-            self.lane(number).part(self._gripper[number])
+            self.lane(number).part(readings.gripper[number])
+            self._read_errand(number)
 
-    def _room_rotation(self, number: int) -> FloatArray:
-        yaw = self._robot[number, 2]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        rotation: FloatArray = about_z @ self._rotation[number]
-        return rotation
+    def _read_errand(self, number: int) -> None:
+        handles = self._handles[number]
+        assert handles is not None
+        self._readings.read_errand(number, self.lane(number), self._errand[number], handles)
 
     def _handle_points(self, number: int) -> FloatArray:
         lane, handles = self.lane(number), self._handles[number]
         assert handles is not None
         return handles.at(lane.qpos[lane.scene.link_qpos])
 
-    def _object(self, number: int, target: int) -> tuple[FloatArray, FloatArray]:
-        """Pose (7,) and linear velocity (3,) of an object; zeros where the scene has no such object."""
-        lane = self.lane(number)
-        if not 0 <= target < len(lane.scene.placements):
-            return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3)
-        address, speed = lane.scene.object_qpos[target], lane.scene.object_qvel[target]
-        return lane.qpos[address : address + 7].copy(), lane.qvel[speed : speed + 3].copy()
-
-    def _link(self, number: int, link: int) -> tuple[FloatArray, float, float]:
-        """Handle (3,), position and velocity of a drawer or door; zeros where none is meant."""
-        if link < 0:
-            return np.zeros(3), 0.0, 0.0
-        lane = self.lane(number)
-        q = float(lane.qpos[lane.scene.link_qpos[link]])
-        handles = self._handles[number]
-        assert handles is not None
-        return handles.one(link, q), q, float(lane.qvel[lane.scene.link_qvel[link]])
-
-    def _way(self, number: int, errand: Errand) -> float:
-        if errand.route is None:
-            return 0.0
-        return float(errand.route.at(self._robot[number : number + 1, :2])[0])
-
-    def _hold_error(self, numbers: Sequence[int], sensors: Sensors) -> FloatArray:
-        points = sensors.gripper.copy()
-        for row, number in enumerate(numbers):
-            lane = self.lane(number)
-            if lane.held >= 0:
-                points[row] = self._object(number, lane.held)[0][:3]
-            elif lane.held_link >= 0:
-                points[row] = self._link(number, lane.held_link)[0]
-        return norm(points - sensors.gripper)
-
-
-def _up_axis(quaternion: FloatArray) -> FloatArray:
-    """The z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
-    w, x, y, z = quaternion.T
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+    def _way(self, number: int) -> float:
+        route = self._errand[number].route
+        return 0.0 if route is None else float(route.at(self._readings.robot[number : number + 1, :2])[0])
 
 
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)

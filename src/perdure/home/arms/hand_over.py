@@ -1,0 +1,147 @@
+"""The hand-over: what happens between the policy's wish to let go and the moment the hand opens.
+
+An arm wraps the actor that places. As soon as that actor wants to let go of the target it is frozen; the arm's own
+motion runs, one action per step; then the hand opens and the actor goes on. At a place time-out with the target still
+in the hand the executor gives the arm the time to do the same.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.execute.actor import Actor
+from perdure.home.layouts import Pose
+from perdure.home.skills import Progress, Skill
+from perdure.home.world import ACTION_SIZE, ARM, ARM_STEP, GRIP, RELEASE, Sensors, World
+from perdure.home.world.sensors import norm
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Motion = Generator[FloatArray, None, None]
+
+STILL = 0.02
+"""Speed of the gripper point in [m/s] below which the hand hangs still."""
+STOP_STEPS = 15
+"""Steps within which a stop must have brought the hand to rest; then it is as still as it gets."""
+
+
+@dataclass
+class Held:
+    """One lane while its hand-over runs; `sensors` (one row) is renewed before each action."""
+
+    sensors: Sensors
+    outcome: str = "done"
+    """How it went: "done", or the reason of a fall-back."""
+
+    @property
+    def arm(self) -> FloatArray:
+        """Where the arm's servos are told to be. Shape (7,)."""
+        target: FloatArray = self.sensors.arm_target[0]
+        return target
+
+    @property
+    def base(self) -> Pose:
+        """Where the robot stands."""
+        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def speed(self) -> float:
+        """Of the gripper point in the room in [m/s]."""
+        return float(norm(self.sensors.gripper_velocity)[0])
+
+
+@dataclass
+class HandOver(ABC):
+    """An actor for `place` that hands over to a motion of its own before it lets go."""
+
+    inner: Actor
+    name: ClassVar[str]
+    outcomes: list[str] = field(default_factory=list)
+    """How each hand-over went, in the order in which they ended."""
+    _motions: dict[int, Motion] = field(default_factory=dict)
+    _held: dict[int, Held] = field(default_factory=dict)
+
+    @property
+    def sees(self) -> bool:
+        """See `Actor.sees`."""
+        return self.inner.sees
+
+    @abstractmethod
+    def motion(self, held: Held) -> Motion:
+        """Actions until the hand may open; the opening itself is not one of them."""
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """See `Actor.begin`."""
+        self._motions.pop(lane, None)
+        self.inner.begin(world, lane, skill)
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Actor.act`."""
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        running = np.array([int(lane) in self._motions for lane in lanes])
+        if not running.all():
+            free = np.flatnonzero(~running)
+            wanted = self.inner.act(world, lanes[free], skill, sensors[free], progress[free])
+            for row, action in zip(map(int, free), wanted, strict=True):
+                out_of_time = progress.elapsed[row] >= skill.limit
+                if sensors.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
+                    self._freeze(int(lanes[row]), sensors[row : row + 1])
+                else:
+                    actions[row] = action
+        for row, lane in enumerate(map(int, lanes)):
+            if lane in self._motions:
+                actions[row] = self._continue(lane, sensors[row : row + 1])
+        return actions
+
+    def overtime(self, lane: int) -> bool:
+        """Whether a lane needs more time than its limit: while it has something to put down."""
+        return True
+
+    def _freeze(self, lane: int, sensors: Sensors) -> None:
+        self._held[lane] = Held(sensors)
+        self._motions[lane] = self.motion(self._held[lane])
+
+    def _continue(self, lane: int, sensors: Sensors) -> FloatArray:
+        """The next action of a lane's motion; the opening of the hand when it has ended."""
+        held = self._held[lane]
+        held.sensors = sensors
+        if sensors.holds_target[0]:
+            try:
+                return next(self._motions[lane])
+            except StopIteration:
+                pass
+        else:
+            held.outcome = "lost on the way"
+        del self._motions[lane]
+        self.outcomes.append(held.outcome)
+        return release()
+
+
+def stand_still(arm: FloatArray | None = None) -> FloatArray:
+    """An action that keeps the base where it is, and moves the arm by joint steps in [rad]."""
+    action = np.zeros(ACTION_SIZE)
+    if arm is not None:
+        action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
+    return action
+
+
+def release() -> FloatArray:
+    """An action that opens the hand and does nothing else."""
+    action = np.zeros(ACTION_SIZE)
+    action[GRIP] = RELEASE
+    return action
+
+
+def stop(held: Held) -> Motion:
+    """Base and arm stand still until the hand hangs still."""
+    for _ in range(STOP_STEPS):
+        yield stand_still()
+        if held.speed < STILL:
+            return

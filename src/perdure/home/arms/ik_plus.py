@@ -1,0 +1,71 @@
+"""`ik+`: ours. Upright, then down until the object touches what is below, let go, up again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.arms.hand_over import HandOver, Held, Motion, stand_still, stop
+from perdure.home.robot import gripper_pose
+from perdure.home.robot.data import TORSO_HEIGHT
+from perdure.home.robot.toward import toward
+from perdure.home.world import CONTROL_HZ
+
+FloatArray = NDArray[np.float64]
+
+DEEPEST = 0.25
+"""How far down at most, in [m]."""
+SPEED = 0.15
+"""How fast in [m/s]."""
+TURN_STEPS = 60
+"""Steps in which the object is brought upright."""
+CONTACT = 3.0
+"""Normal force at what is held, in [N], beyond which it touches something."""
+
+
+@dataclass
+class IkPlus(HandOver):
+    """Down until contact, the object kept upright (OURS, not in the thesis).
+
+    The object's own z axis is turned to the vertical as far as joint limits allow; then it goes straight down until the
+    held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no contact").
+    """
+
+    name = "ik+"
+    speed: float = SPEED
+    deepest: float = DEEPEST
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)
+        place, now = gripper_pose(TORSO_HEIGHT, held.arm)
+        level = upright(now)
+        for _ in range(TURN_STEPS):
+            position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+            if rotation[2, 2] > 0.998 or held.sensors.contact_force[0] > CONTACT:
+                break
+            yield stand_still(toward(held.arm, place - position, rotation=level))
+        held.outcome = "no contact"
+        wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
+            if held.sensors.contact_force[0] > CONTACT:
+                held.outcome = "done"
+                break
+            wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
+            position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
+            yield stand_still(toward(held.arm, wanted - position, rotation=rotation))
+        yield from stop(held)
+
+
+def upright(rotation: FloatArray) -> FloatArray:
+    """The rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
+    z = rotation[:, 2]
+    axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
+    if cosine < -0.999:  # upside down: about its own x axis
+        half: FloatArray = rotation @ np.diag([1.0, -1.0, -1.0])
+        return half
+    skew = np.cross(np.eye(3), axis)
+    turned: FloatArray = (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
+    return turned

@@ -1,0 +1,76 @@
+"""How each skill is learned: PPO's settings and how long."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from perdure.envs import make_world
+from perdure.home.errors import HomeError
+from perdure.home.gym import env_id
+from perdure.home.skills import get_skill
+from perdure.horizon import Fixed
+from perdure.ppo import PPOConfig, method_config
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Settings that differ from skill to skill."""
+
+    total_steps: int
+    n_envs: int = 32
+    n_steps: int = 128
+    batch_size: int = 512
+    n_epochs: int = 8
+    learning_rate: float = 3e-4
+    log_std_init: float = -1.0
+    gamma: float = 0.99
+
+
+RECIPES: dict[str, Recipe] = {
+    "place": Recipe(1_000_000),
+    "pick": Recipe(1_500_000),
+    "open_drawer": Recipe(1_500_000),
+    "close_drawer": Recipe(1_000_000),
+    "open_fridge": Recipe(2_000_000),
+    "close_fridge": Recipe(2_000_000),
+    "navigate": Recipe(3_000_000, n_steps=256, batch_size=1024),
+}
+"""OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
+HIDDEN = (256, 256)
+
+
+def skill_task(skill: str, task: str, **options: object) -> str:
+    """The name of a skill's environment with its options, as `perdure.envs.make_world` takes it."""
+    parts = [env_id(skill), f"task={task}", *(f"{name}={value}" for name, value in options.items())]
+    return ",".join(part.replace(" ", "") for part in parts)
+
+
+def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
+    """PPO's settings for a skill.
+
+    A skill's time-out is no part of the task (the plan goes on), so the last observation is bootstrapped.
+    """
+    if skill not in RECIPES:
+        raise HomeError(f"nobody learns {skill!r}; there are recipes for {', '.join(RECIPES)}")
+    recipe = RECIPES[skill]
+    world = make_world(skill_task(skill, task, split="val", episodes=1, **options), [0])
+    size = world.spec.observation_size
+    world.close()
+    config = method_config("ppo", task, size)
+    limit = get_skill(skill, **({"delta": options["delta"]} if "delta" in options else {})).limit
+    protocol = replace(
+        config.protocol, horizon=Fixed(limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
+    )
+    return replace(
+        config,
+        protocol=protocol,
+        total_steps=recipe.total_steps,
+        n_envs=recipe.n_envs,
+        n_steps=recipe.n_steps,
+        batch_size=recipe.batch_size,
+        n_epochs=recipe.n_epochs,
+        learning_rate=recipe.learning_rate,
+        hidden_sizes=HIDDEN,
+        log_std_init=recipe.log_std_init,
+        segment_steps=100_000,
+    )

@@ -1,0 +1,126 @@
+"""What was read off every lane after its last step, kept as arrays, so that sensing is a matter of slicing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.robot import gripper_pose
+from perdure.home.world.handles import Handles
+from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
+from perdure.home.world.scene import CONTROL_HZ
+from perdure.home.world.sensors import Errand, Sensors, norm, turn, wrap
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Readings:
+    """Arrays over all lanes; the names are those of `Sensors`."""
+
+    def __init__(self, lanes: int) -> None:
+        """Zeros for every lane."""
+        self.robot = np.zeros((lanes, ARM_TO))
+        self.robot_velocity = np.zeros((lanes, ARM_TO))
+        self.arm_target = np.zeros((lanes, 7))
+        self.gripper_in_base, self.gripper = np.zeros((lanes, 3)), np.zeros((lanes, 3))
+        self.gripper_velocity = np.zeros((lanes, 3))
+        self.rotation = np.zeros((lanes, 3, 3))
+        self.holds = np.full((lanes, 2), -1, dtype=np.int64)
+        self.held_point = np.zeros((lanes, 3))
+        self.object, self.object_velocity = np.zeros((lanes, 7)), np.zeros((lanes, 3))
+        self.handle, self.link_state = np.zeros((lanes, 3)), np.zeros((lanes, 2))
+        self.errand = np.zeros((lanes, 2), dtype=np.int64)
+        self.goal, self.aim = np.zeros((lanes, 3)), np.zeros((lanes, 3))
+        self.force = np.zeros(lanes)
+        self.diverged = np.zeros(lanes, dtype=bool)
+
+    def read_robot(self, number: int, lane: Lane) -> None:
+        """Joints of one lane's robot."""
+        self.robot[number] = lane.robot[:ARM_TO]
+        self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
+
+    def move_grippers(self, chosen: IntArray, calm: NDArray[np.bool_]) -> None:
+        """Where the grippers are now that the joints are read; where `calm` they have no past to have a speed."""
+        robot = self.robot[chosen]
+        position, rotation = gripper_pose(robot[:, TORSO], robot[:, ARM_FROM:ARM_TO])
+        gripper = turn(position, robot[:, 2])
+        gripper[:, :2] += robot[:, :2]
+        moved = np.where(calm[:, None], 0.0, (gripper - self.gripper[chosen]) * CONTROL_HZ)
+        self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
+        self.gripper[chosen], self.gripper_velocity[chosen] = gripper, moved
+
+    def read_errand(self, number: int, lane: Lane, errand: Errand, handles: Handles) -> None:
+        """What the errand is about, and what is in the hand."""
+        self.errand[number] = errand.target, errand.link
+        self.goal[number], self.aim[number] = errand.goal, errand.aim
+        scene = lane.scene
+        if 0 <= errand.target < len(scene.placements):
+            self.object[number], self.object_velocity[number] = lane.object(errand.target)
+        else:
+            self.object[number], self.object_velocity[number] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 0.0
+        if errand.link >= 0:
+            q = lane.qpos[scene.link_qpos[errand.link]]
+            self.handle[number] = handles.one(errand.link, float(q))
+            self.link_state[number] = q, lane.qvel[scene.link_qvel[errand.link]]
+        else:
+            self.handle[number], self.link_state[number] = 0.0, 0.0
+        self.holds[number] = lane.held, lane.held_link
+        self.held_point[number] = self.gripper[number]
+        if lane.held >= 0:
+            self.held_point[number] = lane.object(lane.held)[0][:3]
+        elif lane.held_link >= 0:
+            self.held_point[number] = handles.one(lane.held_link, float(lane.qpos[scene.link_qpos[lane.held_link]]))
+
+    def room_rotation(self, number: int) -> FloatArray:
+        """Axes of one lane's gripper in the room, one per column. Shape (3, 3)."""
+        yaw = self.robot[number, 2]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        rotation: FloatArray = about_z @ self.rotation[number]
+        return rotation
+
+    def sensors(self, chosen: IntArray, way: FloatArray, laser: FloatArray) -> Sensors:
+        """The record for some lanes. Shapes (m,), (m,), (m, beams)."""
+        robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
+        base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
+        flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
+        moving = turn(flat, -base[:, 2])
+        moving[:, 2] = velocity[:, 2]
+        holds, errand, link = self.holds[chosen], self.errand[chosen], self.link_state[chosen]
+        return Sensors(
+            base=base,
+            base_velocity=moving,
+            torso=robot[:, TORSO],
+            arm=robot[:, ARM_FROM:ARM_TO],
+            arm_velocity=velocity[:, ARM_FROM:ARM_TO],
+            arm_target=self.arm_target[chosen],
+            gripper_in_base=self.gripper_in_base[chosen],
+            gripper_rotation=self.rotation[chosen],
+            gripper=gripper,
+            gripper_velocity=self.gripper_velocity[chosen],
+            held=holds[:, 0],
+            held_link=holds[:, 1],
+            hold_error=norm(self.held_point[chosen] - gripper),
+            target=errand[:, 0],
+            object=pose[:, :3],
+            object_up=up_axis(pose[:, 3:]),
+            object_velocity=self.object_velocity[chosen],
+            goal=self.goal[chosen],
+            link=errand[:, 1],
+            handle=self.handle[chosen],
+            link_position=link[:, 0],
+            link_velocity=link[:, 1],
+            aim=aim,
+            way=way,
+            facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
+            laser=laser,
+            contact_force=self.force[chosen],
+            diverged=self.diverged[chosen],
+        )
+
+
+def up_axis(quaternion: FloatArray) -> FloatArray:
+    """The z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
+    w, x, y, z = quaternion.T
+    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)

@@ -1,0 +1,35 @@
+"""No element of an observation is idle: over random motions and whole skills each one takes several values."""
+
+import numpy as np
+import pytest
+from lanes import make
+
+from perdure.home.oracle import Oracle
+from perdure.home.starts import STARTS
+
+STEPS = {"place": 200, "navigate": 80}
+CONSTANT = {"open_fridge": {"handle_in_base_z"}, "close_fridge": {"handle_in_base_z"}}
+"""The fridge's handle is 1.14 m above the floor in every apartment."""
+
+
+@pytest.mark.parametrize("skill", STARTS)
+def test_no_element_of_an_observation_is_constant(skill):
+    env = make(skill, "set_table", lanes=6, episodes=12, delta=3 if skill == "place" else 1)
+    oracle, rng = Oracle(), np.random.default_rng(0)
+    seen = [env.reset(seed=3)[0]]
+    clever = np.arange(3)
+    for lane in clever:
+        oracle.begin(env.world, int(lane), env.skill)
+    for _ in range(STEPS.get(skill, 90)):
+        actions = rng.uniform(-1.0, 1.0, env.action_space.shape)
+        planned = oracle.act(env.world, clever, env.skill, env.sensors[clever], env.progress[clever])
+        actions[clever] = planned[:, : actions.shape[1]]
+        observations, _, terminated, truncated, _ = env.step(actions)
+        seen.append(observations)
+        if (terminated | truncated).any():
+            env.reset(options={"reset_mask": terminated | truncated})
+            for lane in np.intersect1d(clever, np.flatnonzero(terminated | truncated)):
+                oracle.begin(env.world, int(lane), env.skill)
+    spread = np.ptp(np.concatenate(seen), axis=0)
+    idle = {each.name for each, width in zip(env.skill.elements, spread, strict=True) if width < 1e-6}
+    assert idle == CONSTANT.get(skill, set())

@@ -1,0 +1,102 @@
+"""Sensors written by hand, of robots that stand at the room's origin with the gripper at rest and nothing in it."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from perdure.home.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.world import BEAMS, LASER_RANGE, Sensors
+
+REST = np.array(REST_POSITION)
+BOWL, OTHER, DRAWER = 0, 4, 3
+"""The errand's object, another one, the errand's link."""
+
+
+def sensors(**changes):
+    """One lane; vectors are given as lists."""
+    numbers = {
+        "base": np.zeros(3),
+        "base_velocity": np.zeros(3),
+        "torso": TORSO_HEIGHT,
+        "arm": np.array(REST_ARM),
+        "arm_velocity": np.zeros(7),
+        "arm_target": np.array(REST_ARM),
+        "gripper_in_base": REST,
+        "gripper_rotation": np.eye(3),
+        "gripper": REST,
+        "gripper_velocity": np.zeros(3),
+        "held": -1,
+        "held_link": -1,
+        "hold_error": 0.0,
+        "target": BOWL,
+        "object": np.array([2.0, 0.0, 0.8]),
+        "object_up": np.array([0.0, 0.0, 1.0]),
+        "object_velocity": np.zeros(3),
+        "goal": np.array([1.0, 0.0, 0.8]),
+        "link": DRAWER,
+        "handle": np.array([0.8, 0.0, 0.6]),
+        "link_position": 0.0,
+        "link_velocity": 0.0,
+        "aim": np.array([1.0, 0.0, 0.8]),
+        "way": 0.0,
+        "facing_error": 0.0,
+        "laser": np.full(BEAMS, LASER_RANGE),
+        "contact_force": 0.0,
+        "diverged": False,
+    }
+    assert set(changes) <= set(numbers)
+    return Sensors(**{name: np.array([changes.get(name, value)]) for name, value in numbers.items()})
+
+
+def change(one, **changes):
+    """A lane with some of its numbers changed."""
+    return replace(one, **{name: np.array([value]) for name, value in changes.items()})
+
+
+def gripper_off(distance):
+    """The gripper so far in front of its rest position; the base is at the origin."""
+    there = REST + np.array([distance, 0.0, 0.0])
+    return {"gripper_in_base": there, "gripper": there}
+
+
+def course(skill, *moments):
+    """Progress after these moments, one control step apart."""
+    progress = skill.begin(moments[0])
+    for moment in moments[1:]:
+        progress = skill.advance(progress, moment)
+    return progress
+
+
+def succeeds(skill, *moments):
+    return bool(skill.success(moments[-1], course(skill, *moments))[0])
+
+
+def failure(skill, *moments):
+    """The label of the failure at the last moment."""
+    return skill.failures[int(skill.failure(moments[-1], course(skill, *moments))[0])]
+
+
+def step_reward(skill, *moments):
+    """Reward and terms of the last step."""
+    was = course(skill, *moments[:-1])
+    now = skill.advance(was, moments[-1])
+    total, terms = skill.reward(moments[-2], moments[-1], was, now)
+    return float(total[0]), {name: float(value[0]) for name, value in terms.items()}
+
+
+def random_sensors(n, seed):
+    """n lanes of arbitrary numbers, for questions that do not depend on what they mean."""
+    rng = np.random.default_rng(seed)
+    one = sensors()
+    columns = {}
+    for each in fields(Sensors):
+        value = getattr(one, each.name)
+        shape = (n, *value.shape[1:])
+        if value.dtype == bool:
+            columns[each.name] = rng.random(shape) < 0.5
+        elif value.dtype.kind == "i":
+            columns[each.name] = rng.integers(-1, 5, shape)
+        else:
+            columns[each.name] = rng.normal(0.0, 1.0, shape)
+    columns["contact_force"] = 200.0 * rng.random(n)
+    return Sensors(**columns)

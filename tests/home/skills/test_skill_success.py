@@ -1,0 +1,164 @@
+"""Each skill's success: true when all its conditions hold, false when any single one is one step or a hair off."""
+
+import numpy as np
+import pytest
+from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, sensors, succeeds
+
+from perdure.home import HomeError
+from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
+
+HELD = sensors(held=BOWL, object=[1.0, 0.0, 0.8])
+PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))
+"""0.149 m from its goal, let go, the gripper 0.049 m from rest."""
+
+
+def test_place_succeeds_within_15_cm_of_the_goal_with_an_empty_hand_at_rest():
+    assert succeeds(Place(), HELD, PLACED)
+
+
+@pytest.mark.parametrize(
+    "off",
+    [
+        {"object": [1.0, 0.151, 0.8]},
+        {"object": [1.0, 0.11, 0.91]},  # 0.1556 m away, each coordinate within 0.15
+        {"held": BOWL},
+        gripper_off(0.051),
+    ],
+    ids=["too far", "too far in space", "still held", "not at rest"],
+)
+def test_place_does_not_succeed_when_one_condition_is_off(off):
+    assert not succeeds(Place(), HELD, change(PLACED, **off))
+
+
+@pytest.mark.parametrize("delta", [1, 2, 30])
+def test_place_succeeds_after_delta_steps_and_not_one_step_earlier(delta):
+    skill = Place(delta=delta)
+    assert succeeds(skill, HELD, *[PLACED] * delta)
+    assert delta == 1 or not succeeds(skill, HELD, *[PLACED] * (delta - 1))
+
+
+@pytest.mark.parametrize("off", [{"object": [1.0, 0.151, 0.8]}, {"held": BOWL}], ids=["out of the goal", "held"])
+def test_a_break_of_one_step_makes_the_count_begin_anew(off):
+    skill, away = Place(delta=5), change(PLACED, **off)
+    assert not succeeds(skill, HELD, *[PLACED] * 4, away, *[PLACED] * 4)
+    assert succeeds(skill, HELD, *[PLACED] * 4, away, *[PLACED] * 5)
+
+
+def test_the_gripper_need_not_be_at_rest_while_the_steps_are_counted():
+    reaching = change(PLACED, **gripper_off(0.4))
+    assert succeeds(Place(delta=5), HELD, *[reaching] * 4, PLACED)
+    assert not succeeds(Place(delta=5), HELD, *[PLACED] * 4, reaching)
+
+
+def test_another_object_in_the_hand_does_not_count_as_holding_the_target():
+    assert succeeds(Place(), HELD, change(PLACED, held=OTHER))
+
+
+@pytest.mark.parametrize("wrong", [{"delta": 0}, {"delta": 30, "limited_to": 29}])
+def test_a_delta_that_makes_no_sense_is_refused(wrong):
+    with pytest.raises(HomeError):
+        Place(**wrong)
+
+
+def test_a_place_that_must_last_longer_may_take_longer():
+    assert (Place().limit, Place(delta=30).limit) == (200, 230)
+
+
+PICKED = sensors(held=BOWL, **gripper_off(0.049))
+
+
+def test_pick_succeeds_with_the_target_held_at_rest():
+    assert succeeds(Pick(), sensors(), PICKED)
+
+
+@pytest.mark.parametrize(
+    "off", [{"held": -1}, {"held": OTHER}, gripper_off(0.051)], ids=["empty", "another object", "not at rest"]
+)
+def test_pick_does_not_succeed_when_one_condition_is_off(off):
+    assert not succeeds(Pick(), sensors(), change(PICKED, **off))
+
+
+HALF_PI = np.pi / 2.0
+RANGES = [
+    (OpenDrawer, 0.401, 0.499, 0.399),
+    (OpenDrawer, 0.401, 0.499, 0.501),
+    (CloseDrawer, 0.0, 0.049, 0.051),
+    (OpenFridge, HALF_PI - 0.149, 2.3, HALF_PI - 0.151),
+    (CloseFridge, 0.0, 0.149, 0.151),
+]
+
+
+@pytest.mark.parametrize(("skill", "first", "last", "outside"), RANGES)
+def test_opening_and_closing_succeed_in_their_range_of_the_joint_only(skill, first, last, outside):
+    for q in (first, last):
+        assert succeeds(skill(), sensors(link_position=q, **gripper_off(0.149)))
+    assert not succeeds(skill(), sensors(link_position=outside, **gripper_off(0.149)))
+
+
+@pytest.mark.parametrize(("skill", "q"), [(each[0], each[1]) for each in RANGES[1:]])
+@pytest.mark.parametrize(
+    "off", [{"held_link": DRAWER}, {"held": OTHER}, gripper_off(0.151)], ids=["handle", "object", "not at rest"]
+)
+def test_opening_and_closing_do_not_succeed_when_one_condition_is_off(skill, q, off):
+    assert not succeeds(skill(), sensors(link_position=q, **{**gripper_off(0.149), **off}))
+
+
+ARRIVED = sensors(way=0.099, facing_error=-0.249, base_velocity=[0.049, 0.0, -0.049])
+
+
+def test_navigate_succeeds_near_the_region_turned_to_the_aim_and_still_for_three_steps():
+    assert succeeds(Navigate(), *[ARRIVED] * 3)
+    assert not succeeds(Navigate(), *[ARRIVED] * 2)
+
+
+@pytest.mark.parametrize(
+    "off",
+    [
+        {"way": 0.101},
+        {"facing_error": 0.251},
+        {"facing_error": -0.251},
+        {"base_velocity": [0.051, 0.0, 0.0]},
+        {"base_velocity": [-0.051, 0.0, 0.0]},
+        {"base_velocity": [0.0, 0.0, 0.051]},
+    ],
+)
+def test_navigate_does_not_succeed_when_one_condition_is_off(off):
+    assert not succeeds(Navigate(), ARRIVED, ARRIVED, change(ARRIVED, **off))
+
+
+def test_navigate_that_moves_again_counts_from_one():
+    moving = change(ARRIVED, base_velocity=[0.3, 0.0, 0.0])
+    assert not succeeds(Navigate(), *[ARRIVED] * 2, moving, *[ARRIVED] * 2)
+    assert succeeds(Navigate(), *[ARRIVED] * 2, moving, *[ARRIVED] * 3)
+
+
+def test_the_executor_stops_navigation_that_stands_still_anywhere_but_not_before_it_has_moved():
+    far = change(ARRIVED, way=3.0)
+    skill, moving = Navigate(), change(far, base_velocity=[0.3, 0.0, 0.0])
+    assert not skill.stop(far, course(skill, *[far] * 5))[0]
+    assert skill.stop(far, course(skill, moving, *[far] * 3))[0]
+
+
+def test_the_executor_stops_place_without_looking_at_the_object():
+    elsewhere = change(PLACED, object=[3.0, 0.0, 0.0])
+    skill = Place()
+    assert skill.stop(elsewhere, course(skill, HELD, elsewhere))[0]
+    assert not skill.success(elsewhere, course(skill, HELD, elsewhere))[0]
+
+
+def test_the_executor_stops_pick_with_whatever_it_holds():
+    wrong = change(PICKED, held=OTHER)
+    assert Pick().stop(wrong, course(Pick(), sensors(), wrong))[0]
+
+
+def test_the_executor_stops_opening_only_after_the_gripper_was_away():
+    skill, done, away = OpenDrawer(), sensors(link_position=0.45), sensors(**gripper_off(0.31))
+    assert not skill.stop(done, course(skill, done))[0]
+    assert not skill.stop(done, course(skill, sensors(**gripper_off(0.29)), done))[0]
+    assert skill.stop(done, course(skill, away, done))[0]
+
+
+def test_skills_are_found_by_name():
+    assert sorted(SKILLS) == sorted(
+        ["pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "navigate", "reset_arm"]
+    )
