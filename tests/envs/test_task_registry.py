@@ -7,7 +7,7 @@ import pytest
 
 from perdure.envs import UnknownTask, WorldError, list_tasks, make_world
 
-SUITES = {"EnvPool MuJoCo", "EnvPool dm_control", "EnvPool Shadow hand", "Gymnasium"}
+SUITES = {"EnvPool MuJoCo", "EnvPool dm_control", "EnvPool Shadow hand", "Home", "Gymnasium"}
 
 
 def names(family: str) -> set[str]:
