@@ -176,12 +176,15 @@ class Lane:
         return any(warning[each].number for each in self._warnings) or not np.isfinite(self.qpos).all()
 
     def robot_force(self) -> float:
-        """Largest normal force at the robot, or at what it holds, in the last physics step in [N]."""
+        """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
+
+        The base does not count: in M3 it moves on its navigation mesh and can touch nothing, here furniture stops it.
+        """
         contact = self.data.contact
         geoms, rows = contact.geom, contact.efc_address
         if not len(geoms):
             return 0.0
-        ours = self.scene.robot_geoms[geoms].any(axis=1)
+        ours = self.scene.arm_geoms[geoms].any(axis=1)
         if self.held >= 0:
             ours |= np.isin(geoms, self.scene.object_geoms[self.held]).any(axis=1)
         rows = rows[ours & (rows >= 0)]

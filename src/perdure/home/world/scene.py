@@ -119,6 +119,16 @@ class Scene:
         return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
 
     @cached_property
+    def arm_geoms(self) -> NDArray[np.bool_]:
+        """Which geoms belong to the arm and its hand. Shape (geoms,)."""
+        model, inside = self.model, set()
+        first = int(model.body("shoulder_pan_link").id)
+        for body in range(first, model.nbody):  # a body comes after its parent
+            if body == first or int(model.body_parentid[body]) in inside:
+                inside.add(body)
+        return np.isin(model.geom_bodyid, list(inside))
+
+    @cached_property
     def object_reach(self) -> FloatArray:
         """Largest side of each object's bounding box in [m]. Shape (objects,)."""
         boxes = [np.subtract(*YcbObjects().box(p.kind)[::-1]) for p in self.placements]

@@ -93,7 +93,7 @@ class Sensors:
     laser: FloatArray
     """Ranges of the laser's beams, all `LASER_RANGE` where it was not asked for. Shape (n, BEAMS)."""
     contact_force: FloatArray
-    """Largest normal force at the robot (and what it holds) in the last physics step, in [N]. Shape (n,)."""
+    """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray
     """Whether the simulation blew up in this step; the lane was put back to where its episode began. Shape (n,)."""
 
