@@ -17,8 +17,9 @@ IntArray = NDArray[np.int64]
 class Actor(Protocol):
     """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number."""
 
-    sees: bool
-    """Whether it wants the laser's ranges where the skill has them: they cost more than a step."""
+    @property
+    def sees(self) -> bool:
+        """Whether it wants the laser's ranges where the skill has them: they cost more than a step."""
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """A lane starts a skill; its errand is set."""

@@ -176,7 +176,7 @@ class Executor:
         """Lanes by the skill they are at; lanes that settle are in none."""
         groups: dict[str, list[int]] = {}
         for lane in lanes:
-            step = running[lane].current  # type: ignore[union-attr]
+            step = running[lane].current
             if step is not None:
                 groups.setdefault(step.skill, []).append(int(lane))
         return {name: np.array(group) for name, group in groups.items()}

@@ -1,6 +1,6 @@
-"""What a learner sees, does, earns and how it ends, written down from the skills themselves (`docs/home-skills.md`).
+"""What a learner sees, does, earns and how it ends, written down from the skills themselves (`docs/home/skills.md`).
 
-`python -c "from perdure.home.gym.tables import page; print(page())" > docs/home-skills.md` writes the page.
+`python -c "from perdure.home.gym.tables import page; print(page())" > docs/home/skills.md` writes the page.
 """
 
 from __future__ import annotations

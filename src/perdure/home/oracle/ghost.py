@@ -16,6 +16,8 @@ from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO
 
 FloatArray = NDArray[np.float64]
 
+PUSHED = 0.25
+"""What a metre of depth in a loose object counts, against 1 in furniture."""
 TOLERATED = 0.002
 """Depth in [m] up to which a touch is none."""
 
@@ -92,8 +94,10 @@ class Ghost:
             ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
         if ignore >= 0:
             ours &= ~np.isin(geoms, scene.object_geoms[ignore]).any(axis=1)
-        deep = -distance[ours]
-        return float(max(deep.max() - TOLERATED, 0.0)) if len(deep) else 0.0
+        # What can be pushed aside is less of an obstacle than what cannot.
+        loose = scene.loose_geoms[geoms].any(axis=1)
+        deep = np.maximum(-distance - TOLERATED, 0.0) * np.where(loose, PUSHED, 1.0)
+        return float(deep[ours].max()) if ours.any() else 0.0
 
     def path_depth(
         self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, ignore: int = -1, points: int = 8

@@ -1,9 +1,12 @@
 """Learning the skills: settings of each, and how good a policy is.
 
 Contents:
-    evaluate_skill, SkillScore    success from fresh starts
+    RECIPES, Recipe, skill_config    PPO's settings for each skill
+    train_skill                      trains one
+    evaluate_skill, SkillScore       success from fresh starts
 """
 
 from perdure.home.training.evaluate import SkillScore, evaluate_skill
+from perdure.home.training.recipes import RECIPES, Recipe, skill_config, skill_task, train_skill
 
-__all__ = ["SkillScore", "evaluate_skill"]
+__all__ = ["RECIPES", "Recipe", "SkillScore", "evaluate_skill", "skill_config", "skill_task", "train_skill"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from perdure.envs import make_world
 from perdure.home.errors import HomeError
@@ -10,6 +12,7 @@ from perdure.home.gym import env_id
 from perdure.home.skills import get_skill
 from perdure.horizon import Fixed
 from perdure.ppo import PPOConfig, method_config
+from perdure.ppo.runs import Report, TrainRun, train
 
 
 @dataclass(frozen=True)
@@ -74,3 +77,33 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
         log_std_init=recipe.log_std_init,
         segment_steps=100_000,
     )
+
+
+def train_skill(
+    skill: str,
+    task: str,
+    seeds: tuple[int, ...],
+    out: str | Path,
+    threads: int | None = None,
+    watch: Callable[[Report], None] = lambda report: None,
+    total_steps: int | None = None,
+    **options: object,
+) -> list[Path]:
+    """Trains a skill with its recipe; the same call goes on where a killed one stopped.
+
+    Args:
+        skill: Name of the skill.
+        task: The task whose objects and places it is learned on.
+        seeds: Training seeds.
+        out: Where runs are kept.
+        threads: Cores to use.
+        watch: Told after every iteration.
+        total_steps: Environment steps in place of the recipe's.
+        options: Of the environment, such as `delta`.
+
+    Returns:
+        The policy files, one per seed.
+    """
+    config = skill_config(skill, task, **options)
+    config = config if total_steps is None else replace(config, total_steps=total_steps)
+    return list(train(TrainRun(skill_task(skill, task, **options), skill, config, seeds), out, threads, watch))

@@ -119,6 +119,12 @@ class Scene:
         return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
 
     @cached_property
+    def loose_geoms(self) -> NDArray[np.bool_]:
+        """Which geoms belong to objects. Shape (geoms,)."""
+        bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
+        return np.isin(self.model.geom_bodyid, bodies)
+
+    @cached_property
     def arm_geoms(self) -> NDArray[np.bool_]:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
         model, inside = self.model, set()

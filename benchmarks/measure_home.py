@@ -1,0 +1,126 @@
+"""Our side of the home benchmarks, as a process of its own: prints one JSON line.
+
+python benchmarks/measure_home.py scene      the full SetTable scene while the oracle manipulates
+python benchmarks/measure_home.py place      the place skill's environment
+python benchmarks/measure_home.py tasks      task plans on SetTable, policies included
+
+Acting is recorded first and played again for the clock, so that `scene` and `place` time the world alone.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping
+
+import numpy as np
+
+from perdure.home.episodes import Episode, load_episodes, start_pose
+from perdure.home.execute import Executor, ExecutorOptions, Scripted
+from perdure.home.gym import HomeSkillVectorEnv
+from perdure.home.oracle import Oracle
+from perdure.home.runs import Protocol, choose_policies, make_actors
+from perdure.home.skills import get_skill
+from perdure.home.world import CONTROL_HZ, PHYSICS_HZ, World, episode_scene
+
+REPEATS = 5
+MANIPULATION = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
+
+
+class Recording(World):
+    """A world that remembers what it was told, step by step."""
+
+    log: list[tuple[np.ndarray, float, float]] = []
+
+    def step(self, actions, lanes=None, base_speed=1.0, arm_step=0.0):  # type: ignore[no-untyped-def]
+        self.log.append((np.array(actions), float(np.max(base_speed)), float(np.max(arm_step))))
+        super().step(actions, lanes, base_speed, arm_step)
+
+
+def scene() -> dict[str, float]:
+    """Control steps a second of one lane: full scene, all collisions, in the steps in which the oracle manipulates."""
+    import perdure.home.execute.executor as executor_module
+
+    episode = load_episodes("set_table", "val")[1]
+    skills = {step.skill: get_skill(step.skill) for step in episode.home_task.skills}
+    oracle = Oracle()
+    actors = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
+    executor_module.World = Recording  # type: ignore[misc]
+    log = next(iter(Executor(skills, actors, ExecutorOptions(lanes=1, threads=1)).run([episode])))
+    timed = np.zeros(len(Recording.log), dtype=bool)
+    for done in log.skills:
+        timed[done.begin : done.end] |= done.skill in MANIPULATION
+    return {"control_steps_per_second": _replay(episode, timed)}
+
+
+def _replay(episode: Episode, timed: np.ndarray) -> float:
+    built = episode_scene(episode)
+    best = 0.0
+    for _ in range(REPEATS):
+        world = World(1, threads=1)
+        world.reset(0, built, start_pose(built.apartment, episode, 0))
+        spent = 0.0
+        for (actions, speed, arm_step), counts in zip(Recording.log, timed, strict=True):
+            began = time.perf_counter()
+            world.step(actions, None, speed, arm_step)
+            world.sense()
+            spent += (time.perf_counter() - began) * counts
+        best = max(best, timed.sum() / spent)
+    return float(best)
+
+
+def place() -> dict[str, float]:
+    """Control steps a second of the place environment at the evaluation's physics rate, resets included."""
+    policies = choose_policies("set_table", 0)
+    env = HomeSkillVectorEnv(16, skill="place", task="set_table", split="val", physics_hz=PHYSICS_HZ, threads=1)
+    policy = policies["place"].policy
+    rng = np.random.default_rng(0)
+    told: list[np.ndarray] = []
+
+    def act(observations: np.ndarray) -> np.ndarray:
+        if policy is None:
+            return rng.uniform(-0.3, 0.3, env.action_space.shape)
+        return np.asarray(policy.act(observations, np.zeros(env.num_envs)), dtype=np.float64)
+
+    rates = []
+    for turn in range(REPEATS):
+        observations, _ = env.reset(seed=0)
+        spent, steps = 0.0, 300
+        for k in range(steps):
+            if turn == 0:
+                told.append(act(observations))
+            began = time.perf_counter()
+            observations, _, terminated, truncated, info = env.step(told[k])
+            over = terminated | truncated | (info["elapsed"] >= env.skill.limit)
+            if over.any():
+                observations, _ = env.reset(options={"reset_mask": over})
+            spent += time.perf_counter() - began
+        if turn:  # the first one builds the scenes
+            rates.append(steps * env.num_envs / spent)
+    return {"control_steps_per_second": float(np.max(rates))}
+
+
+def tasks() -> dict[str, float]:
+    """Control steps a second of task plans on SetTable on all cores, policies (or the oracle) included."""
+    protocol = Protocol("set_table")
+    policies = choose_policies("set_table", 0)
+    executor = Executor(protocol.skills(), make_actors(policies, "rl"), ExecutorOptions(lanes=24))
+    episodes = load_episodes("set_table", "val").episodes[:24]
+    for episode in episodes:
+        episode_scene(episode, ExecutorOptions().scene)
+    steps = 0
+
+    def watch(world: World, running: Mapping[int, Episode]) -> None:
+        nonlocal steps
+        steps += len(running)
+
+    began = time.perf_counter()
+    for _ in executor.run(episodes, watch):
+        pass
+    return {"control_steps_per_second": steps / (time.perf_counter() - began)}
+
+
+if __name__ == "__main__":
+    result = {"scene": scene, "place": place, "tasks": tasks}[sys.argv[1]]()
+    print(json.dumps({**result, "control_hz": CONTROL_HZ, "physics_hz": PHYSICS_HZ}))

@@ -1,0 +1,76 @@
+"""``perdure home run``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class HomeRun:
+    """Run the benchmark's protocol: episodes x training seeds x evaluation seeds. Interrupt it any time."""
+
+    task: tyro.conf.Positional[str]
+    """tidy_house, prepare_groceries or set_table."""
+    place: str = "rl"
+    """How objects are let go: rl (the policy alone), stop, ik, ik+, or delta-N (trained to make objects stay)."""
+    split: str = "val"
+    """val (new arrangements of known apartments) or eval (new apartments)."""
+    episodes: int = 100
+    """How many of the split's episodes."""
+    train_seeds: int = 1
+    """Policies of how many training seeds."""
+    eval_seeds: int = 1
+    """How many draws of where the robot starts."""
+    policies: tuple[str, ...] = ()
+    """SKILL=FILE or SKILL=oracle, with {seed} for the training seed; else shipped policies, else the oracle."""
+    jaws: Literal["never", "apart"] = "never"
+    """Whether an object that was held touches the robot again: never (M3) or once they are apart (habitat-lab)."""
+    physics_hz: int = 240
+    """Physics steps per second."""
+    lanes: int = 16
+    """Episodes side by side. Results do not depend on it."""
+    threads: int | None = None
+    """Cores to use; all by default. Results do not depend on it."""
+    out: Path = Path("home-runs")
+    """Where logs are kept."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure home run``."""
+    flags = parse(HomeRun, args, "home run")
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from perdure.home.errors import HomeError
+    from perdure.home.execute import EpisodeLog, ExecutorOptions
+    from perdure.home.outcomes import analyse, read_logs
+    from perdure.home.runs import Protocol, run_protocol
+    from perdure.home.world import SceneOptions
+
+    chosen = dict(each.partition("=")[::2] for each in flags.policies)
+    if any(not path for path in chosen.values()):
+        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(flags.policies)}")
+    options = ExecutorOptions(
+        lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=SceneOptions(physics_hz=flags.physics_hz)
+    )
+    protocol = Protocol(
+        flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
+    )
+    total = flags.episodes * flags.train_seeds * flags.eval_seeds
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        bar = progress.add_task(f"{flags.task} {flags.place}", total=total)
+
+        def told(log: EpisodeLog) -> None:
+            progress.advance(bar)
+
+        paths = run_protocol(protocol, flags.out, told)
+        progress.update(bar, completed=total)
+    print(analyse([record for path in paths for record in read_logs(path)]).summary())
+    print(f"\nlogs: {flags.out}")

@@ -1,0 +1,51 @@
+"""``perdure home train``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class HomeTrain:
+    """Learn a skill with its recipe and say how often it succeeds on val starts. Interrupt it any time."""
+
+    skill: tyro.conf.Positional[str]
+    """pick, place, open_drawer, close_drawer, open_fridge, close_fridge or navigate."""
+    task: str = "set_table"
+    """The task whose objects and places it is learned on."""
+    delta: int = 1
+    """For place: how many steps the object must stay."""
+    seeds: tuple[int, ...] = (0,)
+    """Training seeds."""
+    steps: int | None = None
+    """Environment steps in place of the recipe's."""
+    test_episodes: int = 200
+    """Episodes on val starts after training."""
+    out: Path = Path("runs")
+    """Where runs are kept."""
+    threads: int | None = None
+    """Cores to use; all by default. Results do not depend on it."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure home train``."""
+    flags = parse(HomeTrain, args, "home train")
+    from rich.console import Console
+
+    from perdure.home.training import evaluate_skill, train_skill
+    from perdure.policy import load_policy
+    from perdure.ppo.progress import progress_bar
+
+    options = {"delta": flags.delta} if flags.delta != 1 else {}
+    with progress_bar(f"{flags.task} {flags.skill}", Console(stderr=True)) as watch:
+        paths = train_skill(
+            flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps, **options
+        )
+    for path in paths:
+        score = evaluate_skill(load_policy(path), flags.skill, flags.test_episodes, task=flags.task, **options)
+        print(f"{path}\n  {score.summary()}")
