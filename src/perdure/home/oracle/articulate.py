@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go
+from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go, unjam
 from perdure.home.oracle.pick import AHEAD, ATTEMPTS, SAFE, TURNS, approach
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import handle_grabs
@@ -31,6 +31,7 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
     """Moves the errand's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
     link = int(view.sensors.link[0])
     for _ in range(ATTEMPTS):
+        yield from unjam(view)
         plan = plan_handle(Ghost(view.lane), link, view.base)
         if plan is None:
             return

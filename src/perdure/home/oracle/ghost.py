@@ -58,14 +58,14 @@ class Ghost:
         local = fridge.pose.to_local(np.asarray(point))
         return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
 
-    def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, ignore: int = -1) -> float:
+    def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, firm: int = -1) -> float:
         """How deep the robot (with what it holds) would be inside something else in [m], 0 for free.
 
         Args:
             base: Where it stands.
             arm: Joint angles. Shape (7,).
             held: Number of the object in its hand; what the lane holds when None, -1 for none.
-            ignore: An object that does not count.
+            firm: An object that must not be pushed aside.
         """
         scene, data = self.lane.scene, self._data
         data.qpos[:] = self._start
@@ -80,9 +80,9 @@ class Ghost:
             self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
         self._mujoco.mj_kinematics(self.lane.model, data)
         self._mujoco.mj_collision(self.lane.model, data)
-        return self._deepest(held, ignore)
+        return self._deepest(held, firm)
 
-    def _deepest(self, held: int, ignore: int) -> float:
+    def _deepest(self, held: int, firm: int) -> float:
         scene, contact = self.lane.scene, self._data.contact
         geoms, distance = contact.geom, contact.dist
         if not len(distance):
@@ -92,20 +92,20 @@ class Ghost:
         if held >= 0:
             carried = np.isin(geoms, scene.object_geoms[held])
             ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
-        if ignore >= 0:
-            ours &= ~np.isin(geoms, scene.object_geoms[ignore]).any(axis=1)
         # What can be pushed aside is less of an obstacle than what cannot.
         loose = scene.loose_geoms[geoms].any(axis=1)
+        if firm >= 0:
+            loose &= ~np.isin(geoms, scene.object_geoms[firm]).any(axis=1)
         deep = np.maximum(-distance - TOLERATED, 0.0) * np.where(loose, PUSHED, 1.0)
         return float(deep[ours].max()) if ours.any() else 0.0
 
     def path_depth(
-        self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, ignore: int = -1, points: int = 8
+        self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, firm: int = -1, points: int = 8
     ) -> float:
         """The deepest touch on the straight way between two arm poses, both ends included, in [m]."""
         first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         return max(
-            self.depth(base, first + share * (last - first), held, ignore) for share in np.linspace(0.0, 1.0, points)
+            self.depth(base, first + share * (last - first), held, firm) for share in np.linspace(0.0, 1.0, points)
         )
 
 

@@ -18,8 +18,10 @@ from perdure.home.world.sensors import wrap
 FloatArray = NDArray[np.float64]
 Motion = Generator[FloatArray, None, None]
 
-PATIENCE = 10
+PATIENCE = 5
 """Steps without motion after which the robot counts as stuck."""
+JAMMED_RAD = 0.25
+"""Lag of a joint in [rad] beyond which the arm is jammed."""
 AHEAD = 6
 """How many way points (5 cm each) before itself a robot looks at."""
 ARRIVED_RAD = 0.02
@@ -44,6 +46,11 @@ class View:
     def lane(self) -> Lane:
         """The lane itself: an oracle may know everything."""
         return self.world.lane(self.number)
+
+    @property
+    def jammed(self) -> bool:
+        """Whether something keeps the arm from where its servos are told to be."""
+        return float(np.abs(self.sensors.arm_target[0] - self.sensors.arm[0]).max()) > JAMMED_RAD
 
     @property
     def base(self) -> Pose:
@@ -145,9 +152,17 @@ def follow(view: View, points: FloatArray) -> Motion:
         slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
         speed = float(np.clip(3.0 * max(left, far if here + AHEAD < last else 0.0), 0.05, 1.3))
         yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
-        if stuck.after(view.base):
+        if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
             here = max(here - 4, 0)
+
+
+def unjam(view: View) -> Motion:
+    """Straight back until the arm is free."""
+    for _ in range(20):
+        if not view.jammed:
+            return
+        yield view.action(forward=-0.6)
 
 
 def back_off(view: View) -> Motion:
@@ -168,7 +183,7 @@ class Stuck:
     def after(self, base: Pose) -> bool:
         """One step on: True when it has stood still for `PATIENCE` steps; then counting begins anew."""
         old = self.last
-        moved = old is None or abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * abs(base.yaw - old.yaw) > 0.004
+        moved = old is None or abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * abs(base.yaw - old.yaw) > 0.001
         self.since = 0 if moved else self.since + 1
         self.last = base
         if self.since < PATIENCE:

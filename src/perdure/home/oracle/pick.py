@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go
+from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go, unjam
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import pick_wishes
 from perdure.home.world import GRASP, GRASP_RADIUS
@@ -28,6 +28,7 @@ def pick(view: View) -> Motion:
     """Picks the errand's object."""
     target = int(view.sensors.target[0])
     for _ in range(ATTEMPTS):
+        yield from unjam(view)
         plan = plan_pick(Ghost(view.lane), view.sensors.object[0].copy(), target, view.base)
         if plan is None:
             return
@@ -59,9 +60,11 @@ def plan_pick(
     handles = ghost.handles()
     rivals = np.concatenate([np.array(others).reshape(-1, 3), handles])
     rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
-    wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, ghost.in_fridge(point))
+    inside = ghost.in_fridge(point)
+    wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
     places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
-    return plan_reach(ghost, places, wishes)
+    # In a fridge there is no other way than from the front, and the target may give way a little.
+    return plan_reach(ghost, places, wishes, -1 if inside else target)
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, rest_arm
+from perdure.home.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.oracle.pick import AHEAD, TURNS, approach, retreat
 from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import place_wishes
@@ -28,6 +28,7 @@ def place(view: View) -> Motion:
         yield from rest_arm(view)
         return
     goal = view.sensors.goal[0].copy()
+    yield from unjam(view)
     plan = plan_place(Ghost(view.lane), goal, view.base)
     if plan is None:
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,8 @@ OTHER_STARTS = (
     (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
 )
 """Arm poses from which inverse kinematics starts beside that of rest."""
+PER_STAND = 25
+"""Plans that are tested at one standing place: what is in the way of one is mostly in the way of the others."""
 CLOSE = 0.01
 """How far from the wanted point a pose may leave the gripper in [m]."""
 
@@ -72,7 +75,7 @@ class ReachPlan:
 
 
 def plan_reach(
-    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], ignore: int = -1, checks: int = 80
+    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], firm: int = -1, checks: int = 200
 ) -> ReachPlan | None:
     """The quickest way to fulfil a wish without touching anything; else the one that touches least.
 
@@ -80,7 +83,7 @@ def plan_reach(
         ghost: The world.
         stands: Standing places.
         wishes: Gripper poses, all upright or none.
-        ignore: An object that may be touched (the one to be grasped).
+        firm: An object that must not be pushed aside (the one to be grasped).
         checks: Plans that are tested for touching, the quickest first.
 
     Returns:
@@ -90,19 +93,25 @@ def plan_reach(
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
     rest = np.array(REST_ARM)
-    for stand, via, end, steps, back in candidates[:checks]:
+    tried: Counter[Pose] = Counter()
+    for stand, via, end, steps, back in candidates:
+        tried[stand] += 1
+        if tried[stand] > PER_STAND:
+            continue
+        if tried.total() > checks:
+            break
         entry = _behind(stand, back)
         if entry not in blocked:
-            blocked[entry] = ghost.depth(entry, rest, ignore=ignore)
-        worst = max(blocked[entry], ghost.depth(stand, end, ignore=ignore))
+            blocked[entry] = ghost.depth(entry, rest, firm=firm)
+        worst = max(blocked[entry], ghost.depth(stand, end, firm=firm))
         if best is not None and steps + DEPTH_COST * worst >= best.cost:
             continue
         if back > 0.0:
-            drive = [ghost.depth(_behind(stand, share * back), end, ignore=ignore) for share in (0.25, 0.5, 0.75, 1.0)]
+            drive = [ghost.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
             worst = max(worst, *drive)
-        worst = max(worst, ghost.path_depth(entry, via, end, ignore=ignore, points=4))
+        worst = max(worst, ghost.path_depth(entry, via, end, firm=firm, points=4))
         if worst == 0.0:
-            worst = ghost.path_depth(entry, rest, via, ignore=ignore, points=7)
+            worst = ghost.path_depth(entry, rest, via, firm=firm, points=7)
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan

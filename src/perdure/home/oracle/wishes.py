@@ -19,7 +19,7 @@ SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """How steeply the gripper points down on open surfaces."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same in a fridge."""
-LIFT = 0.08
+LIFT, HIGH_LIFT = 0.08, 0.25
 """How far above the last point the gripper comes from in [m]."""
 BACK = 0.4
 """How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
@@ -87,7 +87,8 @@ def place_wishes(point: FloatArray, origin: FloatArray, height: float, inside: b
         for back in (BACK, 0.6) if inside else (0.0, BACK):
             for more in (0.0, 0.03) if inside else (0.0,):
                 spot = point + (height + more) * up
-                wishes.append(Wish(spot, approach, True, (0.02 if inside else LIFT) * up, back))
+                for lift in (0.02,) if inside else (LIFT, HIGH_LIFT):
+                    wishes.append(Wish(spot, approach, True, lift * up, back))
     return wishes
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
+from perdure.home.skills.observation import LASER, PROPRIOCEPTION, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill
-from perdure.home.world import ARM, BEAMS, GRIP, LASER_RANGE, NAVIGATION_SPEED, Sensors
+from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -22,7 +22,7 @@ NEAR, FACING = 0.1, 0.25
 """How near the region in [m] of way and how well turned in [rad] the robot must be (M3)."""
 STILL_FORWARD, STILL_TURN = 0.05, 0.05
 """Below these speeds in [m/s] and [rad/s] the robot stands still."""
-STILL_STEPS = 3
+STILL_STEPS = 10
 """Steps of standing still that mean "stop" (OURS, in place of M3's stop action)."""
 DISTANCE_REWARD = 1.0
 
@@ -47,10 +47,7 @@ class Navigate(Skill):
             Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
             Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
-            *(
-                Element(f"laser_{k:02d}", f"range of beam {k} of 32, from the front to the left", "m", 0.0, LASER_RANGE)
-                for k in range(BEAMS)
-            ),
+            *LASER,
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:

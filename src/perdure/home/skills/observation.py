@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from perdure.home.robot.data import ARM_JOINTS, REST_POSITION
 from perdure.home.skills.skill import Element, rest_distance
-from perdure.home.world import Sensors
+from perdure.home.world import BEAMS, LASER_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +47,12 @@ PROPRIOCEPTION: tuple[Element, ...] = (
     Element("rest_distance", "d_ee^r: length of that", "m", 0.0),
     *(Element(f"gripper_forward_{axis}", f"gripper's x axis, base frame {axis}", "1", -1.0, 1.0) for axis in "xyz"),
     *(Element(f"gripper_up_{axis}", f"gripper's z axis, base frame {axis}", "1", -1.0, 1.0) for axis in "xyz"),
+)
+
+
+LASER: tuple[Element, ...] = tuple(
+    Element(f"laser_{k:02d}", f"range of beam {k} of {BEAMS}, from the right to the left", "m", 0.0, LASER_RANGE)
+    for k in range(BEAMS)
 )
 
 

@@ -9,20 +9,22 @@ from perdure.home.world.lane import Lane
 
 FloatArray = NDArray[np.float64]
 
-BEAMS = 32
-"""OURS: few enough for a small network; the Fetch's own scanner has 662 in 220 degrees."""
+BEAMS = 24
+"""OURS: few enough for a small network; the Fetch's own scanner has 662."""
+FIELD = np.radians(220.0)
+"""Of view, as the Fetch's own scanner."""
 LASER_RANGE = 5.0
 """OURS: ranges beyond are cut, in [m]."""
-HEIGHT = 0.28
-"""Of the plane above the floor in [m] (Fetch's URDF: `laser_link` at 0.2878)."""
+HEIGHT = 0.15
+"""Of the plane above the floor in [m]. OURS: the Fetch's own (0.2878) passes over the shelf of a coffee table."""
 NO_SCAN: FloatArray = np.full(BEAMS, LASER_RANGE)
-_ANGLES = 2.0 * np.pi * np.arange(BEAMS) / BEAMS
+_ANGLES = np.linspace(-0.5 * FIELD, 0.5 * FIELD, BEAMS)
 _GROUPS = np.array([1, 1, 0, 1, 0, 0], dtype=np.uint8)
 """Groups that collide: solids, walls, hulls."""
 
 
 def scan(lane: Lane) -> FloatArray:
-    """Ranges from the robot's middle, beam 0 to the front, further ones to the left. Shape (BEAMS,)."""
+    """Ranges from the robot's middle, from the right to the left. Shape (BEAMS,)."""
     import mujoco
 
     x, y, yaw = lane.robot[:3]
