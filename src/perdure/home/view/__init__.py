@@ -1,1 +1,26 @@
-"""Pictures, films and a live view of a running world."""
+"""Pictures, films and a live view of a running world.
+
+Contents:
+    render_lane, Studio                         pictures of a lane
+    goal_marks                                  what to point at in them
+    film_episode, contact_sheet, FilmOptions    an episode that the oracle runs
+    save_picture                                as a file
+    serve_episode                               live, in a browser
+"""
+
+from perdure.home.view.browser import serve_episode
+from perdure.home.view.files import save_picture
+from perdure.home.view.film import FilmOptions, contact_sheet, film_episode
+from perdure.home.view.marks import goal_marks
+from perdure.home.view.studio import Studio, render_lane
+
+__all__ = [
+    "FilmOptions",
+    "Studio",
+    "contact_sheet",
+    "film_episode",
+    "goal_marks",
+    "render_lane",
+    "save_picture",
+    "serve_episode",
+]

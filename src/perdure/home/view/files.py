@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import secrets
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
@@ -31,6 +31,12 @@ class Film(Protocol):
 
     def add(self, picture: Picture) -> None:
         """The next picture; all must have the same even width and height."""
+
+    def end(self) -> None:
+        """The film is complete."""
+
+    def stop(self) -> None:
+        """Nothing more is written."""
 
 
 def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Path:
@@ -60,7 +66,7 @@ def open_film(path: Path) -> Generator[Film, None, None]:
     Raises:
         HomeError: For a name that ends neither in `.mp4` nor in `.gif`, or when a film can't be written.
     """
-    kinds = {".mp4": _Mp4, ".gif": _Gif}
+    kinds: dict[str, Callable[[Path], Film]] = {".mp4": _Mp4, ".gif": _Gif}
     if path.suffix.lower() not in kinds:
         raise HomeError(f"a film is written as .mp4 or .gif, not as {path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,7 @@ class Follower:
         middle[2] = np.clip(0.5 * (robot[2] + (focus[2] if near and focus is not None else robot[2])), 0.5, 1.0)
         distance = NEAR + (FAR - NEAR) * min(level / REACH, 1.0) if focus is not None else 3.4
         if self._now is None or self._age >= PATIENCE:
-            points = [gripper, robot + (0.0, 0.0, 0.3)]
+            points = [gripper, robot + np.array([0.0, 0.0, 0.3])]
             if focus is not None and near:
                 points.insert(0, focus)
             self._wish, self._age = self._best(middle, distance, points, exclude), 0.0

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from perdure.home.episodes import Episode
 from perdure.home.execute.actor import Actor
-from perdure.home.execute.executor import world_facts
 from perdure.home.skills import Progress, Skill
-from perdure.home.tasks import latch
+from perdure.home.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
 from perdure.home.view.marks import short_name
 from perdure.home.world import CONTROL_HZ, Sensors, World
 
@@ -56,8 +55,7 @@ class Narrator:
     def after_step(self, world: World) -> None:
         """Looks at the world after a control step."""
         episode = self.episode
-        positions = world.objects(0, len(episode.goals))[0][:, :3]
-        self._reached = latch(episode.home_task, self._reached, world_facts(world, episode, 0, positions))
+        self._reached = latch(episode.home_task, self._reached, _facts(world, episode))
         self._step += 1
 
     @property
@@ -89,6 +87,15 @@ class _Heard:
     def __init__(self, actor: Actor, narrator: Narrator) -> None:
         self._actor, self._narrator = actor, narrator
 
+    @property
+    def sees(self) -> bool:
+        """See `Actor.sees`."""
+        return self._actor.sees
+
+    def overtime(self, lane: int) -> bool:
+        """See `Actor.overtime`."""
+        return self._actor.overtime(lane)
+
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """See `Actor.begin`."""
         self._narrator.begins()
@@ -97,6 +104,23 @@ class _Heard:
     def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
         """See `Actor.act`."""
         return self._actor.act(world, lanes, skill, sensors, progress)
+
+
+def _facts(world: World, episode: Episode) -> WorldFacts:
+    """What the task's predicates need of lane 0 now."""
+    lane, targets = world.lane(0), len(episode.goals)
+    full = lane.held >= 0 or lane.held_link >= 0
+    held = lane.held if 0 <= lane.held < targets else SOMETHING_ELSE if full else NOTHING
+    containers = [episode.container(target) for target in range(targets)]
+    drawer = next((each for each in containers if each is not None and each != "top_door"), None)
+    opened = dict(zip(lane.scene.links, lane.links, strict=True))
+    return WorldFacts(
+        world.objects(0, targets)[0][:, :3],
+        episode.goal_positions,
+        np.array(held),
+        np.array(opened[drawer] if drawer else 0.0),
+        np.array(opened["top_door"]),
+    )
 
 
 def _verb(skill: str) -> str:

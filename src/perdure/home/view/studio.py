@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class Studio:
         self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
 
-    def __enter__(self) -> Studio:
+    def __enter__(self) -> Self:
         """Itself."""
         return self
 
@@ -147,8 +147,10 @@ class Studio:
         self._add(kinds.mjGEOM_SPHERE, (mark.radius,) * 3, goal, mark.color, 0.32)
         self._add(kinds.mjGEOM_SPHERE, (0.018,) * 3, goal, mark.color, 1.0)
         if place is not None:
-            tip = place + (0.0, 0.0, 0.13)
-            self._add(kinds.mjGEOM_ARROW, (0.012, 0.012, PIN), tip + (0.0, 0.0, PIN), mark.color, 0.95, down=True)
+            tip = place + np.array([0.0, 0.0, 0.13])
+            self._add(
+                kinds.mjGEOM_ARROW, (0.012, 0.012, PIN), tip + np.array([0.0, 0.0, PIN]), mark.color, 0.95, down=True
+            )
 
     def _add(
         self, kind: Any, size: Sequence[float], place: FloatArray, color: Any, alpha: float, down: bool = False

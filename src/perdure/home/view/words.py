@@ -44,9 +44,9 @@ def write_labels(picture: Picture, shot: Shot, marks: Sequence[Mark], places: Se
     draw = ImageDraw.Draw(image)
     size, taken = image.size, list[Box]()
     for mark, place in zip(marks, places, strict=True):
-        wanted = [(f"goal: {mark.label}", np.array(mark.goal) + (0.0, 0.0, mark.radius))]
+        wanted = [(f"goal: {mark.label}", np.array(mark.goal) + np.array([0.0, 0.0, mark.radius]))]
         if place is not None:
-            wanted.insert(0, (mark.label, place + (0.0, 0.0, 0.50)))
+            wanted.insert(0, (mark.label, place + np.array([0.0, 0.0, 0.50])))
         for text, point in wanted:
             x, y, depth = shot.project(point[None], size)[0]
             if depth > 0.0 and 0 <= x < size[0] and 0 <= y < size[1]:

@@ -1,0 +1,49 @@
+"""``perdure home list``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class HomeList:
+    """Show the tasks, their published episodes, the skills and the objects."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure home list``."""
+    parse(HomeList, args, "home list")
+    from rich.console import Console
+    from rich.table import Table
+
+    from perdure.home.episodes import load_episodes
+    from perdure.home.objects import KINDS
+    from perdure.home.skills import SKILLS
+    from perdure.home.tasks import LIMITS, TASKS
+
+    console = Console()
+    tasks = Table("task", "targets", "objects", "val", "eval", "steps", "stages", title="Tasks")
+    for task in TASKS.values():
+        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval")]
+        objects = len(task.targets) + sum(number for number, _ in task.clutter)
+        stages = " ".join(stage.name for stage in task.stages)
+        tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
+    skills = Table("skill", "steps", "numbers seen", "what it is", title="Skills")
+    for name, kind in SKILLS.items():
+        first = (import_doc(kind) or "").split(":")[0]
+        skills.add_row(name, str(LIMITS[kind.name]), str(len(kind().elements)), first)
+    kinds = Table("object", "size [mm]", "mass [g]", "shape", title="Objects")
+    for each in KINDS.values():
+        size = " x ".join(f"{1000 * side:.0f}" for side in each.size)
+        kinds.add_row(each.name, size, f"{1000 * each.mass:.0f}", each.shape)
+    for table in (tasks, skills, kinds):
+        console.print(table)
+
+
+def import_doc(kind: type) -> str | None:
+    """The docstring of the module that a skill is in."""
+    import sys
+
+    return sys.modules[kind.__module__].__doc__

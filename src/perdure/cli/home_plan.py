@@ -1,0 +1,25 @@
+"""``perdure home plan``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class HomePlan:
+    """Show a task's plan as a STRIPS planner finds it."""
+
+    task: tyro.conf.Positional[str]
+    """tidy_house, prepare_groceries or set_table."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure home plan``."""
+    flags = parse(HomePlan, args, "home plan")
+    from perdure.home.plan import print_plan
+
+    print_plan(flags.task)
