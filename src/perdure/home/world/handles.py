@@ -39,13 +39,13 @@ class Handles:
             handle = apartment.handle_to_room(moving.link, 0.0)
             axis = pose.to_room(np.asarray(moving.axis)) - pose.to_room(np.zeros(3))
             if moving.kind == "slide":
-                origin, slide, lever, sign = handle, axis, np.zeros(2), 0.0
+                rows.append((handle, axis, np.zeros(2), 0.0))
             else:
                 hinge = pose.to_room(np.asarray(moving.origin))
-                origin, slide = np.array([hinge[0], hinge[1], handle[2]]), np.zeros(3)
-                lever, sign = handle[:2] - hinge[:2], moving.axis[2]
-            rows.append((origin, slide, lever, sign))
-        return Handles(*(np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)))
+                at = np.array([hinge[0], hinge[1], handle[2]])
+                rows.append((at, np.zeros(3), handle[:2] - hinge[:2], moving.axis[2]))
+        origin, slide, lever, sign = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(4))
+        return Handles(origin.reshape(-1, 3), slide.reshape(-1, 3), lever.reshape(-1, 2), sign)
 
     def at(self, q: FloatArray) -> FloatArray:
         """All handles. Shape (links,) -> (links, 3)."""

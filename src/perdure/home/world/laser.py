@@ -27,15 +27,12 @@ def scan(lane: Lane) -> FloatArray:
     """Ranges from the robot's middle, from the right to the left. Shape (BEAMS,)."""
     import mujoco
 
+    model, data, ray = lane.model, lane.data, mujoco.mj_ray
     x, y, yaw = lane.robot[:3]
-    rays = np.stack([np.cos(_ANGLES + yaw), np.sin(_ANGLES + yaw), np.zeros(BEAMS)], axis=1).ravel()
-    hit, ranges = np.full(BEAMS, -1, dtype=np.int32), np.zeros(BEAMS)
-    origin = np.array([x, y, HEIGHT])
-    own_base = int(lane.model.body("robot").id)  # the rays start inside it
-    arguments = (lane.model, lane.data, origin, rays, _GROUPS, 1, own_base, hit, ranges)
-    try:
-        mujoco.mj_multiRay(*arguments, None, BEAMS, LASER_RANGE)  # since MuJoCo 3.5 with room for normals
-    except TypeError:
-        mujoco.mj_multiRay(*arguments, BEAMS, LASER_RANGE)
-    cut: FloatArray = np.where(hit < 0, LASER_RANGE, np.minimum(ranges, LASER_RANGE))
+    rays = np.stack([np.cos(_ANGLES + yaw), np.sin(_ANGLES + yaw), np.zeros(BEAMS)], axis=1)
+    origin, geom = np.array([x, y, HEIGHT]), np.full(1, -1, dtype=np.int32)
+    own_base = int(model.body("robot").id)  # the rays start inside it
+    # Not mj_multiRay: it overlooks geoms on both sides of the -x direction (MuJoCo 3.17).
+    ranges = np.array([ray(model, data, origin, each, _GROUPS, 1, own_base, geom) for each in rays])
+    cut: FloatArray = np.where(ranges < 0.0, LASER_RANGE, np.minimum(ranges, LASER_RANGE))
     return cut

@@ -1,0 +1,52 @@
+"""Random actions for many episodes: no observation that is not a number, no crash, memory that does not grow."""
+
+import resource
+
+import numpy as np
+import pytest
+from lanes import make
+
+from perdure.home.gym.register import default_task
+from perdure.home.starts import STARTS
+
+LANES = 16
+
+
+def soak(skill, episodes):
+    """Runs at least so many episodes with random actions; resident memory in [MB] halfway and at the end."""
+    env = make(skill, default_task(skill), lanes=LANES, episodes=20)
+    rng = np.random.default_rng(0)
+    observations, _ = env.reset(seed=0)
+    ended, memory = 0, []
+    while ended < episodes:
+        # Slow drifts as well as noise: the robot goes somewhere.
+        if ended % 5 == 0:
+            drift = rng.uniform(-1.0, 1.0, env.action_space.shape)
+        actions = np.clip(drift + rng.normal(0.0, 0.5, env.action_space.shape), -1.0, 1.0)
+        if actions.shape[1] == 10 and rng.random() < 0.9:
+            actions[:, 9] = np.abs(actions[:, 9])  # or nothing would ever be carried
+        observations, rewards, terminated, truncated, info = env.step(actions)
+        assert np.isfinite(observations).all()
+        assert np.isfinite(rewards).all()
+        over = terminated | truncated | (info["elapsed"] >= env.skill.limit)
+        if over.any():
+            ended += int(over.sum())
+            observations, _ = env.reset(options={"reset_mask": over})
+            assert np.isfinite(observations).all()
+        if len(memory) == 0 and ended >= episodes // 2:
+            memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    env.close()
+    return memory
+
+
+@pytest.mark.parametrize("skill", ["place", "open_drawer"])
+def test_a_sample_of_random_episodes(skill):
+    soak(skill, 40)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("skill", STARTS)
+def test_ten_thousand_random_episodes_over_all_skills(skill):
+    halfway, at_the_end = soak(skill, 10_000 // len(STARTS) + 1)
+    assert at_the_end - halfway < 0.05 * halfway + 20.0
