@@ -74,10 +74,11 @@ verify: setup ## Run the long checks
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify $(PYTEST)
 
 PEERS = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
-	print(*project["optional-dependencies"]["bench"], sep="\n")
+	print(*project["optional-dependencies"]["$(1)"], sep="\n")
 
 bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/latest.json
-	$(call install,.venv-bench,$(BIN)/python -c '$(PEERS)')
+	$(call install,.venv-bench,$(BIN)/python -c '$(call PEERS,bench)')
+	$(call install,.venv-bench-robotics,$(BIN)/python -c '$(call PEERS,bench-robotics)')
 	@$(BIN)/python benchmarks/bench.py
 
 clean: ## Remove caches, build products and the demonstration; keep .venv and runs

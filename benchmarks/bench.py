@@ -30,6 +30,7 @@ from perdure.store import write_whole
 
 HERE = Path(__file__).parent
 PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
+ROBOTICS_PYTHON = HERE.parent / ".venv-bench-robotics" / "bin" / "python"
 LATEST = HERE / "latest.json"
 ROUNDS = 2
 BEGIN, END = "<!-- benchmark table: begin.", "<!-- benchmark table: end"
@@ -144,6 +145,24 @@ def evaluate_sb3(task: str, forms: tuple[str, ...], how: str) -> Figure:
     return Figure(*alternate(both_cores, best_form), "env steps/s", how)
 
 
+def home(what: str, cores: str, how: str) -> Figure:
+    """Simulated seconds a second of ours, against gymnasium-robotics' FetchPickAndPlace-v4 in its own environment."""
+
+    def ours_now() -> float:
+        command = ["taskset", "-c", cores, sys.executable, str(HERE / "measure_home.py"), what]
+        output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+        result = json.loads(output.splitlines()[-1])
+        return float(result["control_steps_per_second"]) / float(result["control_hz"])
+
+    def peer_now() -> float:
+        command = ["taskset", "-c", "0", str(ROBOTICS_PYTHON), str(HERE / "peers" / "fetch_env.py")]
+        output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+        result = json.loads(output.splitlines()[-1])
+        return float(result["steps_per_second"]) * float(result["step_s"])
+
+    return Figure(*alternate(ours_now, peer_now), "simulated s/s", how)
+
+
 def cases() -> dict[str, Callable[[], Figure]]:
     """Every benchmark by name."""
     table: dict[str, Callable[[], Figure]] = {}
@@ -162,6 +181,15 @@ def cases() -> dict[str, Callable[[], Figure]]:
         ("subprocesses", "envpool"),
         "evaluation, one process per core, against the faster of SubprocVecEnv and a 48-lane EnvPool VecEnv",
     )
+    peer = "gymnasium-robotics' FetchPickAndPlace-v4 (physics step 2 ms), one core"
+    for what, cores, how in (
+        ("scene", "0", "full SetTable scene while the oracle manipulates (30 Hz control, physics step 4.2 ms), one core"),
+        ("place", "0", "the place skill's environment, resets included (the same steps), one core"),
+        ("tasks", "0,1", "SetTable plans, 24 episodes at once, whoever acts included (the same steps), two cores"),
+    ):
+        table[f"home.{what}.vs_fetch_env"] = lambda what=what, cores=cores, how=how: home(
+            what, cores, f"{how}, against {peer}"
+        )
     return table
 
 
@@ -181,8 +209,9 @@ def fill_readme(results: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    if not PEER_PYTHON.exists():
-        sys.exit("no .venv-bench: run `make bench`, which installs the peers")
+    for python in (PEER_PYTHON, ROBOTICS_PYTHON):
+        if not python.exists():
+            sys.exit(f"no {python.parent.parent.name}: run `make bench`, which installs the peers")
     words = sys.argv[1:]
     results: dict[str, Any] = json.loads(LATEST.read_text()) if LATEST.exists() else {}
     console = Console()

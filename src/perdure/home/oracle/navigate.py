@@ -33,6 +33,8 @@ BEST_DISTANCE = {
 """From where each skill works best, along the floor in [m]."""
 ARM_LOW, ARM_REACH = 0.7, 0.75
 """Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
+CLOSENESS = 0.06
+"""How many metres of distance a unit of `arm_cost` is worth when a standing place is chosen."""
 PLACES = 10
 """Standing places that are tried."""
 STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
@@ -45,11 +47,11 @@ def navigate(view: View, errand: Errand, toward: SkillName) -> Motion:
     route = errand.route
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(errand.aim)
-    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES))
+    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
+    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
     plan = _plan(view, errand, toward, stands)
     stand = stands[0] if plan is None else plan.base
     cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
-    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
     way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
     yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
     yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
+from perdure.home.objects import YcbObjects
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.oracle.pick import AHEAD, TURNS, approach, retreat
@@ -17,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 HEIGHT = 0.015
 """How far above its goal the object is let go in [m]."""
+PALM = 0.058
+"""How high above a surface a level hand must be in [m]: its wrist reaches 5.2 cm down. Flat objects fall the rest."""
 STILL = 0.03
 """Speed of the gripper in [m/s] below which it counts as still."""
 
@@ -43,6 +46,8 @@ def place(view: View) -> Motion:
 
 def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Where to stand and how to bring the held object to its goal."""
-    wishes = place_wishes(goal, np.array([base.x, base.y]), HEIGHT, ghost.in_fridge(goal))
+    held = ghost.lane.held
+    half = YcbObjects().box(ghost.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    wishes = place_wishes(goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), ghost.in_fridge(goal))
     places = list(ahead(base, goal, AHEAD, TURNS)) if stands is None else stands
     return plan_reach(ghost, places, wishes)

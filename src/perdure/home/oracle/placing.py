@@ -110,8 +110,8 @@ def plan_reach(
             drive = [ghost.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
             worst = max(worst, *drive)
         worst = max(worst, ghost.path_depth(entry, via, end, firm=firm, points=4))
-        if worst == 0.0:
-            worst = ghost.path_depth(entry, rest, via, firm=firm, points=7)
+        if best is None or steps + DEPTH_COST * worst < best.cost:
+            worst = max(worst, ghost.path_depth(entry, rest, via, firm=firm, points=7))
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
@@ -170,12 +170,23 @@ def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequenc
             yield Pose(base.x + step * float(np.cos(yaw)), base.y + step * float(np.sin(yaw)), yaw)
 
 
-def around(space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int) -> Iterator[Pose]:
-    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out."""
+def around(
+    space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int, cost: FloatArray
+) -> Iterator[Pose]:
+    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out.
+
+    Args:
+        space: The free space.
+        cells: Indices into its `centers`.
+        point: What to face. Shape (2,) or more.
+        best: Wanted distance from the point in [m].
+        count: How many at most.
+        cost: What standing on each cell of the free space costs, in metres of distance. Shape (n,).
+    """
     centers = space.centers[cells]
     away = np.hypot(*(centers - point[:2]).T)
     taken: list[FloatArray] = []
-    for index in np.argsort(np.abs(away - best), kind="stable"):
+    for index in np.argsort(np.abs(away - best) + cost[cells], kind="stable"):
         center = centers[index]
         if any(np.hypot(*(center - other)) < 0.2 for other in taken):
             continue
