@@ -39,6 +39,8 @@ def main(args: list[str]) -> None:
         size = " x ".join(f"{1000 * side:.0f}" for side in each.size)
         kinds.add_row(each.name, size, f"{1000 * each.mass:.0f}", each.shape)
     for table in (tasks, skills, kinds):
+        for column in table.columns[:-1]:
+            column.no_wrap = True
         console.print(table)
 
 

@@ -50,7 +50,7 @@ def main(args: list[str]) -> None:
     from perdure.home.errors import HomeError
     from perdure.home.execute import EpisodeLog, ExecutorOptions
     from perdure.home.outcomes import analyse, read_logs
-    from perdure.home.runs import Protocol, run_protocol
+    from perdure.home.runs import Protocol, choose_policies, run_protocol
     from perdure.home.world import SceneOptions
 
     chosen = dict(each.partition("=")[::2] for each in flags.policies)
@@ -62,6 +62,8 @@ def main(args: list[str]) -> None:
     protocol = Protocol(
         flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
     )
+    for train_seed in range(flags.train_seeds):  # a missing file is found out before anything runs
+        choose_policies(protocol.task, train_seed, protocol.policies, protocol.delta)
     total = flags.episodes * flags.train_seeds * flags.eval_seeds
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:

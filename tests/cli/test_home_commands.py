@@ -1,0 +1,80 @@
+"""``perdure home``: what its commands print and leave behind, and how they refuse."""
+
+import pytest
+
+
+def succeeded(process):
+    assert process.returncode == 0, process.stderr
+    assert "Traceback" not in process.stderr
+    return process.stdout
+
+
+COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyse")
+
+
+def test_help_lists_every_command(perdure, tmp_path):
+    text = succeeded(perdure("home", cwd=tmp_path))
+    assert [name for name in COMMANDS if f"perdure home {name} " not in text] == []
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(perdure, tmp_path, command):
+    assert f"usage: perdure home {command}" in succeeded(perdure("home", command, "--help", cwd=tmp_path))
+
+
+def test_list_names_tasks_skills_and_objects(perdure, tmp_path):
+    text = succeeded(perdure("home", "list", cwd=tmp_path))
+    for name in ("tidy_house", "prepare_groceries", "set_table", "navigate", "open_drawer", "024_bowl", "013_apple"):
+        assert name in text
+
+
+def test_an_episode_is_told_and_drawn(perdure, tmp_path):
+    out = tmp_path / "out.png"
+    text = succeeded(
+        perdure("home", "episode", "set_table", "--split", "val", "--index", 3, "--render", out, cwd=tmp_path)
+    )
+    assert "set_table/val/003" in text
+    assert "024_bowl" in text
+    assert text.count("\n") > 25
+    picture = out.read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) > 20_000
+
+
+def test_the_plan_of_set_table_opens_the_drawer_first(perdure, tmp_path):
+    text = succeeded(perdure("home", "plan", "set_table", cwd=tmp_path))
+    assert text.index("open_drawer") < text.index("pick") < text.index("close_drawer") < text.index("open_fridge")
+
+
+def test_a_run_is_kept_and_analysed(perdure, tmp_path):
+    arguments = ("set_table", "--episodes", 1, "--lanes", 1, "--policies", "place=oracle", "--out", "kept")
+    text = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))
+    assert "close_1" in text
+    again = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
+    assert again == text
+    assert succeeded(perdure("home", "analyse", "kept", cwd=tmp_path)) in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fly",), "unknown command home 'fly'"),
+        (("plan", "set_tabel"), "set_tabel"),
+        (("episode", "set_table", "--index", 100), "0 to 99"),
+        (("episode", "set_table", "--split", "test"), "test"),
+        (("run", "set_table", "--place", "throw"), "rl, stop, ik, ik+"),
+        (("run", "set_table", "--place", "delta-1"), "2 or more"),
+        (("run", "set_table", "--episodes", 0), "episodes"),
+        (("run", "set_table", "--policies", "place"), "SKILL=FILE"),
+        (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
+        (("analyse", "nowhere"), "nowhere"),
+        (("train", "juggle"), "juggle"),
+        (("video", "set_table", "--out", "film.avi"), ".mp4 or .gif"),
+    ],
+)
+def test_what_a_user_gets_wrong_ends_in_one_line(perdure, tmp_path, arguments, message):
+    process = perdure("home", *arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert len(process.stderr.strip().splitlines()) == 1, process.stderr
+    assert message in process.stderr
+    assert not list(tmp_path.iterdir())
