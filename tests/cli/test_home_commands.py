@@ -30,12 +30,14 @@ def test_list_names_tasks_skills_and_objects(perdure, tmp_path):
 
 def test_an_episode_is_told_and_drawn(perdure, tmp_path):
     out = tmp_path / "out.png"
-    text = succeeded(
-        perdure("home", "episode", "set_table", "--split", "val", "--index", 3, "--render", out, cwd=tmp_path)
-    )
-    assert "set_table/val/003" in text
-    assert "024_bowl" in text
-    assert text.count("\n") > 25
+    process = perdure("home", "episode", "set_table", "--split", "val", "--index", 3, "--render", out, cwd=tmp_path)
+    assert "set_table/val/003" in process.stdout
+    assert "024_bowl" in process.stdout
+    assert process.stdout.count("\n") > 25
+    if "no picture can be drawn here" in process.stderr:
+        assert (process.returncode, len(process.stderr.strip().splitlines())) == (2, 1)
+        pytest.skip("this machine has neither EGL nor OSMesa")
+    assert succeeded(process)
     picture = out.read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 20_000
