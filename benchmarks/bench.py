@@ -183,7 +183,11 @@ def cases() -> dict[str, Callable[[], Figure]]:
     )
     peer = "gymnasium-robotics' FetchPickAndPlace-v4 (physics step 2 ms), one core"
     for what, cores, how in (
-        ("scene", "0", "full SetTable scene while the oracle manipulates (30 Hz control, physics step 4.2 ms), one core"),
+        (
+            "scene",
+            "0",
+            "full SetTable scene while the oracle manipulates (30 Hz control, physics step 4.2 ms), one core",
+        ),
         ("place", "0", "the place skill's environment, resets included (the same steps), one core"),
         ("tasks", "0,1", "SetTable plans, 24 episodes at once, whoever acts included (the same steps), two cores"),
     ):
