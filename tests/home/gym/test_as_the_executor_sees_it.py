@@ -25,6 +25,11 @@ class EnoughError(Exception):
 class Waiting:
     """Stands still through the skills before the one that is looked at."""
 
+    sees = True
+
+    def overtime(self, lane):
+        return False
+
     def begin(self, world, lane, skill):
         pass
 

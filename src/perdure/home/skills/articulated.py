@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import LASER, PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import Sensors
 from perdure.home.world.sensors import norm
@@ -41,7 +41,6 @@ class Articulated(Skill):
         "invalid grasp",
         "excess force",
     )
-    needs_laser: ClassVar[bool] = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
 
@@ -54,7 +53,6 @@ class Articulated(Skill):
             Element("to_wanted", "wanted minus joint position", "m or rad"),
             Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
             Element("holding", "1 when the handle is held", "1", 0.0, 1.0),
-            *LASER,
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
@@ -65,7 +63,6 @@ class Articulated(Skill):
             (self.wanted - sensors.link_position)[:, None],
             sensors.link_velocity[:, None],
             holds_handle(sensors).astype(np.float64)[:, None],
-            sensors.laser,
         ]
         return np.concatenate(columns, axis=1)
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import LASER, PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import GRIP, Sensors
 from perdure.home.world.sensors import norm
@@ -29,7 +29,6 @@ class Pick(Skill):
     name = "pick"
     failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
     force_limit = 5000.0
-    needs_laser = True
 
     @property
     def elements(self) -> tuple[Element, ...]:
@@ -38,15 +37,12 @@ class Pick(Skill):
             *PROPRIOCEPTION,
             *point_elements("object", "the object"),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
-            *LASER,
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         holding = (sensors.held >= 0).astype(np.float64)[:, None]
-        return np.concatenate(
-            [*proprioception(sensors), *point(sensors, sensors.object), holding, sensors.laser], axis=1
-        )
+        return np.concatenate([*proprioception(sensors), *point(sensors, sensors.object), holding], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""

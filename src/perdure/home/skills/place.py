@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.skills.observation import LASER, PROPRIOCEPTION, point, point_elements, proprioception, unit
+from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception, unit
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
@@ -39,7 +39,6 @@ class Place(Skill):
     name = "place"
     failures: ClassVar[tuple[str, ...]] = ("none", "wrong drop", "invalid grasp", "excess force")
     force_limit = 7500.0
-    needs_laser = True
     delta: int = 1
     """Delta: for how many steps the object must have stayed."""
     limited_to: int | None = None
@@ -70,7 +69,6 @@ class Place(Skill):
             Element("goal_distance", "d_o^g: length of that", "m", 0.0),
             *(Element(f"object_up_{a}", f"object's z axis, base axes {a}", "1", -1.0, 1.0) for a in "xyz"),
             Element("holding", "1 when the object is held", "1", 0.0, 1.0),
-            *LASER,
             *((lasting,) if self.delta > 1 else ()),
         )
 
@@ -83,7 +81,6 @@ class Place(Skill):
             sensors.object_to_goal[:, None],
             unit(sensors.turned_to_base(sensors.object_up)),
             sensors.holds_target.astype(np.float64)[:, None],
-            sensors.laser,
         ]
         if self.delta > 1:
             columns.append(np.minimum(progress.lasting / self.delta, 1.0)[:, None])
