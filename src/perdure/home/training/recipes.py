@@ -56,7 +56,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
     if skill not in RECIPES:
         raise HomeError(f"nobody learns {skill!r}; there are recipes for {', '.join(RECIPES)}")
     recipe = RECIPES[skill]
-    world = make_world(skill_task(skill, task, split="val", episodes=1, **options), [0])
+    world = make_world(skill_task(skill, task, **{**options, "split": "val", "episodes": 1}), [0])
     size = world.spec.observation_size
     world.close()
     config = method_config("ppo", task, size)

@@ -1,0 +1,50 @@
+"""Learning a skill from end to end, small, and the score that comes out."""
+
+import numpy as np
+import pytest
+
+from perdure.home.errors import HomeError
+from perdure.home.execute import Learned
+from perdure.home.skills import get_skill
+from perdure.home.training import RECIPES, evaluate_skill, skill_config, train_skill
+from perdure.policy import load_policy
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    """A place policy that has learned next to nothing."""
+    out = tmp_path_factory.mktemp("runs")
+    (path,) = train_skill("place", "set_table", (0,), out, 1, total_steps=4096, split="val", episodes=2)
+    return load_policy(path)
+
+
+def test_a_score_counts_every_episode_once(policy):
+    score = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
+    assert len(score.success) == len(score.steps) == 24
+    assert score.failures.total() == 24 - score.success.sum()
+    assert np.all((score.steps >= 1) & (score.steps <= get_skill("place").limit))
+    assert f"{score.rate:.3f} of 24" in score.summary()
+    again = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
+    assert again.success.tolist() == score.success.tolist()
+    assert again.steps.tolist() == score.steps.tolist()
+
+
+def test_a_policy_acts_in_its_own_skill_only(policy):
+    actor = Learned(policy)
+    actor.begin(None, 0, get_skill("place"))
+    with pytest.raises(HomeError, match="navigate has"):
+        actor.begin(None, 0, get_skill("navigate"))
+
+
+@pytest.mark.parametrize("skill", RECIPES)
+def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
+    config = skill_config(skill, "set_table")
+    assert config.protocol.horizon.longest == get_skill(skill).limit
+    assert config.protocol.end == "truncated"
+    assert config.protocol.embedding is None
+
+
+def test_delta_lengthens_the_horizon():
+    assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
+    with pytest.raises(HomeError, match="reset_arm"):
+        skill_config("reset_arm", "set_table")
