@@ -38,7 +38,7 @@ class SkillScore:
 
 
 def evaluate_skill(
-    policy: Policy, skill: str, episodes: int = 200, seed: int = 1000, lanes: int = 20, **options: Any
+    policy: Policy, skill: str, count: int = 200, seed: int = 1000, lanes: int = 20, **options: Any
 ) -> SkillScore:
     """Runs a policy with its mean actions until enough episodes have ended.
 
@@ -47,7 +47,7 @@ def evaluate_skill(
     Args:
         policy: Trained on the skill's environment.
         skill: Name of the skill.
-        episodes: How many, rounded up to a multiple of the lanes.
+        count: How many episodes, rounded up to a multiple of the lanes.
         seed: Lane k draws its starts from seed + k.
         lanes: Side by side.
         options: Of the environment; the published val episodes at 240 Hz when not said otherwise.
@@ -55,7 +55,7 @@ def evaluate_skill(
     options = {"split": "val", "physics_hz": 240, **options}
     env = HomeSkillVectorEnv(lanes, skill=skill, **options)
     limit = env.skill.limit
-    rounds = -(-episodes // lanes)
+    rounds = -(-count // lanes)
     success, steps, failures = [], [], Counter[str]()
     left = np.full(lanes, rounds)
     observations, _ = env.reset(seed=seed)
