@@ -34,7 +34,8 @@ class SkillScore:
     def summary(self) -> str:
         """One line."""
         n, ways = len(self.success), ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
-        return f"{self.rate:.3f} of {n} episodes, {self.steps[self.success].mean():.0f} steps; {ways or 'no failure'}"
+        steps = f", {self.steps[self.success].mean():.0f} steps" if self.success.any() else ""
+        return f"{self.rate:.3f} of {n} episodes{steps}; {ways or 'no failure'}"
 
 
 def evaluate_skill(
