@@ -21,7 +21,7 @@ from perdure.home.episodes import Episode, load_episodes, start_pose
 from perdure.home.execute import Executor, ExecutorOptions, Scripted
 from perdure.home.gym import HomeSkillVectorEnv
 from perdure.home.oracle import Oracle
-from perdure.home.runs import Protocol, choose_policies, make_actors
+from perdure.home.protocol import Protocol, choose_policies, make_actors
 from perdure.home.skills import get_skill
 from perdure.home.world import CONTROL_HZ, PHYSICS_HZ, World, episode_scene
 

@@ -50,7 +50,7 @@ def main(args: list[str]) -> None:
     from perdure.home.errors import HomeError
     from perdure.home.execute import EpisodeLog, ExecutorOptions
     from perdure.home.outcomes import analyse, read_logs
-    from perdure.home.runs import Protocol, choose_policies, run_protocol
+    from perdure.home.protocol import Protocol, choose_policies, run_protocol
     from perdure.home.world import SceneOptions
 
     chosen = dict(each.partition("=")[::2] for each in flags.policies)

@@ -1,0 +1,11 @@
+"""Running the benchmark's protocol: which policies, which episodes, kept so that a killed run goes on.
+
+Contents:
+    Protocol, run_protocol, units     episodes x training seeds x evaluation seeds
+    choose_policies, make_actors      who acts in which skill
+"""
+
+from perdure.home.protocol.policies import choose_policies, make_actors, shipped_policy
+from perdure.home.protocol.run import LOGS, Protocol, run_protocol, units
+
+__all__ = ["LOGS", "Protocol", "choose_policies", "make_actors", "run_protocol", "shipped_policy", "units"]

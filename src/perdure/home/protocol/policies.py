@@ -1,0 +1,86 @@
+"""Which policy acts in which skill: shipped ones, files of your own, or the oracle where there is none."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from perdure.home.arms import make_arm
+from perdure.home.errors import HomeError
+from perdure.home.execute import Actor, Learned, Scripted
+from perdure.home.oracle import Oracle
+from perdure.home.skills import SKILLS
+from perdure.home.tasks import SkillName, get_task
+from perdure.policy import Policy, load_policy
+
+SHIPPED = Path(__file__).parent.parent / "shipped"
+"""Policies that come with the package: TASK/SKILL[-delta-N]/seed-K.safetensors."""
+ORACLE = "oracle"
+
+
+@dataclass(frozen=True)
+class SkillPolicy:
+    """What acts in one skill."""
+
+    source: str
+    """Path of the policy's file, or "oracle"."""
+    sha256: str
+    """Of the file; empty for the oracle."""
+    policy: Policy | None
+
+
+def shipped_policy(task: str, skill: str, train_seed: int, delta: int = 1) -> Path | None:
+    """The shipped policy of a skill, None when there is none."""
+    name = skill if delta == 1 else f"{skill}-delta-{delta}"
+    path = SHIPPED / task / name / f"seed-{train_seed}.safetensors"
+    return path if path.exists() else None
+
+
+def choose_policies(
+    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, delta: int = 1
+) -> dict[SkillName, SkillPolicy]:
+    """What acts in each skill of a task.
+
+    Args:
+        task: Name of the task.
+        train_seed: Which of the training seeds; `{seed}` in a path stands for it.
+        chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
+        delta: Which place policy: the one trained to make objects stay for so many steps.
+
+    Raises:
+        HomeError: If a skill is unknown or its file is missing.
+    """
+    chosen = dict(chosen or {})
+    unknown = chosen.keys() - SKILLS.keys()
+    if unknown:
+        raise HomeError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
+    result: dict[SkillName, SkillPolicy] = {}
+    for skill in dict.fromkeys(step.skill for step in get_task(task).skills):
+        if skill == "reset_arm":
+            continue
+        named = chosen.get(skill)
+        path: Path | None
+        if named is None:
+            path = shipped_policy(task, skill, train_seed, delta if skill == "place" else 1)
+        else:
+            path = None if named == ORACLE else Path(named.format(seed=train_seed))
+        if path is not None and not path.exists():
+            raise HomeError(f"there is no policy {path} for {skill}")
+        result[skill] = SkillPolicy(ORACLE, "", None) if path is None else _load(path)
+    return result
+
+
+def make_actors(policies: Mapping[SkillName, SkillPolicy], arm: str) -> dict[str, Actor]:
+    """An actor for each skill, that of place behind its arm."""
+    oracle = Oracle()
+    actors: dict[str, Actor] = {"reset_arm": Scripted()}
+    for skill, chosen in policies.items():
+        actor: Actor = oracle if chosen.policy is None else Learned(chosen.policy)
+        actors[skill] = make_arm(arm, Oracle() if actor is oracle else actor) if skill == "place" else actor
+    return actors
+
+
+def _load(path: Path) -> SkillPolicy:
+    return SkillPolicy(str(path), hashlib.sha256(path.read_bytes()).hexdigest(), load_policy(path))

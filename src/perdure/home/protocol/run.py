@@ -1,0 +1,147 @@
+"""The benchmark's protocol: episodes x training seeds x evaluation seeds for one task and one arm, resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+
+from perdure.home.arms import ARMS
+from perdure.home.episodes import load_episodes
+from perdure.home.errors import HomeError
+from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
+from perdure.home.outcomes import write_logs
+from perdure.home.protocol.policies import choose_policies, make_actors
+from perdure.home.skills import Skill, get_skill
+from perdure.home.tasks import get_task
+from perdure.store import Store
+
+CHUNK = 10
+"""Episodes in one unit of the store: what a killed run loses at most."""
+LOGS = "logs.parquet"
+Told = Callable[[EpisodeLog], None]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What to run."""
+
+    task: str
+    place: str = "rl"
+    """`rl`, `stop`, `ik`, `ik+`, or `delta-N`: the policy alone, trained to make objects stay for N steps."""
+    split: str = "val"
+    episodes: int = 100
+    train_seeds: int = 1
+    eval_seeds: int = 1
+    policies: Mapping[str, str] = field(default_factory=dict)
+    """See `choose_policies`."""
+    options: ExecutorOptions = field(default_factory=ExecutorOptions)
+
+    def __post_init__(self) -> None:
+        """Whatever is no task, split, arm or count raises HomeError."""
+        count = len(load_episodes(self.task, self.split))
+        for name, value, most in (("episodes", self.episodes, count), ("train_seeds", self.train_seeds, None)):
+            if value < 1 or (most is not None and value > most):
+                raise HomeError(f"{name} must be 1{'' if most is None else f' to {most}'} or more, not {value}")
+        if self.eval_seeds < 1:
+            raise HomeError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
+        _ = self.arm, self.delta
+
+    @property
+    def arm(self) -> str:
+        """The arm around the policy: `rl` for `delta-N`."""
+        if self.place.startswith("delta-"):
+            return "rl"
+        if self.place not in ARMS:
+            raise HomeError(f"place must be one of {', '.join(ARMS)} or delta-N, not {self.place!r}")
+        return self.place
+
+    @property
+    def delta(self) -> int:
+        """For how many steps a placed object must stay before place stops; 1 is the benchmark's rule."""
+        text = self.place.removeprefix("delta-")
+        if not self.place.startswith("delta-"):
+            return 1
+        if not text.isdigit() or int(text) < 2:
+            raise HomeError(f"the number in delta-N must be 2 or more, not {text!r}")
+        return int(text)
+
+    def skills(self) -> dict[str, Skill]:
+        """The skills of the task's plan."""
+        names: set[str] = {step.skill for step in get_task(self.task).skills}
+        return {name: get_skill(name, **({"delta": self.delta} if name == "place" else {})) for name in names}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A part of a protocol that is run and kept as a whole."""
+
+    train_seed: int
+    eval_seed: int
+    first: int
+    """Its first episode."""
+    last: int
+    """Its last episode."""
+
+    def key(self, protocol: Protocol) -> str:
+        """Its place in the store."""
+        where = f"{protocol.task}/{protocol.split}/{protocol.place.replace('+', '-plus')}"
+        return f"{where}/train-{self.train_seed}/eval-{self.eval_seed}/episodes-{self.first:03d}-{self.last:03d}"
+
+
+def units(protocol: Protocol) -> Iterator[Unit]:
+    """All parts of a protocol, evaluation seeds before training seeds, so that an early look sees every policy."""
+    for eval_seed in range(protocol.eval_seeds):
+        for train_seed in range(protocol.train_seeds):
+            for first in range(0, protocol.episodes, CHUNK):
+                yield Unit(train_seed, eval_seed, first, min(first + CHUNK, protocol.episodes) - 1)
+
+
+def run_protocol(protocol: Protocol, out: str | Path, told: Told = lambda log: None) -> list[Path]:
+    """Runs what is missing of a protocol and hands back the logs of all of it.
+
+    Args:
+        protocol: What to run.
+        out: Folder of the store. The same call goes on where a killed one stopped.
+        told: Called with every episode that was run now.
+    """
+    store, paths = Store(out), []
+    episodes = load_episodes(protocol.task, protocol.split)
+    skills = protocol.skills()
+    for unit in units(protocol):
+        policies = choose_policies(protocol.task, unit.train_seed, protocol.policies, protocol.delta)
+        config = _config(protocol, unit, {skill: each.sha256 or each.source for skill, each in policies.items()})
+        key = unit.key(protocol)
+        if not store.done(key, config):
+            options = replace(protocol.options, eval_seed=unit.eval_seed)
+            executor = Executor(skills, make_actors(policies, protocol.arm), options)
+            logs = []
+            for log in executor.run(episodes.episodes[unit.first : unit.last + 1]):
+                logs.append(log)
+                told(log)
+            logs.sort(key=lambda log: log.episode.index)
+            with store.write(key, config) as folder:
+                trained = str(unit.train_seed) if any(each.policy for each in policies.values()) else "-1"
+                write_logs(folder / LOGS, logs, {"arm": protocol.place, "train_seed": trained})
+        paths.append(store.get(key, config) / LOGS)
+    return paths
+
+
+def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict[str, object]:
+    """What a unit is: everything its logs depend on."""
+    options = protocol.options
+    return {
+        "task": protocol.task,
+        "split": protocol.split,
+        "place": protocol.place,
+        "train_seed": unit.train_seed,
+        "eval_seed": unit.eval_seed,
+        "episodes": [unit.first, unit.last],
+        "policies": dict(policies),
+        "jaws": options.jaws,
+        "physics_hz": options.scene.physics_hz,
+        "settle_steps": options.settle_steps,
+        "mujoco": version("mujoco"),
+        "perdure": version("perdure"),
+    }
