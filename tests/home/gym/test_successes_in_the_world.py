@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from lanes import begin_at, make
-from scripted import action, never, start_within_reach, steps_until, to_rest
+from skill_scripts import action, never, start_within_reach, steps_until, to_rest
 
 from perdure.home.layouts import Pose
 from perdure.home.skills import Aim, region
