@@ -110,10 +110,10 @@ def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], boo
     for _ in range(int(30 + 60 * abs(distance))):
         gone = float((np.array([view.base.x, view.base.y]) - (start.x, start.y)) @ along)
         left = distance - gone
-        if abs(left) < 0.015 or until():
+        if abs(left) < 0.01 or until():
             break
         error = float(wrap(np.array(yaw - view.base.yaw)))
-        yield view.action(forward=float(np.clip(8.0 * left, -1.2, 1.2)), turn=float(np.clip(4.0 * error, -1.0, 1.0)))
+        yield view.action(forward=float(np.clip(4.0 * left, -1.0, 1.0)), turn=float(np.clip(4.0 * error, -1.0, 1.0)))
     yield view.action()
 
 

@@ -22,9 +22,6 @@ SAFE = 0.002
 """What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
 AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)
-INSIDE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
-INSIDE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
-"""Finer steps in front of a fridge, where centimetres decide."""
 
 
 def pick(view: View) -> Motion:
@@ -65,14 +62,9 @@ def plan_pick(
     rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
     inside = ghost.in_fridge(point)
     wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
-    places = near_by(base, point, inside) if stands is None else stands
+    places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
     # In a fridge there is no other way than from the front, and the target may give way a little.
     return plan_reach(ghost, places, wishes, -1 if inside else target)
-
-
-def near_by(base: Pose, point: FloatArray, inside: bool) -> list[Pose]:
-    """What one turn and one drive reach."""
-    return list(ahead(base, point, INSIDE_AHEAD if inside else AHEAD, INSIDE_TURNS if inside else TURNS))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:

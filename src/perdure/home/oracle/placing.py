@@ -29,8 +29,6 @@ OTHER_STARTS = (
 """Arm poses from which inverse kinematics starts beside that of rest."""
 PER_STAND = 25
 """Plans that are tested at one standing place: what is in the way of one is mostly in the way of the others."""
-FINE = 25
-"""Points of a path that is about to be taken at which it is tested."""
 CLOSE = 0.01
 """How far from the wanted point a pose may leave the gripper in [m]."""
 
@@ -114,8 +112,6 @@ def plan_reach(
         worst = max(worst, ghost.path_depth(entry, via, end, firm=firm, points=4))
         if best is None or steps + DEPTH_COST * worst < best.cost:
             worst = max(worst, ghost.path_depth(entry, rest, via, firm=firm, points=7))
-        if worst == 0.0:  # between seven points there is room for a shelf
-            worst = ghost.path_depth(entry, rest, via, firm=firm, points=FINE)
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
