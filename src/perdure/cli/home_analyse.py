@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,16 +16,26 @@ class HomeAnalyse:
     """Say what became of executed episodes: success per stage, failure modes, placements by kind of object."""
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """Files of logs, or folders that hold some."""
+    """Files of logs, or folders that hold some; of several tasks and placing arms if you like."""
+    out: Path | None = None
+    """Folder for report.html, which sets the arms side by side, and its figures as PNG."""
 
 
 def main(args: list[str]) -> None:
     """``perdure home analyse``."""
     flags = parse(HomeAnalyse, args, "home analyse")
     from perdure.home.errors import HomeError
-    from perdure.home.outcomes import analyse, read_logs
+    from perdure.home.outcomes import analyse
+    from perdure.home.page import read_cast, write_page
 
     paths = [path for given in flags.logs for path in (sorted(given.rglob("*.parquet")) if given.is_dir() else [given])]
     if not paths:
         raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, flags.logs)) or 'nothing'}")
-    print(analyse([record for path in paths for record in read_logs(path)]).summary())
+    records, cast = read_cast(paths)
+    analysis = analyse(records)
+    page = None
+    if flags.out is not None:
+        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyse", *args]), cast)
+    print(analysis.summary())
+    if page is not None:
+        print(f"\nReport: {page.resolve()}")

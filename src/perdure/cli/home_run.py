@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.parse import parse, policies
 
 
 @dataclass(frozen=True)
 class HomeRun:
-    """Run the benchmark's protocol: episodes x training seeds x evaluation seeds. Interrupt it any time."""
+    """Run the benchmark's protocol: episodes x training seeds x evaluation seeds. Interrupt it any time.
+
+    The report of what this command ran lies beside its logs; `perdure home analyse` sets several arms side by side.
+    """
 
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
@@ -47,15 +51,13 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from perdure.home.errors import HomeError
     from perdure.home.execute import EpisodeLog, ExecutorOptions
-    from perdure.home.outcomes import analyse, read_logs
+    from perdure.home.outcomes import analyse
+    from perdure.home.page import read_cast, write_page
     from perdure.home.protocol import Protocol, choose_policies, run_protocol
     from perdure.home.world import SceneOptions
 
-    chosen = dict(each.partition("=")[::2] for each in flags.policies)
-    if any(not path for path in chosen.values()):
-        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(flags.policies)}")
+    chosen = policies(flags.policies)
     options = ExecutorOptions(
         lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=SceneOptions(physics_hz=flags.physics_hz)
     )
@@ -64,6 +66,7 @@ def main(args: list[str]) -> None:
     )
     for train_seed in range(flags.train_seeds):  # a missing file is found out before anything runs
         choose_policies(protocol.task, train_seed, protocol.policies, protocol.delta)
+    command = shlex.join(["perdure", "home", "run", *args])
     total = flags.episodes * flags.train_seeds * flags.eval_seeds
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
@@ -72,7 +75,10 @@ def main(args: list[str]) -> None:
         def told(log: EpisodeLog) -> None:
             progress.advance(bar)
 
-        paths = run_protocol(protocol, flags.out, told)
+        paths = run_protocol(protocol, flags.out, told, command)
         progress.update(bar, completed=total)
-    print(analyse([record for path in paths for record in read_logs(path)]).summary())
-    print(f"\nlogs: {flags.out}")
+    records, cast = read_cast(paths)
+    analysis = analyse(records)
+    page = write_page(analysis, flags.out / protocol.folder, command, cast)
+    print(analysis.summary())
+    print(f"\nlogs: {flags.out}\nReport: {page.resolve()}")

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.parse import parse, policies
+
+if TYPE_CHECKING:
+    from perdure.home.execute import EpisodeLog
 
 
 @dataclass(frozen=True)
 class HomeVideo:
-    """Film the oracle at an episode, without a screen."""
+    """Film an episode, without a screen: the oracle, or several placing arms side by side."""
 
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
@@ -33,22 +37,40 @@ class HomeVideo:
     """Simulated time after which it ends."""
     seed: int = 0
     """Evaluation seed: draws where the robot starts."""
+    place: tuple[str, ...] = ()
+    """Placing arms, side by side in one film: rl, stop, ik, ik+, delta-N; the oracle alone when there is none."""
+    policies: tuple[str, ...] = ()
+    """With --place: SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
+    train_seed: int = 0
+    """With --place: which of the shipped policies."""
 
 
 def main(args: list[str]) -> None:
     """``perdure home video``."""
     flags = parse(HomeVideo, args, "home video")
     from perdure.home.episodes import load_episodes
-    from perdure.home.view import FilmOptions, contact_sheet, film_episode, save_picture
+    from perdure.home.errors import HomeError
+    from perdure.home.view import FilmOptions, contact_sheet, film_beside, film_episode, make_take, save_picture
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, flags.seed)
-    if flags.out.suffix.lower() == ".png":
+    if flags.place:
+        chosen = policies(flags.policies)
+        takes = [make_take(flags.task, place, flags.train_seed, chosen) for place in flags.place]
+        for place, log in zip(flags.place, film_beside(episode, flags.out, takes, options), strict=True):
+            _tell(log, f"{place}: ")
+    elif flags.policies:
+        raise HomeError("policies act in a film of placing arms: name some with --place")
+    elif flags.out.suffix.lower() == ".png":
         sheet, log = contact_sheet(episode, options=options)
         save_picture(sheet, flags.out, colors=256)
+        _tell(log)
     else:
-        log = film_episode(episode, flags.out, options)
-    if log is not None:
-        reached = sum(log.latched)
-        print(f"{reached} of {len(log.latched)} stages reached in {log.steps} steps")
+        _tell(film_episode(episode, flags.out, options))
     print(flags.out)
+
+
+def _tell(log: EpisodeLog | None, who: str = "") -> None:
+    """How far the episode went, if the film did not end before it."""
+    if log is not None:
+        print(f"{who}{sum(log.latched)} of {len(log.latched)} stages reached in {log.steps} steps")

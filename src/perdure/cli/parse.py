@@ -32,6 +32,16 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
         raise SystemExit(2) from None
 
 
+def policies(written: tuple[str, ...]) -> dict[str, str]:
+    """SKILL=FILE or SKILL=oracle, as `perdure home` takes them, to a mapping; HomeError for anything else."""
+    from perdure.home.errors import HomeError
+
+    chosen = dict(each.partition("=")[::2] for each in written)
+    if not all(chosen.values()):
+        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
+    return chosen
+
+
 def _fill(kind: type[T], args: list[str], prog: str, default: T | None) -> T:
     config = (tyro.conf.AvoidSubcommands,)
     if default is None:

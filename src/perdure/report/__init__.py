@@ -9,7 +9,8 @@
     verdict.py          the sentence on top
     png_renderer.py     a chart as PNG (matplotlib)
     plotly_renderer.py  a chart for the page (plotly.js)
-    page.py             write_report: the self-contained page, the PNG files beside it
+    document.py         a self-contained HTML document of figures and tables
+    page.py             write_report: the page of a table, the PNG files beside it
     errors.py           ReportError
 
 Of perdure the package imports only `store.write_whole`. Its parts are loaded when they are first used.

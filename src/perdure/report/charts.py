@@ -1,4 +1,4 @@
-"""What a chart is, whatever draws it: series, axes, markers. No renderer, no table in here."""
+"""What a chart is, whatever draws it: series, bars, axes, markers. No renderer, no table in here."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Axis:
     """Where the axis begins; None: as the data wants."""
     high: float | None = None
     rows: tuple[str, ...] = ()
-    """Names of rows 0, 1, 2, ... from top to bottom: the axis is a list, not a scale."""
+    """Names of rows 0, 1, 2, ... from top to bottom, or of columns from left to right: a list, not a scale."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,35 @@ class Series:
 
 
 @dataclass(frozen=True)
+class Bars:
+    """Level bars in a chart with rows, one for each row of the arrays."""
+
+    label: str
+    """In the legend; empty: not in it."""
+    rows: FloatArray
+    """Where their middles are, shape (bars,): a row's number, or a little above or below it."""
+    start: FloatArray
+    """Left ends, shape (bars,)."""
+    end: FloatArray
+    """Right ends, shape (bars,)."""
+    colour: Colour
+    thickness: float = 0.7
+    """In rows."""
+    texts: tuple[str, ...] = ()
+    """Written into the bars (left out where there is no room), or after them; one each, or none at all."""
+    inside: bool = False
+    """Whether texts stand in the bars."""
+    pale: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("start", "end"):
+            if np.shape(getattr(self, name)) != np.shape(self.rows):
+                raise ReportError(f"Bars {self.label!r}: {name} and rows have different shapes.")
+        if self.texts and len(self.texts) != len(self.rows):
+            raise ReportError(f"Bars {self.label!r} have {len(self.texts)} texts for {len(self.rows)} bars.")
+
+
+@dataclass(frozen=True)
 class Marker:
     """A vertical line with a label."""
 
@@ -80,6 +109,12 @@ class Chart:
     y: Axis
     series: tuple[Series, ...]
     markers: tuple[Marker, ...] = ()
+    bars: tuple[Bars, ...] = ()
+    """Drawn before the series."""
+    row_lines: int = 1
+    """How many bars or points lie below each other in one row."""
+    linked: bool = False
+    """In a chart with rows: a pale line joins the first and the last series in every row."""
     note: str = ""
     """One or two sentences under the chart."""
     wide: bool = field(default=False)

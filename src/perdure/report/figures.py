@@ -222,6 +222,7 @@ def _tenths_chart(estimates: Sequence[Estimate]) -> Chart:
         title="Reward per step: first and last tenth",
         x=Axis("mean reward per step"),
         y=Axis("", rows=tuple(item.group.label for item in estimates)),
+        linked=True,
         series=(dots("first tenth", "first_tenth", FADED, True), dots("last tenth", "last_tenth", category(0), False)),
         note="A lane that ended earns 0 in its last tenth. A wide gap where lanes survive is a silent failure.",
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from perdure.report import document
 from perdure.report.charts import Chart
 from perdure.report.estimates import Estimate, estimate_group
 from perdure.report.figures import make_charts
 from perdure.report.groups import make_groups, tasks_of
-from perdure.report.plotly_renderer import render_plotly
 from perdure.report.png_renderer import render_png
 from perdure.report.schema import check_table, read_table
 from perdure.report.table import HEADINGS, make_rows
@@ -30,8 +28,6 @@ intervals (2,000 resamples): the lanes of one training run are averaged first an
 training run the lanes are resampled, and the interval is labelled “evaluation seeds only”: it says nothing about
 training again. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane earned in its
 first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane's first 1,000."""
-_STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
-_SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
 
 
 def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:
@@ -87,40 +83,11 @@ def write_report(table: pl.DataFrame | str | os.PathLike[str], out: str | os.Pat
 
 
 def _page(sections: Sequence[str], command: str) -> str:
-    from plotly.offline import get_plotlyjs
-
-    shown = html.escape(command) if command else "not recorded"
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,"><title>perdure: does it hold?</title>'
-        f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><main>"
-        f"{''.join(sections)}"
-        "<section><h2>How this was made</h2>"
-        f"<p>{METHOD}</p>"
-        f"<h2>Command</h2><pre>{shown}</pre></section></main><script>{_SCRIPT}</script></body></html>\n"
-    )
+    return document.page("perdure: does it hold?", [*sections, document.text("How this was made", METHOD)], command)
 
 
 def _section(task: str, estimates: Sequence[Estimate], charts: Sequence[Chart]) -> str:
-    figures = "".join(_figure(chart) for chart in charts)
     rows = make_rows(estimates)
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in HEADINGS)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row.cells) + "</tr>" for row in rows)
     over = " or ".join(sorted({row.intervals for row in rows}))
-    return (
-        f"<header><p class='task'>{html.escape(task)}</p><h1>{html.escape(verdict(estimates))}</h1></header>"
-        f"<div class='figures'>{figures}</div>"
-        f"<section><h2>All lanes</h2><div class='scroll'><table><thead><tr>{head}</tr></thead>"
-        f"<tbody>{body}</tbody></table></div><p class='note'>Intervals over {html.escape(over)}.</p></section>"
-    )
-
-
-def _figure(chart: Chart) -> str:
-    both = {"light": render_plotly(chart, dark=False), "dark": render_plotly(chart, dark=True)}
-    # "</" would end the script element; inside a JSON string it may be written with an escaped slash.
-    data = json.dumps(both, allow_nan=False).replace("</", "<\\/")
-    return (
-        f"<figure id='{chart.name}'><figcaption>{html.escape(chart.title)}</figcaption><div class='plot'></div>"
-        f"<script type='application/json'>{data}</script><p class='note'>{html.escape(chart.note)}</p></figure>"
-    )
+    lanes = document.table("All lanes", HEADINGS, [row.cells for row in rows], f"Intervals over {over}.")
+    return document.header(task, verdict(estimates)) + document.figures(charts) + lanes

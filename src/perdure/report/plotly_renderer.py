@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from perdure.report.charts import Axis, Chart, Series
+from perdure.report.charts import Axis, Bars, Chart, Series
 
 HEIGHT = 380
 ROW_HEIGHT = 30
+LINE_HEIGHT = 18
+"""Of each of several bars in one row."""
 LEGEND_HEIGHT = 14
 """Room for the legend's part of one series."""
 _DASHES = {"solid": "solid", "dash": "dash", "dot": "dot", "dashdot": "dashdot"}
@@ -22,8 +24,39 @@ def render_plotly(chart: Chart, dark: bool) -> dict[str, Any]:
         chart: What to draw.
         dark: For a dark page; both versions share data but for colours.
     """
-    data = [trace for series in chart.series for trace in _traces(series, dark, bool(chart.y.rows))]
+    data = [_bars(bars, dark) for bars in chart.bars]
+    data += [trace for series in chart.series for trace in _traces(series, dark, bool(chart.y.rows))]
     return {"data": data, "layout": _layout(chart, dark)}
+
+
+def _bars(bars: Bars, dark: bool) -> dict[str, Any]:
+    colour = bars.colour.dark if dark else bars.colour.light
+    trace = {
+        "type": "bar",
+        "orientation": "h",
+        "name": _escape(bars.label),
+        "showlegend": bool(bars.label),
+        "legendgroup": bars.label,
+        "y": _numbers(bars.rows),
+        "base": _numbers(bars.start),
+        "x": _numbers(bars.end - bars.start),
+        "width": bars.thickness,
+        "marker": {"color": colour + "4d" if bars.pale else colour, "line": {"width": 0}},
+        "hoverinfo": "skip",
+    }
+    if bars.texts:
+        trace |= {
+            "text": [_escape(text) for text in bars.texts],
+            "textposition": "inside" if bars.inside else "outside",
+            "insidetextanchor": "middle",
+            "textangle": 0,
+            "constraintext": "inside" if bars.inside else "none",
+            "cliponaxis": False,
+            "textfont": {"size": 11.5} | ({"color": "#16181b" if dark else "#ffffff"} if bars.inside else {}),
+            "hovertext": [_escape(": ".join(filter(None, (bars.label, text)))) for text in bars.texts],
+            "hoverinfo": "text",
+        }
+    return trace
 
 
 def _colour(series: Series, dark: bool) -> str:
@@ -90,7 +123,9 @@ def _layout(chart: Chart, dark: bool) -> dict[str, Any]:
     ink, grid = ("#d5d8dd", "#33373d") if dark else ("#3b3f46", "#e4e6ea")
     rows = len(chart.y.rows)
     layout: dict[str, Any] = {
-        "height": 150 + ROW_HEIGHT * rows if rows else HEIGHT + LEGEND_HEIGHT * len(chart.series),
+        "height": _height(chart),
+        "barmode": "overlay",
+        "uniformtext": {"mode": "hide", "minsize": 11},
         "margin": {"l": 12, "r": 16, "t": 40, "b": 12},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
@@ -98,7 +133,7 @@ def _layout(chart: Chart, dark: bool) -> dict[str, Any]:
         "hovermode": "closest" if rows else "x unified",
         "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom", "groupclick": "toggleitem"},
         "xaxis": _axis(chart.x, grid, ink) | {"title": {"text": _escape(chart.x.title), "standoff": 8}},
-        "yaxis": _axis(chart.y, grid, ink),
+        "yaxis": _axis(chart.y, grid, ink, downwards=True),
         "shapes": [
             {
                 "type": "line",
@@ -143,7 +178,13 @@ def _layout(chart: Chart, dark: bool) -> dict[str, Any]:
     return layout
 
 
-def _axis(axis: Axis, grid: str, ink: str) -> dict[str, Any]:
+def _height(chart: Chart) -> int:
+    if not chart.y.rows:
+        return HEIGHT + LEGEND_HEIGHT * len(chart.series)
+    return 150 + max(ROW_HEIGHT, LINE_HEIGHT * chart.row_lines + 10) * len(chart.y.rows)
+
+
+def _axis(axis: Axis, grid: str, ink: str, downwards: bool = False) -> dict[str, Any]:
     result: dict[str, Any] = {
         "gridcolor": grid,
         "zerolinecolor": grid,
@@ -151,7 +192,8 @@ def _axis(axis: Axis, grid: str, ink: str) -> dict[str, Any]:
         "automargin": True,
     }
     if axis.log:
-        result |= {"type": "log", "dtick": 1, "exponentformat": "none", "tickformat": ",.0f"}
+        whole = axis.low is None or axis.low >= 1.0
+        result |= {"type": "log", "dtick": 1, "exponentformat": "none", "tickformat": ",.0f" if whole else "~g"}
     if axis.percent:
         result |= {"tickformat": ".0%"}
     if axis.low is not None and axis.high is not None:
@@ -159,10 +201,11 @@ def _axis(axis: Axis, grid: str, ink: str) -> dict[str, Any]:
         margin = 0.02 * (ends[1] - ends[0])
         result["range"] = [float(ends[0] - margin), float(ends[1] + margin)]
     if axis.rows:
+        last = len(axis.rows) - 1
         result |= {
             "tickvals": list(range(len(axis.rows))),
             "ticktext": [_escape(row) for row in axis.rows],
-            "range": [len(axis.rows) - 0.4, -0.6],
+            "range": [last + 0.6, -0.6] if downwards else [-0.3, last + 0.3],
         }
     return result
 

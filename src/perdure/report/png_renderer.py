@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from perdure.report import wording
-from perdure.report.charts import Axis, Chart, FloatArray, Series
+from perdure.report.charts import Axis, Bars, Chart, FloatArray, Series
 from perdure.report.palette import INK
 
 if TYPE_CHECKING:
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
 
 _DPI = 160
 _WIDTH, _HEIGHT = 8.4, 4.7
-_ROW = 0.27
+_ROW, _LINE = 0.27, 0.19
+_LEGEND_COLUMNS, _LEGEND_LINE = 5, 0.21
+_NOTE_LETTERS, _NOTE_LINE = 128, 0.155
 _TEXT, _GREY, _GRID = INK.light, "#6b7079", "#e4e6ea"
 _DASHES = {"solid": "-", "dash": (0, (5, 2.2)), "dot": (0, (1.2, 1.6)), "dashdot": (0, (5, 1.8, 1.2, 1.8))}
 _STYLE: Any = {"font.family": "DejaVu Sans", "font.size": 9.5, "text.color": _TEXT, "text.parse_math": False}
@@ -43,10 +46,14 @@ def render_png(chart: Chart, heading: str = "") -> bytes:
         FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         _draw_axes(axes, chart)
+        for bars in chart.bars:
+            _draw_bars(axes, bars)
         for order, series in enumerate(chart.series):
             _draw_series(axes, series, rows=bool(chart.y.rows), order=order)
         _place(figure, axes, chart)
         _draw_markers(axes, chart)
+        for bars in chart.bars:
+            _draw_bar_texts(figure, axes, bars)
         if chart.y.rows:
             _draw_row_legend(axes, chart)
         else:
@@ -58,7 +65,27 @@ def render_png(chart: Chart, heading: str = "") -> bytes:
 
 
 def _figure_height(chart: Chart) -> float:
-    return 1.75 + _ROW * len(chart.y.rows) if chart.y.rows else _HEIGHT
+    if not chart.y.rows:
+        return _HEIGHT + _note_room(chart)
+    row = max(_ROW, _LINE * chart.row_lines + 0.1)
+    return 1.75 + row * len(chart.y.rows) + _LEGEND_LINE * (_legend_lines(chart) - 1) + _note_room(chart)
+
+
+def _note_room(chart: Chart) -> float:
+    """Inches that a note of more than one line takes."""
+    return _NOTE_LINE * max(0, len(_note_lines(chart)) - 1)
+
+
+def _note_lines(chart: Chart) -> list[str]:
+    return textwrap.wrap(chart.note, _NOTE_LETTERS)
+
+
+def _legend_lines(chart: Chart) -> int:
+    return -(-len(_legend_labels(chart)) // _LEGEND_COLUMNS)
+
+
+def _legend_labels(chart: Chart) -> list[str]:
+    return [bars.label for bars in chart.bars if bars.label] + [series.label for series in chart.series]
 
 
 def _draw_axes(axes: Axes, chart: Chart) -> None:
@@ -81,6 +108,10 @@ def _scale_axis(axes: Axes, name: str, axis: Axis) -> None:
     from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
     target = axes.xaxis if name == "x" else axes.yaxis
+    if axis.rows:
+        target.set_ticks(range(len(axis.rows)), labels=list(axis.rows))
+        axes.set_xlim(-0.3, len(axis.rows) - 0.7)
+        return
     if axis.log:
         (axes.set_xscale if name == "x" else axes.set_yscale)("log")
         target.set_minor_formatter(NullFormatter())
@@ -93,8 +124,29 @@ def _scale_axis(axes: Axes, name: str, axis: Axis) -> None:
             None if axis.high is None else axis.high + margin,
         )
     target.set_major_formatter(
-        FuncFormatter(lambda value, _: wording.share(value) if axis.percent else wording.short(value))
+        FuncFormatter(lambda value, _: f"{round(100 * value, 6):g} %" if axis.percent else wording.short(value))
     )
+
+
+def _draw_bars(axes: Axes, bars: Bars) -> None:
+    alpha = 0.3 if bars.pale else 1.0
+    lengths = bars.end - bars.start
+    axes.barh(bars.rows, lengths, bars.thickness, bars.start, color=bars.colour.light, alpha=alpha, linewidth=0)
+
+
+def _draw_bar_texts(figure: Figure, axes: Axes, bars: Bars) -> None:
+    """Texts after the bars, or in those with room for them. Drawn when the axes have their place."""
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    for row, start, end, text in zip(bars.rows, bars.start, bars.end, bars.texts, strict=False):
+        if not bars.inside:
+            axes.annotate(
+                text, (end, row), xytext=(4, 0), textcoords="offset points", color=_TEXT, fontsize=8.5, va="center"
+            )
+            continue
+        drawn = axes.text(0.5 * (start + end), row, text, color="white", fontsize=8.5, ha="center", va="center")
+        left, right = (float(axes.transData.transform((x, row))[0]) for x in (start, end))
+        if drawn.get_window_extent(renderer).width + 6 > right - left:
+            drawn.remove()
 
 
 def _draw_series(axes: Axes, series: Series, rows: bool, order: int) -> None:
@@ -132,7 +184,7 @@ def _place(figure: Figure, axes: Axes, chart: Chart) -> None:
         if chart.y.rows
         else 0.35 + min(0.073 * max(len(series.tag or series.label) for series in chart.series), 3.0)
     )
-    bottom, top = 0.85, 0.85
+    bottom, top = 0.85 + _note_room(chart), 0.85 + (_LEGEND_LINE * (_legend_lines(chart) - 1) if chart.y.rows else 0.0)
     axes.set_position((left / width, bottom / height, (width - left - right) / width, (height - bottom - top) / height))
 
 
@@ -221,19 +273,23 @@ def spread(wanted: FloatArray, gap: float, low: float, high: float) -> FloatArra
 
 def _draw_row_legend(axes: Axes, chart: Chart) -> None:
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
-    handles = [
-        Line2D([], [], color=s.colour.light, marker="o", linestyle="none", markersize=6.0, markeredgewidth=1.6)
-        for s in chart.series
+    handles: list[Any] = [
+        Patch(facecolor=bars.colour.light, alpha=0.3 if bars.pale else 1.0) for bars in chart.bars if bars.label
     ]
-    for handle, series in zip(handles, chart.series, strict=True):
+    for series in chart.series:
+        handle = Line2D(
+            [], [], color=series.colour.light, marker="o", linestyle="none", markersize=6.0, markeredgewidth=1.6
+        )
         handle.set_markerfacecolor("white" if series.hollow else series.colour.light)
-    first, last = chart.series[0], chart.series[-1]
-    axes.hlines(first.y, first.x, last.x, color=_GRID, linewidth=3.0, zorder=1.8)
-    labels = [series.label for series in chart.series]
-    legend = axes.legend(
-        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(labels), frameon=False
-    )
+        handles.append(handle)
+    if chart.linked:
+        first, last = chart.series[0], chart.series[-1]
+        axes.hlines(first.y, first.x, last.x, color=_GRID, linewidth=3.0, zorder=1.8)
+    labels = _legend_labels(chart)
+    columns = max(1, min(len(labels), _LEGEND_COLUMNS))
+    legend = axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False)
     legend.set_in_layout(False)
 
 
@@ -244,4 +300,4 @@ def _draw_texts(figure: Figure, axes: Axes, chart: Chart, heading: str) -> None:
     figure.text(left, 1.0 - 0.2 / height, title, fontsize=12.5, fontweight="bold", va="top")
     if chart.y.title:
         figure.text(left, 1.0 - 0.47 / height, chart.y.title, color=_GREY, va="top")
-    figure.text(left, 0.14 / height, chart.note, color=_GREY, fontsize=8.5, va="bottom")
+    figure.text(left, 0.14 / height, "\n".join(_note_lines(chart)), color=_GREY, fontsize=8.5, va="bottom")

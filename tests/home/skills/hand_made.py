@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from perdure.home.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-from perdure.home.world import BEAMS, LASER_RANGE, Sensors
+from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 REST = np.array(REST_POSITION)
 BOWL, OTHER, DRAWER = 0, 4, 3
@@ -40,7 +40,8 @@ def sensors(**changes):
         "aim": np.array([1.0, 0.0, 0.8]),
         "way": 0.0,
         "facing_error": 0.0,
-        "laser": np.full(BEAMS, LASER_RANGE),
+        "waypoint": np.zeros(3),
+        "scan": np.full(BEAMS, SCAN_RANGE),
         "contact_force": 0.0,
         "diverged": False,
     }

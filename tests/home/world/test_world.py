@@ -6,7 +6,7 @@ import pytest
 
 from perdure.home.episodes import load_episodes, start_pose
 from perdure.home.errors import HomeError
-from perdure.home.layouts import Pose
+from perdure.home.layouts import Pose, free_space
 from perdure.home.robot import reach
 from perdure.home.robot.data import REST_ARM, REST_POSITION
 from perdure.home.world import (
@@ -14,7 +14,8 @@ from perdure.home.world import (
     ARM,
     BEAMS,
     FORWARD,
-    LASER_RANGE,
+    SCAN_ANGLES,
+    SCAN_RANGE,
     TURN,
     Errand,
     SceneOptions,
@@ -179,7 +180,7 @@ def test_a_lane_that_blows_up_is_put_back_alone(episodes):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
-def test_the_laser_measures_a_wall_and_nothing_of_the_robot(episodes, heading):
+def test_the_scan_measures_a_wall(episodes, heading):
     """1.5 m before each of the four walls of an empty room, so that every direction of the room is looked at."""
     apartment = episodes[0].apartment()
     bare = type(apartment)(apartment.macro, apartment.micro, apartment.seed, apartment.room, apartment.walls, ())
@@ -189,13 +190,51 @@ def test_the_laser_measures_a_wall_and_nothing_of_the_robot(episodes, heading):
     x, y = (float(v) for v in middle + forward * (np.abs(forward * half).sum() - 1.5))
     world = World(1)
     world.reset(0, build_scene(bare, []), Pose(x, y, heading))
-    ranges = world.sense(laser=True).laser[0]
+    ranges = world.sense(scan=True).scan[0]
     assert ranges.shape == (BEAMS,)
-    angles = np.linspace(-110.0, 110.0, BEAMS)
-    ahead = np.abs(angles) < 30.0
-    assert np.allclose(ranges[ahead] * np.cos(np.radians(angles[ahead])), 1.5, atol=0.03)
-    assert ranges.max() <= LASER_RANGE
-    assert np.all(world.sense().laser == LASER_RANGE)
+    ahead = np.cos(SCAN_ANGLES) > np.cos(np.radians(30.0))
+    assert np.allclose(ranges[ahead] * np.cos(SCAN_ANGLES[ahead]), 1.5, atol=0.03)
+    assert ranges.max() <= SCAN_RANGE
+    assert np.all(world.sense().scan == SCAN_RANGE)
+
+
+def test_the_scan_agrees_with_rays_through_the_model(episodes):
+    """MuJoCo's own rays, in many planes from the floor up: the nearest of them is what the scan says."""
+    world, rng = World(1), np.random.default_rng(0)
+    scene = build_scene(episodes[0].apartment(), [])
+    space, compared = free_space(scene.apartment), 0
+    opened = {scene.links[k]: 0.3 for k in range(0, len(scene.links), 2)}
+    groups, geom = np.array([1, 1, 0, 1, 0, 0], dtype=np.uint8), np.full(1, -1, dtype=np.int32)
+    for x, y in space.centers[rng.integers(len(space.centers), size=6)]:
+        pose = Pose(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
+        world.reset(0, scene, pose, opened=opened)
+        ranges, lane = world.sense(scan=True).scan[0], world.lane(0)
+        lane.qpos[scene.robot_qpos][:2] += 100.0  # out of the rays' way
+        mujoco.mj_forward(lane.model, lane.data)
+        for beam in range(BEAMS):
+            angle = pose.yaw + SCAN_ANGLES[beam]
+            ray = np.array([np.cos(angle), np.sin(angle), 0.0])
+            hits = [
+                mujoco.mj_ray(lane.model, lane.data, np.array([x, y, z]), ray, groups, 1, -1, geom)
+                for z in np.arange(0.055, 1.5, 0.02)
+            ]
+            found = min([SCAN_RANGE, *(hit for hit in hits if hit >= 0.0)])
+            compared += abs(found - ranges[beam]) < 0.02
+    assert compared >= 0.97 * 6 * BEAMS  # a beam that grazes a corner, or a foot thinner than the planes lie apart
+
+
+def test_the_scan_of_a_lane_does_not_depend_on_its_neighbours(episodes):
+    rng = np.random.default_rng(1)
+    scenes = [episode_scene(episode) for episode in episodes.episodes[:3]]
+    together, alone = World(3), World(1)
+    poses = [
+        Pose(*scene.apartment.pieces[0].pose.to_room(np.array([1.5, 0.0]))[:2], rng.uniform(-3, 3)) for scene in scenes
+    ]
+    for lane, (scene, pose) in enumerate(zip(scenes, poses, strict=True)):
+        together.reset(lane, scene, pose)
+    for lane, (scene, pose) in enumerate(zip(scenes, poses, strict=True)):
+        alone.reset(0, scene, pose)
+        assert np.array_equal(together.sense(scan=True).scan[lane], alone.sense(scan=True).scan[0])
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ class Executor:
         groups = self._groups(lanes, running)
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
-            sensors = world.sense(group, skill.needs_laser and actor.sees)
+            sensors = world.sense(group, skill.needs_scan and actor.sees)
             assert self._progress is not None
             acted = actor.act(world, group, skill, sensors, self._progress[group])
             actions[group] = skill.mask(acted, sensors)

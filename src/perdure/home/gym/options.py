@@ -12,10 +12,7 @@ from perdure.home.layouts import split_apartments
 from perdure.home.skills import Skill, get_skill
 from perdure.home.starts import STARTS, train_pool
 from perdure.home.tasks import get_task
-from perdure.home.world import SceneOptions
-
-PHYSICS_HZ = 120
-"""Physics steps per second in training; tasks are evaluated at 240."""
+from perdure.home.world import PHYSICS_HZ, SceneOptions
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Contents:
     make_apartment, split_apartments, SPLITS    which apartments there are, and for what
     Apartment, Piece, Receptacle, Articulation  what they are made of, as records
     free_space, FreeSpace, Geodesic             where a round robot can be and how far that is
+    static_footprints, moving_footprints        what stands in its way
     build_apartment                             from the record to a MuJoCo specification
     draw_apartment, save_plan, cut_away         pictures
 """
@@ -11,6 +12,7 @@ Contents:
 from perdure.home.layouts.apartment import MICROS, make_apartment
 from perdure.home.layouts.build import build_apartment
 from perdure.home.layouts.draw import cut_away, draw_apartment, save_plan
+from perdure.home.layouts.footprint import moving_footprints, static_footprints
 from perdure.home.layouts.free_space import (
     CELL,
     OVERESTIMATE,
@@ -49,7 +51,9 @@ __all__ = [
     "free_space",
     "in_sight",
     "make_apartment",
+    "moving_footprints",
     "path_length",
     "save_plan",
     "split_apartments",
+    "static_footprints",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from perdure.home.layouts.records import Apartment, Articulation, Piece, Pose, S
 
 FloatArray = NDArray[np.float64]
 
+AJAR = 0.01
+"""A drawer that is open by less in [m] does not stand out of its piece."""
 CLIMB, REACH_UP = 0.05, 1.5
 """A solid is in the way when it reaches between these heights in [m] (M3's navigation mesh: climb 0.05, agent 1.5)."""
 
@@ -39,6 +42,34 @@ def apartment_footprints(
 ) -> FloatArray:
     """Footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
     parts = [footprints(piece, opened, low, high) for piece in (*apartment.walls, *apartment.pieces)]
+    return np.concatenate(parts)
+
+
+@lru_cache(maxsize=128)
+def static_footprints(apartment: Apartment) -> FloatArray:
+    """Footprints of walls and of what does not move in the pieces, as `footprints`. Shape (n, 5), not to be written."""
+    parts = [
+        _without_hidden(_shadows(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
+    ]
+    together = np.concatenate(parts)
+    together.flags.writeable = False
+    return together
+
+
+def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
+    """Footprints of drawers and doors that are open by at least a centimetre; closed ones are within their piece.
+
+    Args:
+        apartment: The apartment.
+        positions: Joint positions in the order of its articulations. Shape (links,).
+
+    Returns:
+        Shape (n, 5).
+    """
+    parts = [np.zeros((0, 5))]
+    for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):
+        if abs(q) > AJAR or moving.kind == "hinge":
+            parts.append(_moved(apartment.piece_of(moving.link), moving, q, CLIMB, REACH_UP))
     return np.concatenate(parts)
 
 

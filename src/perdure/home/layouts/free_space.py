@@ -184,6 +184,15 @@ class Geodesic:
         index, first = self.space.nearest(points)
         return first + self.values[index]
 
+    def ahead(self, points: FloatArray, cells: int) -> tuple[FloatArray, FloatArray]:
+        """`at`, and the middle of the cell so many cells on the way. Shape (m, 2) -> (m,), (m, 2)."""
+        index, first = self.space.nearest(points)
+        distance = first + self.values[index]
+        for _ in range(cells):
+            following = self.toward[index]
+            index = np.where(following >= 0, following, index)
+        return distance, self.space.centers[index]
+
     def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
         """Way points from near `start` to a goal cell.
 

@@ -153,6 +153,14 @@ class Apartment:
         """Such as `macro4_micro07`; with another seed than 0 the seed is part of the name."""
         return f"macro{self.macro}_micro{self.micro:02d}" + (f"_seed{self.seed}" if self.seed else "")
 
+    def __hash__(self) -> int:
+        """Of the whole record, computed once: apartments are keys wherever something is kept for them."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.macro, self.micro, self.seed, self.room, self.walls, self.pieces))
+
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of everything in this record (12 digits): an episode names the apartment it was made for."""

@@ -2,6 +2,7 @@
 
 Contents:
     write_logs, read_logs, write_records        logs as Parquet, see `schema`
+    read_notes                                  what the writer of a file added to it
     record_of, EpisodeRecord, Target, Run       what is kept of an episode
     Event, Release, Track
     History                                     every pose at every step, for logs of other simulators
@@ -14,7 +15,7 @@ from perdure.home.outcomes.analysis import Analysis, analyse
 from perdure.home.outcomes.convert import episode_hash, record_of
 from perdure.home.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
 from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
-from perdure.home.outcomes.files import read_logs, write_logs, write_records
+from perdure.home.outcomes.files import read_logs, read_notes, write_logs, write_records
 from perdure.home.outcomes.history import History
 from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, Release, Run, Target, Track
@@ -42,6 +43,7 @@ __all__ = [
     "placement",
     "placement_mechanism",
     "read_logs",
+    "read_notes",
     "record_of",
     "stabilizing",
     "stage_steps",

@@ -75,6 +75,15 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
     return records
 
 
+def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What the writer of a file of logs added to it: `run` of `write_logs`, such as `arm`.
+
+    Raises:
+        HomeError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
+    """
+    return _read_parquet(Path(path))[1]
+
+
 def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
     """HomeError when there is no record, or one episode of one arm and its seeds is there twice."""
     if not records:

@@ -3,7 +3,7 @@
 A run is one training seed with one evaluation seed over all episodes of a split: the benchmark's 3 x 3 runs of 100
 episodes. Mean and standard error are those over the runs (as M3 and the thesis report them). Runs that share a training
 seed are not independent, so the interval resamples training seeds where there are several; where there is one,
-it resamples episodes and its label says so.
+it is Wilson's over episodes, which keeps a width when all succeed, and its label says so.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from perdure.home.outcomes.counting import latched, stages_stabilizing
 from perdure.home.outcomes.failures import COUNTINGS
 from perdure.home.outcomes.placements import GROUP
 from perdure.home.outcomes.records import EpisodeRecord
-from perdure.report.statistics import mean_interval
+from perdure.report.statistics import survival_interval
 
 if TYPE_CHECKING:
     import polars as pl
@@ -31,7 +31,7 @@ def stage_table(records: Sequence[EpisodeRecord], rng: np.random.Generator) -> p
     """One row per task, split, arm, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
-    `lower` and `upper` of the 95 % bootstrap interval, `resampled`: over what.
+    `lower` and `upper` of the 95 % interval, `resampled`: over what.
 
     Args:
         records: The episodes.
@@ -48,7 +48,7 @@ def stage_table(records: Sequence[EpisodeRecord], rng: np.random.Generator) -> p
             count = latched if counting == "latched" else stages_stabilizing
             reached = np.array([count(record) for record in part], dtype=np.float64)
             mean, error = over_runs(reached, runs)
-            interval = mean_interval(reached, seeds, rng)
+            interval = survival_interval(reached, seeds, rng)
             for k, name in enumerate(names):
                 bounds = (float(mean[k]), float(error[k]), float(interval.lower[k]), float(interval.upper[k]))
                 rows.append((*group, counting, name, len(part), len(set(runs)), *bounds, interval.label))

@@ -30,6 +30,16 @@ class SkillPolicy:
     """Of the file; empty for the oracle."""
     policy: Policy | None
 
+    @property
+    def name(self) -> str:
+        """For a reader: `oracle`, `shipped set_table/place/seed-0 (SHA-256 1e2d3fcb)`, or the file's path and hash."""
+        if self.policy is None:
+            return ORACLE
+        path = Path(self.source)
+        shipped = path.is_relative_to(SHIPPED)
+        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
+        return f"{where} (SHA-256 {self.sha256[:8]})"
+
 
 def shipped_policy(task: str, skill: str, train_seed: int, delta: int = 1) -> Path | None:
     """The shipped policy of a skill, None when there is none."""

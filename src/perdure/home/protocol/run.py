@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -11,10 +12,10 @@ from perdure.home.arms import ARMS
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
-from perdure.home.outcomes import write_logs
-from perdure.home.protocol.policies import choose_policies, make_actors
+from perdure.home.outcomes import UNTRAINED, write_logs
+from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
 from perdure.home.skills import Skill, get_skill
-from perdure.home.tasks import get_task
+from perdure.home.tasks import SkillName, get_task
 from perdure.store import Store
 
 CHUNK = 10
@@ -67,6 +68,11 @@ class Protocol:
             raise HomeError(f"the number in delta-N must be 2 or more, not {text!r}")
         return int(text)
 
+    @property
+    def folder(self) -> str:
+        """Where the store keeps all of it, such as `set_table/val/ik`."""
+        return f"{self.task}/{self.split}/{self.place.replace('+', '-plus')}"
+
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""
         names: set[str] = {step.skill for step in get_task(self.task).skills}
@@ -86,8 +92,9 @@ class Unit:
 
     def key(self, protocol: Protocol) -> str:
         """Its place in the store."""
-        where = f"{protocol.task}/{protocol.split}/{protocol.place.replace('+', '-plus')}"
-        return f"{where}/train-{self.train_seed}/eval-{self.eval_seed}/episodes-{self.first:03d}-{self.last:03d}"
+        return (
+            f"{protocol.folder}/train-{self.train_seed}/eval-{self.eval_seed}/episodes-{self.first:03d}-{self.last:03d}"
+        )
 
 
 def units(protocol: Protocol) -> Iterator[Unit]:
@@ -98,13 +105,14 @@ def units(protocol: Protocol) -> Iterator[Unit]:
                 yield Unit(train_seed, eval_seed, first, min(first + CHUNK, protocol.episodes) - 1)
 
 
-def run_protocol(protocol: Protocol, out: str | Path, told: Told = lambda log: None) -> list[Path]:
+def run_protocol(protocol: Protocol, out: str | Path, told: Told = lambda log: None, command: str = "") -> list[Path]:
     """Runs what is missing of a protocol and hands back the logs of all of it.
 
     Args:
         protocol: What to run.
         out: Folder of the store. The same call goes on where a killed one stopped.
         told: Called with every episode that was run now.
+        command: What asked for it; noted in the logs that are written now.
     """
     store, paths = Store(out), []
     episodes = load_episodes(protocol.task, protocol.split)
@@ -122,10 +130,16 @@ def run_protocol(protocol: Protocol, out: str | Path, told: Told = lambda log: N
                 told(log)
             logs.sort(key=lambda log: log.episode.index)
             with store.write(key, config) as folder:
-                trained = str(unit.train_seed) if any(each.policy for each in policies.values()) else "-1"
-                write_logs(folder / LOGS, logs, {"arm": protocol.place, "train_seed": trained})
+                write_logs(folder / LOGS, logs, _notes(protocol, unit, policies) | {"command": command})
         paths.append(store.get(key, config) / LOGS)
     return paths
+
+
+def _notes(protocol: Protocol, unit: Unit, policies: Mapping[SkillName, SkillPolicy]) -> dict[str, str]:
+    """What the logs say about who acted."""
+    trained = str(unit.train_seed) if any(each.policy for each in policies.values()) else str(UNTRAINED)
+    names = {skill: each.name for skill, each in policies.items()}
+    return {"arm": protocol.place, "train_seed": trained, "policies": json.dumps(names)}
 
 
 def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict[str, object]:

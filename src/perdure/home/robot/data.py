@@ -20,6 +20,8 @@ ARM_HIGH = tuple(math.inf if link.limit is None else link.limit[1] for link in A
 """Limits of the arm in [rad] (URDF); the three rolls turn without end."""
 TORSO_LIMIT = (0.0, 0.38615)
 """Range of the torso's lift in [m] (URDF)."""
+BASE_RADIUS = 0.285
+"""Of the base, a cylinder, in [m]."""
 TORSO_HEIGHT = 0.15
 """Where the benchmark keeps the torso in [m] (M3, habitat-lab: `torso_lift_joint` pinned each step)."""
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.observation import CLOSENESS, PROPRIOCEPTION, closeness, point, point_elements, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import Sensors
 from perdure.home.world.sensors import norm
@@ -49,6 +49,7 @@ class Articulated(Skill):
         """See `Skill.elements`."""
         return (
             *PROPRIOCEPTION,
+            *CLOSENESS,
             *point_elements("handle", "the handle"),
             Element("to_wanted", "wanted minus joint position", "m or rad"),
             Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
@@ -59,6 +60,7 @@ class Articulated(Skill):
         """See `Skill.observe`."""
         columns = [
             *proprioception(sensors),
+            closeness(sensors),
             *point(sensors, sensors.handle),
             (self.wanted - sensors.link_position)[:, None],
             sensors.link_velocity[:, None],

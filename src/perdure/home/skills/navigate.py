@@ -1,6 +1,7 @@
 """Navigate: drive to where the next skill can begin, facing what it is about.
 
-M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds, and the robot stops by standing still.
+M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds, and the robot stops by standing still. It
+carries a map: a point of the planned way is part of the observation (M3's robot sees depth images and no map).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import LASER, PROPRIOCEPTION, proprioception
+from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill
 from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, Sensors
 
@@ -25,6 +26,8 @@ STILL_FORWARD, STILL_TURN = 0.05, 0.05
 STILL_STEPS = 10
 """Steps of standing still that mean "stop" (OURS, in place of M3's stop action)."""
 DISTANCE_REWARD = 1.0
+FAR = 5.0
+"""Ways longer than this look alike, in [m]."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,6 @@ class Navigate(Skill):
 
     name = "navigate"
     base_speed = NAVIGATION_SPEED
-    needs_laser = True
     failures = ("none",)
 
     @property
@@ -47,7 +49,10 @@ class Navigate(Skill):
             Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
             Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
-            *LASER,
+            Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
+            Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),
+            Element("way", "length of the planned way, up to 5 m", "m", 0.0, FAR),
+            *SCAN,
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
@@ -56,8 +61,10 @@ class Navigate(Skill):
         far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
         safe = np.maximum(far, 1e-9)
         holding = (sensors.held >= 0).astype(np.float64)
+        ahead = sensors.in_base(sensors.waypoint)
         columns = [aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe, holding]
-        return np.concatenate([*proprioception(sensors), np.stack(columns, axis=1), sensors.laser], axis=1)
+        columns += [ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)]
+        return np.concatenate([*proprioception(sensors), np.stack(columns, axis=1), sensors.scan], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import ARM_JOINTS, REST_POSITION
+from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
 from perdure.home.skills.skill import Element, rest_distance
-from perdure.home.world import BEAMS, LASER_RANGE, Sensors
+from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
 
@@ -50,10 +50,37 @@ PROPRIOCEPTION: tuple[Element, ...] = (
 )
 
 
-LASER: tuple[Element, ...] = tuple(
-    Element(f"laser_{k:02d}", f"range of beam {k} of {BEAMS}, from the right to the left", "m", 0.0, LASER_RANGE)
+SCAN: tuple[Element, ...] = tuple(
+    Element(f"scan_{k:02d}", f"range of beam {k} of {BEAMS}, from ahead to the left", "m", 0.0, SCAN_RANGE)
     for k in range(BEAMS)
 )
+
+
+SECTORS = BEAMS // 2
+SECTOR_DEPTH = 1.0
+"""From how far a sector begins to be felt in [m], counted from the base's rim (OURS)."""
+CLOSENESS: tuple[Element, ...] = tuple(
+    Element(
+        f"close_{k:02d}",
+        f"how close something stands in sector {k} of {SECTORS}, from ahead to the left",
+        "1",
+        0.0,
+        1.0,
+    )
+    for k in range(SECTORS)
+)
+
+
+def closeness(sensors: Sensors) -> FloatArray:
+    """1 where the base's rim touches something, 0 where nothing is within 1 m of it. Shape (n, SECTORS).
+
+    A sector is 45 degrees wide, its neighbours overlap it by 15.
+    """
+    ranges = sensors.scan
+    before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)
+    nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
+    felt: FloatArray = np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)
+    return felt
 
 
 def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception
+from perdure.home.skills.observation import CLOSENESS, PROPRIOCEPTION, closeness, point, point_elements, proprioception
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import GRIP, Sensors
 from perdure.home.world.sensors import norm
@@ -35,6 +35,7 @@ class Pick(Skill):
         """See `Skill.elements`."""
         return (
             *PROPRIOCEPTION,
+            *CLOSENESS,
             *point_elements("object", "the object"),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
         )
@@ -42,7 +43,8 @@ class Pick(Skill):
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         holding = (sensors.held >= 0).astype(np.float64)[:, None]
-        return np.concatenate([*proprioception(sensors), *point(sensors, sensors.object), holding], axis=1)
+        columns = [*proprioception(sensors), closeness(sensors), *point(sensors, sensors.object), holding]
+        return np.concatenate(columns, axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""

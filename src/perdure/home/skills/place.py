@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.skills.observation import PROPRIOCEPTION, point, point_elements, proprioception, unit
+from perdure.home.skills.observation import (
+    CLOSENESS,
+    PROPRIOCEPTION,
+    closeness,
+    point,
+    point_elements,
+    proprioception,
+    unit,
+)
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
@@ -64,6 +72,7 @@ class Place(Skill):
         lasting = Element("lasting", "share of the delta steps that the object has stayed", "1", 0.0, 1.0)
         return (
             *PROPRIOCEPTION,
+            *CLOSENESS,
             *point_elements("goal", "the goal"),
             *(Element(f"object_from_goal_{a}", f"from the goal to the object, base axes {a}", "m") for a in "xyz"),
             Element("goal_distance", "d_o^g: length of that", "m", 0.0),
@@ -76,6 +85,7 @@ class Place(Skill):
         """See `Skill.observe`."""
         columns = [
             *proprioception(sensors),
+            closeness(sensors),
             *point(sensors, sensors.goal),
             sensors.turned_to_base(sensors.object - sensors.goal),
             sensors.object_to_goal[:, None],

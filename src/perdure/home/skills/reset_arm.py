@@ -29,6 +29,7 @@ class ResetArm(Skill):
     name = "reset_arm"
     arm_step = FASTEST
     failures = ("none",)
+    needs_scan = False
 
     @property
     def elements(self) -> tuple[Element, ...]:

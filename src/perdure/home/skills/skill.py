@@ -95,7 +95,7 @@ class Skill(ABC):
     """What a base action of 1 means in [m/s] and [rad/s]."""
     arm_step: ClassVar[float] = ARM_STEP
     """What an arm action of 1 means in [rad] per step."""
-    needs_laser: ClassVar[bool] = False
+    needs_scan: ClassVar[bool] = True
     slack: ClassVar[float] = SLACK
     """What every step costs."""
     failures: ClassVar[tuple[str, ...]] = ("none", "invalid grasp", "excess force")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from perdure.home.errors import HomeError
 from perdure.home.layouts import Apartment, FreeSpace, Pose, free_space
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NEAR = 2.0
 """How far from what it is about a pick or place begins at most, in [m] (M3)."""
@@ -34,9 +34,17 @@ def closed_space(apartment: Apartment) -> FreeSpace:
 
 def stand_near(apartment: Apartment, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
     """A cell within 2.0 m of a point, with noise, facing the point."""
+    return _draw(_cells_near(apartment, point[:2]), point, rng)
+
+
+@lru_cache(maxsize=4096)
+def _cells_near(apartment: Apartment, point: tuple[float, float]) -> FloatArray:
+    """Middles of the cells of the largest island within 2.0 m of a point. Shape (m, 2)."""
     space = closed_space(apartment)
-    away = np.hypot(*(space.centers - point[:2]).T)
-    return _draw(space, (space.island == 0) & (away <= NEAR), point, rng)
+    away = np.hypot(*(space.centers - point).T)
+    cells: FloatArray = space.centers[(space.island == 0) & (away <= NEAR)]
+    cells.flags.writeable = False
+    return cells
 
 
 def stand_in(
@@ -60,28 +68,27 @@ def stand_in(
     for (low, high), half in rectangles:
         inside = (local[:, 0] >= low) & (local[:, 0] <= high) & (np.abs(local[:, 1]) <= half) & (space.island == 0)
         if inside.any():
-            return _draw(space, inside, point, rng)
+            return _draw(space.centers[inside], point, rng)
     raise HomeError(f"{apartment.name}: the robot can stand nowhere before {frame}")
 
 
 def stand_anywhere(apartment: Apartment, opened: Mapping[str, float], rng: np.random.Generator) -> Pose:
     """A cell of the largest island, any heading."""
     space = free_space(apartment, opened)
-    x, y = _cell(space, space.island == 0, rng)
+    x, y = _cell(space.centers[space.island == 0], rng)
     return Pose(x, y, 2.0 * np.pi * float(rng.random()))
 
 
-def _draw(space: FreeSpace, allowed: BoolArray, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
-    x, y = _cell(space, allowed, rng)
+def _draw(cells: FloatArray, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
+    x, y = _cell(cells, rng)
     dx, dy = np.clip(rng.normal(0.0, PLACE_SPREAD, 2), -PLACE_FARTHEST, PLACE_FARTHEST)
     turn = float(np.clip(rng.normal(0.0, TURN_SPREAD), -TURN_FARTHEST, TURN_FARTHEST))
     x, y = x + float(dx), y + float(dy)
     return Pose(x, y, float(np.arctan2(point[1] - y, point[0] - x)) + turn)
 
 
-def _cell(space: FreeSpace, allowed: BoolArray, rng: np.random.Generator) -> tuple[float, float]:
-    cells = np.nonzero(allowed)[0]
+def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
     if not len(cells):
         raise HomeError("the robot can stand nowhere: no free cell is allowed")
-    x, y = space.centers[cells[int(rng.integers(len(cells)))]]
+    x, y = cells[int(rng.integers(len(cells)))]
     return float(x), float(y)

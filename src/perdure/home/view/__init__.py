@@ -4,10 +4,12 @@ Contents:
     render_lane, Studio                         pictures of a lane
     goal_marks                                  what to point at in them
     film_episode, contact_sheet, FilmOptions    an episode that the oracle runs
+    film_beside, make_take, Take                an episode under several placing arms, side by side
     save_picture                                as a file
     serve_episode                               live, in a browser
 """
 
+from perdure.home.view.beside import Take, film_beside, make_take
 from perdure.home.view.browser import serve_episode
 from perdure.home.view.files import save_picture
 from perdure.home.view.film import FilmOptions, contact_sheet, film_episode
@@ -17,9 +19,12 @@ from perdure.home.view.studio import Studio, render_lane
 __all__ = [
     "FilmOptions",
     "Studio",
+    "Take",
     "contact_sheet",
+    "film_beside",
     "film_episode",
     "goal_marks",
+    "make_take",
     "render_lane",
     "save_picture",
     "serve_episode",

@@ -69,11 +69,11 @@ def film_episode(
     """
     options = options or FilmOptions()
     with open_film(path) as film, ExitStack() as stack:
-        crew = _Crew(episode, options, film, stack, watch)
+        crew = Crew(episode, options, film, stack, watch)
         return perform(episode, crew.after_step, options.seed)
 
 
-class _Crew:
+class Crew:
     """Adds a picture to the film whenever one is due."""
 
     def __init__(self, episode: Episode, options: FilmOptions, film: Film, stack: ExitStack, watch: Watch) -> None:
@@ -84,6 +84,7 @@ class _Crew:
         self._pictures = self._steps = 0
 
     def after_step(self, world: World, narrator: Narrator) -> bool:
+        """An `Audience`: stays until the film is long enough."""
         if self._operator is None:
             self._operator = self._stack.enter_context(_Operator(world, self._options))
         self._steps += 1

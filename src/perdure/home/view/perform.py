@@ -1,4 +1,4 @@
-"""The oracle runs one episode before an audience: a film camera or a browser."""
+"""One episode before an audience: a film camera or a browser. The oracle acts unless others are named."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from perdure.home.execute.actor import Actor, Scripted
 from perdure.home.execute.executor import Executor, ExecutorOptions
 from perdure.home.execute.log import EpisodeLog
 from perdure.home.oracle import Oracle
-from perdure.home.skills import get_skill
+from perdure.home.skills import Skill, get_skill
 from perdure.home.view.narrate import Narrator
 from perdure.home.world import SceneOptions, World
 
@@ -30,7 +30,11 @@ class _EnoughError(Exception):
 
 
 def perform(
-    episode: Episode, audience: Audience, seed: int = 0, actors: Mapping[str, Actor] | None = None
+    episode: Episode,
+    audience: Audience,
+    seed: int = 0,
+    actors: Mapping[str, Actor] | None = None,
+    skills: Mapping[str, Skill] | None = None,
 ) -> EpisodeLog | None:
     """Runs one episode with everything that can be seen in it.
 
@@ -39,6 +43,7 @@ def perform(
         audience: Who watches.
         seed: Evaluation seed: draws where the robot starts.
         actors: Who acts in which skill; the oracle in all of them when None.
+        skills: The skills they act in; those of the benchmark when None.
 
     Returns:
         The episode's log, None when the audience left early.
@@ -56,7 +61,7 @@ def perform(
         if not audience(world, narrator):
             raise _EnoughError
 
-    executor = Executor({name: get_skill(name) for name in names}, narrator.hear(cast), options)
+    executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.hear(cast), options)
     try:
         return next(iter(executor.run([episode], watch)))
     except _EnoughError:

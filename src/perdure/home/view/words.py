@@ -82,6 +82,7 @@ def _label(
 STRIP = 64
 """Height of the strip below a film in pixels, for a film 720 pixels wide; it grows with the width."""
 PAPER, INK, PALE = (250, 249, 246), (40, 40, 42), (176, 172, 164)
+FAINT = (110, 108, 104)
 DONE = (34, 139, 84)
 
 
@@ -110,6 +111,44 @@ def write_strip(picture: Picture, told: Told, speed: float) -> Picture:
     clock = f"skill {told.number} of {told.total}    {told.seconds:5.1f} s    {pace}"
     draw.text((right, height + 17 * scale), clock, font=small, fill=INK, anchor="rm")
     _write_stages(draw, told.stages, (left, height + 46 * scale, right), scale)
+    return np.asarray(image)
+
+
+TITLE = 44
+"""Height of the title over a film in pixels, for a film 720 pixels wide."""
+
+
+def write_title(picture: Picture, title: str, caption: str) -> Picture:
+    """A title over a picture, and a line of small print.
+
+    Args:
+        picture: A frame. Shape (height, width, 3).
+        title: What it shows.
+        caption: Who acts in it.
+
+    Returns:
+        Shape (height + title, width, 3).
+    """
+    from PIL import Image
+
+    height, width = picture.shape[:2]
+    top = 2 * round(0.5 * TITLE * width / 720.0)
+    image = Image.new("RGB", (width, height + top), PAPER)
+    image.paste(Image.fromarray(_title(title, caption, width, top)), (0, 0))
+    image.paste(Image.fromarray(picture), (0, top))
+    return np.asarray(image)
+
+
+@lru_cache(maxsize=16)
+def _title(title: str, caption: str, width: int, height: int) -> Picture:
+    from PIL import Image, ImageDraw
+
+    scale = width / 720.0
+    image = Image.new("RGB", (width, height), PAPER)
+    draw = ImageDraw.Draw(image)
+    draw.text((12 * scale, 14 * scale), title, font=font(18 * scale), fill=INK, anchor="lm")
+    draw.text((12 * scale, 33 * scale), caption, font=font(13 * scale), fill=FAINT, anchor="lm")
+    draw.line((width - 1, 0, width - 1, height), fill=PALE)
     return np.asarray(image)
 
 

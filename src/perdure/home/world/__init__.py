@@ -23,7 +23,7 @@ from perdure.home.world.actions import (
     TURN,
 )
 from perdure.home.world.lane import Jaws, Lane
-from perdure.home.world.laser import BEAMS, LASER_RANGE
+from perdure.home.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
 from perdure.home.world.scene import CONTROL_HZ, PHYSICS_HZ, Scene, SceneOptions, build_scene, episode_scene
 from perdure.home.world.sensors import Errand, Sensors
 from perdure.home.world.world import World
@@ -39,11 +39,12 @@ __all__ = [
     "GRASP",
     "GRASP_RADIUS",
     "GRIP",
-    "LASER_RANGE",
     "LEAVE",
     "NAVIGATION_SPEED",
     "PHYSICS_HZ",
     "RELEASE",
+    "SCAN_ANGLES",
+    "SCAN_RANGE",
     "TURN",
     "Errand",
     "Jaws",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from copy import copy
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.home.layouts import Pose
 from perdure.home.robot.data import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.world.actions import GRASP_RADIUS
+from perdure.home.world.nearby import MOVED
 from perdure.home.world.scene import CONTROL_HZ, Scene
 
 FloatArray = NDArray[np.float64]
@@ -39,9 +41,17 @@ class Lane:
         self.ctrl: FloatArray = self.data.ctrl
         self.robot: FloatArray = self.qpos[scene.robot_qpos]
         self.robot_velocity: FloatArray = self.qvel[scene.robot_qvel]
+        gripper = int(self.model.site("gripper").id)
+        self.gripper: FloatArray = self.data.site_xpos[gripper]
+        """The gripper point in the room, as of the last step's end. Shape (3,)."""
+        self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
+        """Its axes in the room, one per column. Shape (3, 3)."""
         self.held = self.held_link = -1
         self._parting: set[int] = set()
         self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _BAD]
+        self._substeps = scene.options.substeps
+        self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
+        self._looked_from: tuple[float, float] | None = None
 
     def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
         """Puts everything back to where the episode begins.
@@ -52,6 +62,7 @@ class Lane:
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
         """
         self._mujoco.mj_resetData(self.model, self.data)
+        self._search_all()
         self.release(part=False)
         for number in tuple(self._parting):
             self._collide(number, True)
@@ -74,7 +85,10 @@ class Lane:
 
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""
-        self._mujoco.mj_step(self.model, self.data, self.scene.options.substeps)
+        if self.scene.options.sleep:
+            self._leave_out_far()
+        self._mujoco.mj_step(self.model, self.data, self._substeps)
+        self._mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves poses as they were before its last step
 
     @property
     def links(self) -> FloatArray:
@@ -147,6 +161,7 @@ class Lane:
         self._collide(number, False)
         self._parting.discard(number)
         self.held = number
+        self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
         """Lets go of whatever is held; it keeps its velocity. `part` False: as if it had never been held."""
@@ -155,6 +170,7 @@ class Lane:
             self.held_link = -1
         if self.held >= 0:
             self.data.eq_active[self.scene.weld(self.held)] = 0
+            self._counted[self.scene.object_geoms[self.held]] = False
             self._parting.add(self.held)
             if not part:
                 self._collide(self.held, True)
@@ -172,23 +188,44 @@ class Lane:
 
     def blew_up(self) -> bool:
         """Whether MuJoCo warned of a bad state, or a position is not a finite number."""
-        warning = self.data.warning
-        return any(warning[each].number for each in self._warnings) or not np.isfinite(self.qpos).all()
+        return bool(self.data.warning.number[self._warnings].any()) or not math.isfinite(self.qpos @ self.qpos)
 
     def robot_force(self) -> float:
         """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
 
         The base does not count: in M3 it moves on its navigation mesh and can touch nothing, here furniture stops it.
         """
-        contact = self.data.contact
-        geoms, rows = contact.geom, contact.efc_address
-        if not len(geoms):
+        if not self.data.ncon:
             return 0.0
-        ours = self.scene.arm_geoms[geoms].any(axis=1)
-        if self.held >= 0:
-            ours |= np.isin(geoms, self.scene.object_geoms[self.held]).any(axis=1)
-        rows = rows[ours & (rows >= 0)]
+        contact = self.data.contact
+        rows = contact.efc_address
+        rows = rows[self._counted[contact.geom].any(axis=1) & (rows >= 0)]
         return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
+
+    def _leave_out_far(self) -> None:
+        """Keeps bodies that nothing can touch out of the search for contacts, see `nearby`."""
+        expected = 1 + (self.held >= 0) + (self.held_link >= 0)
+        if self.data.ntree_awake > expected:
+            if self._looked_from is not None:
+                self._search_all()
+            return
+        x, y = self.robot[:2].tolist()
+        if self._looked_from is not None:
+            dx, dy = x - self._looked_from[0], y - self._looked_from[1]
+            if dx * dx + dy * dy < MOVED * MOVED:
+                return
+        nearby, scene = self.scene.nearby, self.scene
+        middles = self.qpos[scene.object_qpos[:, None] + _XY]
+        near = nearby.around(np.array([x, y]), middles)
+        self.model.body_contype[:] = np.where(near, nearby.contype, 0)
+        self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
+        self._looked_from = x, y
+
+    def _search_all(self) -> None:
+        nearby = self.scene.nearby
+        self.model.body_contype[:] = nearby.contype
+        self.model.body_conaffinity[:] = nearby.conaffinity
+        self._looked_from = None
 
     def _collide(self, number: int, robot: bool) -> None:
         """Whether an object and the robot's geoms meet."""
@@ -197,4 +234,5 @@ class Lane:
             self._parting.discard(number)
 
 
+_XY = np.arange(2)
 _BAD = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot import gripper_pose
-from perdure.home.world.handles import Handles
 from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
 from perdure.home.world.scene import CONTROL_HZ
 from perdure.home.world.sensors import Errand, Sensors, norm, turn, wrap
@@ -34,54 +32,58 @@ class Readings:
         self.goal, self.aim = np.zeros((lanes, 3)), np.zeros((lanes, 3))
         self.force = np.zeros(lanes)
         self.diverged = np.zeros(lanes, dtype=bool)
+        self._point, self._axes = np.zeros((lanes, 3)), np.zeros((lanes, 3, 3))
+        self._target: list[tuple[FloatArray, FloatArray]] = [_NO_OBJECT] * lanes
 
     def read_robot(self, number: int, lane: Lane) -> None:
-        """Joints of one lane's robot."""
+        """Joints of one lane's robot, and its gripper."""
         self.robot[number] = lane.robot[:ARM_TO]
         self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
+        self._point[number], self._axes[number] = lane.gripper, lane.gripper_axes
 
     def move_grippers(self, chosen: IntArray, calm: NDArray[np.bool_]) -> None:
         """Where the grippers are now that the joints are read; where `calm` they have no past to have a speed."""
-        robot = self.robot[chosen]
-        position, rotation = gripper_pose(robot[:, TORSO], robot[:, ARM_FROM:ARM_TO])
-        gripper = turn(position, robot[:, 2])
-        gripper[:, :2] += robot[:, :2]
-        moved = np.where(calm[:, None], 0.0, (gripper - self.gripper[chosen]) * CONTROL_HZ)
+        point, axes, base = self._point[chosen], self._axes[chosen], self.robot[chosen, :3]
+        cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+        x, y = point[:, 0] - base[:, 0], point[:, 1] - base[:, 1]
+        position, rotation = point.copy(), axes.copy()
+        position[:, 0], position[:, 1] = cos * x + sin * y, cos * y - sin * x
+        cos, sin = cos[:, None], sin[:, None]
+        rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
+        moved = np.where(calm[:, None], 0.0, (point - self.gripper[chosen]) * CONTROL_HZ)
         self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
-        self.gripper[chosen], self.gripper_velocity[chosen] = gripper, moved
+        self.gripper[chosen], self.gripper_velocity[chosen] = point, moved
 
-    def read_errand(self, number: int, lane: Lane, errand: Errand, handles: Handles) -> None:
-        """What the errand is about, and what is in the hand."""
+    def take_errand(self, number: int, lane: Lane, errand: Errand) -> None:
+        """What a lane is about from now on."""
         self.errand[number] = errand.target, errand.link
         self.goal[number], self.aim[number] = errand.goal, errand.aim
-        scene = lane.scene
-        if 0 <= errand.target < len(scene.placements):
-            self.object[number], self.object_velocity[number] = lane.object(errand.target)
-        else:
-            self.object[number], self.object_velocity[number] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 0.0
-        if errand.link >= 0:
-            q = lane.qpos[scene.link_qpos[errand.link]]
-            self.handle[number] = handles.one(errand.link, float(q))
-            self.link_state[number] = q, lane.qvel[scene.link_qvel[errand.link]]
+        known = 0 <= errand.target < len(lane.scene.placements)
+        self._target[number] = lane.object(errand.target) if known else _NO_OBJECT
+        self.read_errand(number, lane)
+
+    def read_errand(self, number: int, lane: Lane) -> None:
+        """Where the errand's things are, and what is in the hand."""
+        target = self._target[number]
+        self.object[number], self.object_velocity[number] = target
+        link = int(self.errand[number, 1])
+        if link >= 0:
+            q = lane.qpos[lane.scene.link_qpos[link]]
+            self.handle[number] = lane.scene.handles.one(link, float(q))
+            self.link_state[number] = q, lane.qvel[lane.scene.link_qvel[link]]
         else:
             self.handle[number], self.link_state[number] = 0.0, 0.0
         self.holds[number] = lane.held, lane.held_link
-        self.held_point[number] = self.gripper[number]
         if lane.held >= 0:
             self.held_point[number] = lane.object(lane.held)[0][:3]
         elif lane.held_link >= 0:
-            self.held_point[number] = handles.one(lane.held_link, float(lane.qpos[scene.link_qpos[lane.held_link]]))
+            q = lane.qpos[lane.scene.link_qpos[lane.held_link]]
+            self.held_point[number] = lane.scene.handles.one(lane.held_link, float(q))
+        else:
+            self.held_point[number] = self.gripper[number]
 
-    def room_rotation(self, number: int) -> FloatArray:
-        """Axes of one lane's gripper in the room, one per column. Shape (3, 3)."""
-        yaw = self.robot[number, 2]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        rotation: FloatArray = about_z @ self.rotation[number]
-        return rotation
-
-    def sensors(self, chosen: IntArray, way: FloatArray, laser: FloatArray) -> Sensors:
-        """The record for some lanes. Shapes (m,), (m,), (m, beams)."""
+    def sensors(self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray) -> Sensors:
+        """The record for some lanes. Shapes (m,), (m,), (m, 3), (m, beams)."""
         robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
         base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
         flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
@@ -113,8 +115,9 @@ class Readings:
             link_velocity=link[:, 1],
             aim=aim,
             way=way,
+            waypoint=waypoint,
             facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
-            laser=laser,
+            scan=scan,
             contact_force=self.force[chosen],
             diverged=self.diverged[chosen],
         )
@@ -124,3 +127,6 @@ def up_axis(quaternion: FloatArray) -> FloatArray:
     """The z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
     w, x, y, z = quaternion.T
     return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+
+
+_NO_OBJECT = (np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3))

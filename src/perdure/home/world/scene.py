@@ -19,14 +19,16 @@ from perdure.home.layouts import Apartment, build_apartment
 from perdure.home.objects import YcbObjects
 from perdure.home.robot import add_fetch
 from perdure.home.robot.data import JOINTS
+from perdure.home.world.handles import Handles
+from perdure.home.world.nearby import Nearby
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
-PHYSICS_HZ = 240
-"""Physics steps per second at which tasks are evaluated; `docs/home.md` shows what 120 and 480 change."""
+PHYSICS_HZ = 120
+"""Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
 HANDLE_SOLREF = (0.02, 1.0)
 """How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
 MAX_CACHED = 256
@@ -144,6 +146,17 @@ class Scene:
     def gripper_offset(self) -> FloatArray:
         """The gripper point in the frame of body `gripper_link`. Shape (3,)."""
         return np.array(self.model.site("gripper").pos)
+
+    @cached_property
+    def handles(self) -> Handles:
+        """Handles in the order of `links`."""
+        return Handles.of(self.apartment)
+
+    @cached_property
+    def nearby(self) -> Nearby:
+        """Which bodies are near a robot that stands somewhere."""
+        bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
+        return Nearby.of(self.model, np.array(bodies, dtype=np.int64))
 
     def weld(self, number: int) -> int:
         """The equality that holds object `number` in the gripper."""

@@ -88,10 +88,12 @@ class Sensors:
     """What navigation should face, in the room. Shape (n, 3)."""
     way: FloatArray
     """Length of the way to the region in which navigation should end, 0 inside it or without one. Shape (n,)."""
+    waypoint: FloatArray
+    """A point of that way half a metre ahead, on the floor; the base itself without one. Shape (n, 3)."""
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
-    laser: FloatArray
-    """Ranges of the laser's beams, all `LASER_RANGE` where it was not asked for. Shape (n, BEAMS)."""
+    scan: FloatArray
+    """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray

@@ -13,10 +13,9 @@ from perdure.home.errors import HomeError
 from perdure.home.layouts import Pose
 from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, TURN
-from perdure.home.world.handles import Handles
 from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
-from perdure.home.world.laser import NO_SCAN, scan
 from perdure.home.world.readings import Readings
+from perdure.home.world.scan import NO_SCAN, Outlines
 from perdure.home.world.scene import Scene
 from perdure.home.world.sensors import Errand, Sensors
 
@@ -47,10 +46,12 @@ class World:
         self._threads = min(lanes, threads or len(os.sched_getaffinity(0)))
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
         self._lanes: list[Lane | None] = [None] * lanes
-        self._handles: list[Handles | None] = [None] * lanes
+        self._idle: dict[Scene, list[Lane]] = {}
+        self._idle_count = 0
         self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
         self._errand = [Errand()] * lanes
         self._readings = Readings(lanes)
+        self._outlines = Outlines(lanes)
 
     def reset(
         self,
@@ -66,7 +67,7 @@ class World:
 
         Args:
             lane: Which lane.
-            scene: What it is made of; a lane that already runs this scene does not copy the model again.
+            scene: What it is made of. Worlds of scenes that were left are kept for their next episode.
             base: Where the robot stands.
             arm: Its arm's joint angles. Shape (7,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
@@ -75,8 +76,9 @@ class World:
         """
         old = self._lanes[lane]
         if old is None or old.scene is not scene:
-            self._lanes[lane] = Lane(scene, self._jaws)
-            self._handles[lane] = Handles.of(scene.apartment)
+            self._lanes[lane] = self._take(scene)
+            if old is not None:
+                self._leave(old)
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), held)
         self._errand[lane] = errand or Errand()
         self._begin(lane)
@@ -84,7 +86,7 @@ class World:
     def assign(self, lane: int, errand: Errand) -> None:
         """Gives a lane another errand."""
         self._errand[lane] = errand
-        self._read_errand(lane)
+        self._take_errand(lane)
 
     def errand(self, lane: int) -> Errand:
         """What a lane is about."""
@@ -125,12 +127,13 @@ class World:
             list(self._pool.map(self._step_some, parts))
         self._read(chosen)
 
-    def sense(self, lanes: IntArray | None = None, laser: bool = False) -> Sensors:
-        """What is known of some lanes (all when None) now; with the ranges of the laser where they are asked for."""
+    def sense(self, lanes: IntArray | None = None, scan: bool = False) -> Sensors:
+        """What is known of some lanes (all when None) now; with the ranges of the scan where they are asked for."""
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
-        way = np.array([self._way(int(k)) for k in chosen])
-        ranges = np.array([scan(self.lane(k)) for k in chosen]) if laser else np.tile(NO_SCAN, (len(chosen), 1))
-        return self._readings.sensors(chosen, way, ranges)
+        way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
+        for row, number in enumerate(map(int, chosen)):
+            way[row], waypoint[row] = self._way(number)
+        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen) if scan else _blind(len(chosen)))
 
     def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
         """Poses (position, quaternion) and velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
@@ -143,6 +146,25 @@ class World:
             self._pool.shutdown()
             self._pool = None
 
+    def _take(self, scene: Scene) -> Lane:
+        """A lane of a scene: one that was left, or a new one."""
+        idle = self._idle.get(scene)
+        if not idle:
+            return Lane(scene, self._jaws)
+        self._idle_count -= 1
+        lane = idle.pop()
+        if not idle:
+            del self._idle[scene]
+        return lane
+
+    def _leave(self, lane: Lane) -> None:
+        """Keeps a lane for its scene's next episode; of too many, those of the scene longest unused go."""
+        self._idle[lane.scene] = [*self._idle.pop(lane.scene, []), lane]
+        self._idle_count += 1
+        if self._idle_count > MAX_IDLE:
+            oldest = next(iter(self._idle))
+            self._idle_count -= len(self._idle.pop(oldest))
+
     def _begin(self, number: int) -> None:
         base, arm, opened, held = self._starts[number]
         lane = self.lane(number)
@@ -150,11 +172,12 @@ class World:
         readings = self._readings
         readings.arm_target[number] = arm
         readings.force[number] = 0.0
+        self._take_errand(number)
         self._read(np.array([number]), first=True)
         if held >= 0:
-            lane.hold_object(held, readings.gripper[number], readings.room_rotation(number))
+            lane.hold_object(held, lane.gripper, lane.gripper_axes)
             lane.forward()
-            self._read_errand(number)
+            readings.read_errand(number, lane)
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
@@ -175,7 +198,7 @@ class World:
         for row, number in enumerate(chosen):
             lane = self.lane(number)
             if grip[row] > 0.0:
-                lane.grasp(readings.gripper[number], readings.room_rotation(number), self._handle_points(number))
+                lane.grasp(lane.gripper, lane.gripper_axes, self._handle_points(number))
             elif grip[row] < 0.0:
                 lane.release()
             lane.ctrl[ARM_FROM:ARM_TO] = target[row]
@@ -190,30 +213,46 @@ class World:
     def _read(self, chosen: IntArray, first: bool = False) -> None:
         readings = self._readings
         readings.diverged[chosen] = False
-        for number in chosen:
+        for number in map(int, chosen):
             lane = self.lane(number)
             if not first and lane.blew_up():
                 self._begin(number)
                 readings.diverged[number] = True
             readings.read_robot(number, lane)
         readings.move_grippers(chosen, readings.diverged[chosen] | first)
-        for number in chosen:
-            self.lane(number).part(readings.gripper[number])
-            self._read_errand(number)
+        for number in map(int, chosen):
+            lane = self.lane(number)
+            lane.part(readings.gripper[number])
+            readings.read_errand(number, lane)
 
-    def _read_errand(self, number: int) -> None:
-        handles = self._handles[number]
-        assert handles is not None
-        self._readings.read_errand(number, self.lane(number), self._errand[number], handles)
+    def _take_errand(self, number: int) -> None:
+        self._readings.take_errand(number, self.lane(number), self._errand[number])
 
     def _handle_points(self, number: int) -> FloatArray:
-        lane, handles = self.lane(number), self._handles[number]
-        assert handles is not None
-        return handles.at(lane.qpos[lane.scene.link_qpos])
+        lane = self.lane(number)
+        return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
 
-    def _way(self, number: int) -> float:
-        route = self._errand[number].route
-        return 0.0 if route is None else float(route.at(self._readings.robot[number : number + 1, :2])[0])
+    def _way(self, number: int) -> tuple[float, FloatArray]:
+        """Length of the errand's way, and a point of it ahead of the robot."""
+        route, base = self._errand[number].route, self._readings.robot[number : number + 1, :2]
+        if route is None:
+            return 0.0, np.array([*base[0], 0.0])
+        distance, point = route.ahead(base, CELLS_AHEAD)
+        return float(distance[0]), np.array([*point[0], 0.0])
+
+    def _scan(self, chosen: IntArray) -> FloatArray:
+        for number in map(int, chosen):
+            lane = self.lane(number)
+            self._outlines.renew(number, lane.scene.apartment, lane.links)
+        return self._outlines.scan(chosen, self._readings.robot[chosen, :3])
 
 
+def _blind(lanes: int) -> FloatArray:
+    return np.tile(NO_SCAN, (lanes, 1))
+
+
+CELLS_AHEAD = 10
+"""How many cells of 0.05 m the point of the way lies ahead of the robot."""
+MAX_IDLE = 512
+"""Worlds kept for scenes that were left, half a megabyte each."""
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)

@@ -1,0 +1,109 @@
+"""The same episode under several placing arms, side by side in one film."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode
+from perdure.home.execute.actor import Actor
+from perdure.home.execute.log import EpisodeLog
+from perdure.home.protocol import Protocol, choose_policies, make_actors
+from perdure.home.protocol.policies import SkillPolicy
+from perdure.home.skills import Skill
+from perdure.home.tasks import SkillName
+from perdure.home.view.files import open_film
+from perdure.home.view.film import Crew, FilmOptions, Watch
+from perdure.home.view.perform import perform
+from perdure.home.view.reel import Reel
+from perdure.home.view.words import write_title
+
+Picture = NDArray[np.uint8]
+
+WORDS = {
+    "rl": "lets go when the policy wants to",
+    "stop": "stands still, lets go",
+    "ik": "stands still, lowers by 5 cm, lets go",
+    "ik+": "stands still, turns upright, lowers until it feels contact, lets go",
+}
+
+
+@dataclass(frozen=True)
+class Take:
+    """One half of the film: who acts, and what is written over it."""
+
+    title: str
+    """Such as `ik: stands still, lowers by 5 cm, lets go`."""
+    caption: str
+    """Who acts in which skill."""
+    actors: Mapping[str, Actor]
+    skills: Mapping[str, Skill]
+
+
+def make_take(task: str, place: str, train_seed: int = 0, policies: Mapping[str, str] | None = None) -> Take:
+    """What acts under a placing arm.
+
+    Args:
+        task: Name of the task.
+        place: `rl`, `stop`, `ik`, `ik+` or `delta-N`, as in `Protocol`.
+        train_seed: Of the shipped policies.
+        policies: Skill to file or "oracle", see `choose_policies`: else shipped policies, else the oracle.
+
+    Raises:
+        HomeError: If the arm, a skill or a file is none.
+    """
+    protocol = Protocol(task, place, episodes=1)
+    chosen = choose_policies(task, train_seed, policies, protocol.delta)
+    words = WORDS.get(place, f"trained to make objects stay for {protocol.delta} steps")
+    return Take(f"{place}: {words}", caption(chosen), make_actors(chosen, protocol.arm), protocol.skills())
+
+
+def caption(chosen: Mapping[SkillName, SkillPolicy]) -> str:
+    """Who acts, in a few words."""
+    learned = [skill for skill, each in chosen.items() if each.policy is not None]
+    if not learned:
+        return "the scripted oracle acts in every skill: there is no learned policy for any"
+    if len(learned) == len(chosen):
+        return "learned policies act in every skill"
+    return f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
+
+
+def film_beside(
+    episode: Episode,
+    path: Path,
+    takes: Sequence[Take],
+    options: FilmOptions | None = None,
+    watch: Watch = lambda seconds: None,
+) -> list[EpisodeLog | None]:
+    """Films one episode under several arms; those that end before the longest hold their last picture.
+
+    Args:
+        episode: Which one.
+        path: The film: `.mp4` or `.gif`.
+        takes: From left to right.
+        options: How; the size is that of one of them.
+        watch: Called with the simulated time of each picture.
+
+    Returns:
+        A log for each take, None where the film ended before the episode.
+    """
+    options, logs = options or FilmOptions(), []
+    with open_film(path) as film, ExitStack() as stack:
+        reels = [stack.enter_context(Reel(film.pace)) for _ in takes]
+        for take, reel in zip(takes, reels, strict=True):
+            with ExitStack() as studio:
+                crew = Crew(episode, options, reel, studio, watch)
+                logs.append(perform(episode, crew.after_step, options.seed, take.actors, take.skills))
+        for number in range(max(map(len, reels))):
+            film.add(np.concatenate([_half(*each, number) for each in zip(takes, reels, strict=True)], axis=1))
+    return logs
+
+
+def _half(take: Take, reel: Reel, number: int) -> Picture:
+    ended = " (ended)" if number >= len(reel) else ""
+    return write_title(reel.picture(number), f"{take.title}{ended}", take.caption)

@@ -1,0 +1,99 @@
+"""The scan of the robot's surroundings: ranges from its middle to whatever stands in the way of a base.
+
+A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees table
+tops above and shelves below. Here it is computed from footprints: everything that reaches between 0.05 and 1.5 m
+counts, with drawers and doors where they are now; loose objects do not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.layouts import Apartment, moving_footprints, static_footprints
+
+FloatArray = NDArray[np.float64]
+
+BEAMS = 24
+"""OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
+SCAN_RANGE = 5.0
+"""OURS: ranges beyond are cut, in [m]."""
+SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
+"""Of the beams, from straight ahead to the left."""
+NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)
+STALE = 0.01
+"""So far a drawer or door may have moved in [m] or [rad] before its footprint is looked up again."""
+
+
+class Outlines:
+    """Footprints around n lanes, kept ready for scanning."""
+
+    def __init__(self, lanes: int) -> None:
+        """Empty rooms."""
+        self._apartments: list[Apartment | None] = [None] * lanes
+        self._positions: list[FloatArray] = [np.zeros(0)] * lanes
+        self._static = [0] * lanes
+        self._count = np.zeros(lanes, dtype=np.int64)
+        self._rectangles = np.full((lanes, 1, 5), _NOTHING)
+
+    def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
+        """Takes over where the drawers and doors of a lane are.
+
+        Args:
+            lane: Which lane.
+            apartment: What it shows.
+            positions: Of its drawers and doors in the order of its articulations. Shape (links,).
+        """
+        known = self._apartments[lane]
+        if known is not apartment:
+            static = static_footprints(apartment)
+            self._put(lane, 0, static)
+            self._apartments[lane], self._static[lane] = apartment, len(static)
+        elif not (np.abs(positions - self._positions[lane]) > STALE).any():
+            return
+        self._positions[lane] = positions
+        self._put(lane, self._static[lane], moving_footprints(apartment, positions))
+
+    def scan(self, lanes: NDArray[np.int64], base: FloatArray) -> FloatArray:
+        """Ranges of some lanes, beam by beam.
+
+        Args:
+            lanes: Which lanes. Shape (m,).
+            base: Where their robots are: x, y, heading. Shape (m, 3).
+
+        Returns:
+            In [m]. Shape (m, BEAMS).
+        """
+        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))][:, None]  # (m, 1, n, 5)
+        x, y, half_x, half_y, yaw = (boxes[..., k] for k in range(5))
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
+        at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
+        angle = base[:, 2, None, None] + SCAN_ANGLES[None, :, None] - yaw
+        along_x, along_y = _not_zero(np.cos(angle)), _not_zero(np.sin(angle))
+        middle_x, spread_x = -at_x / along_x, half_x / np.abs(along_x)
+        middle_y, spread_y = -at_y / along_y, half_y / np.abs(along_y)
+        enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
+        leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
+        ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
+        cut: FloatArray = np.minimum(ranges, SCAN_RANGE)
+        return cut
+
+    def _put(self, lane: int, begin: int, rectangles: FloatArray) -> None:
+        end = begin + len(rectangles)
+        missing = end - self._rectangles.shape[1]
+        if missing > 0:
+            empty = np.full((len(self._count), missing, 5), _NOTHING)
+            self._rectangles = np.concatenate([self._rectangles, empty], axis=1)
+        self._rectangles[lane, begin:end] = rectangles
+        self._rectangles[lane, end:] = _NOTHING
+        self._count[lane] = end
+
+
+def _not_zero(component: FloatArray) -> FloatArray:
+    """A beam along a side would divide by zero."""
+    return np.where(np.abs(component) < 1e-12, 1e-12, component)
+
+
+_NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 0.0])
+"""A rectangle that no beam hits."""
