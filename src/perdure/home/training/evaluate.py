@@ -51,9 +51,9 @@ def evaluate_skill(
         count: How many episodes, rounded up to a multiple of the lanes.
         seed: Lane k draws its starts from seed + k.
         lanes: Side by side.
-        options: Of the environment; the published val episodes at 240 Hz when not said otherwise.
+        options: Of the environment; the published val episodes when not said otherwise.
     """
-    options = {"split": "val", "physics_hz": 240, **options}
+    options = {"split": "val", **options}
     env = HomeSkillVectorEnv(lanes, skill=skill, **options)
     limit = env.skill.limit
     rounds = -(-count // lanes)

@@ -30,13 +30,13 @@ class Recipe:
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(1_000_000),
+    "place": Recipe(2_000_000),
     "pick": Recipe(1_500_000),
-    "open_drawer": Recipe(1_500_000),
+    "open_drawer": Recipe(1_000_000),
     "close_drawer": Recipe(1_000_000),
-    "open_fridge": Recipe(2_000_000),
-    "close_fridge": Recipe(2_000_000),
-    "navigate": Recipe(3_000_000, n_steps=256, batch_size=1024),
+    "open_fridge": Recipe(1_500_000),
+    "close_fridge": Recipe(1_000_000),
+    "navigate": Recipe(1_500_000),
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
 HIDDEN = (256, 256)
