@@ -11,6 +11,7 @@ from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo.errors import ConfigError
 
 Activation = Literal["relu", "tanh"]
+Decay = Literal["none", "linear"]
 
 
 def _default_protocol() -> HorizonProtocol:
@@ -42,7 +43,7 @@ class PPOConfig:
     gae_lambda: float = 0.95
     """lambda of the generalised advantage estimate."""
     learning_rate: float = 3e-4
-    """Adam's step size, constant."""
+    """Adam's step size."""
     clip_range: float = 0.2
     """Epsilon of the clipped policy ratio."""
     ent_coef: float = 0.0
@@ -62,6 +63,8 @@ class PPOConfig:
     segment_steps: int = 50_000
     """Steps between checkpoints, rounded to whole rollouts. At each one the environments are built afresh from
     (seed, segment), interrupted or not, so this number is part of what a run is."""
+    learning_rate_decay: Decay = "none"
+    """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
@@ -72,6 +75,12 @@ class PPOConfig:
         for name in ("ent_coef", "vf_coef"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         _require(0 <= self.gae_lambda <= 1, "gae_lambda", self.gae_lambda, "in [0, 1]")
+        _require(
+            self.learning_rate_decay in ("none", "linear"),
+            "learning_rate_decay",
+            self.learning_rate_decay,
+            "'none' or 'linear'",
+        )
         _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
         _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
         _require(
@@ -102,8 +111,11 @@ class PPOConfig:
         return math.ceil(self.iterations / self.segment_iterations)
 
     def to_json(self) -> dict[str, Any]:
-        """The settings as plain JSON values."""
+        """The settings as plain JSON values; those that came later only where they are not the default."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, default in _LATER.items():
+            if values[name] == default:
+                del values[name]
         values["protocol"] = self.protocol.to_json()
         values["hidden_sizes"] = list(self.hidden_sizes)
         return values
@@ -118,12 +130,16 @@ class PPOConfig:
         known = {f.name for f in dataclasses.fields(cls)}
         if unknown := sorted(set(values) - known):
             raise ConfigError(f"unknown PPO setting {', '.join(unknown)}; the settings are {', '.join(sorted(known))}")
-        if missing := sorted(known - set(values)):
+        if missing := sorted(known - set(values) - set(_LATER)):
             raise ConfigError(f"missing PPO setting {', '.join(missing)}")
         rest = dict(values)
         rest["protocol"] = HorizonProtocol.from_json(values["protocol"])
         rest["hidden_sizes"] = tuple(values["hidden_sizes"])
         return cls(**rest)
+
+
+_LATER = {"learning_rate_decay": "none"}
+"""Settings that older runs and policy files do not name, and what they meant without them."""
 
 
 def _positive(value: float) -> bool:

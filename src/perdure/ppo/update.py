@@ -75,7 +75,7 @@ def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, ja
 
 
 def adam_step(
-    params: Params, state: AdamState, gradient: Params, learning_rate: float, max_grad_norm: float
+    params: Params, state: AdamState, gradient: Params, learning_rate: jax.Array | float, max_grad_norm: float
 ) -> tuple[Params, AdamState]:
     """One Adam step along the gradient cut to ``max_grad_norm``.
 
@@ -116,7 +116,15 @@ def epoch(
         params, adam = carry
         picked = jax.tree.map(lambda x: x[indices], batch)
         gradient, losses = jax.grad(loss, has_aux=True)(params, picked, config)
-        return adam_step(params, adam, gradient, config.learning_rate, config.max_grad_norm), losses
+        return adam_step(params, adam, gradient, _step_size(config, adam.count), config.max_grad_norm), losses
 
     (params, adam), losses = jax.lax.scan(minibatch, (params, adam), order.reshape(-1, config.batch_size))
     return params, adam, losses.mean(axis=0)
+
+
+def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
+    """Adam's step size after so many Adam steps."""
+    if config.learning_rate_decay == "none":
+        return config.learning_rate
+    iteration = count // (config.n_epochs * (config.rollout_size // config.batch_size))
+    return config.learning_rate * (1 - (iteration + 1) / config.iterations)

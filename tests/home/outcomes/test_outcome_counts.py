@@ -173,6 +173,12 @@ def test_success_over_runs_as_worked_out_by_hand():
     assert row["resampled"] == "training seeds"
 
 
+def test_four_successes_of_four_are_no_certainty():
+    stages = analyse([record_of(good(index), RUN) for index in range(4)]).stages
+    assert (stages["mean"] == 1.0).all()
+    assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
+
+
 def test_one_run_has_no_standard_error_and_says_what_was_resampled():
     stages = analyse([record_of(good(index), RUN) for index in range(3)]).stages
     assert stages["standard_error"].is_nan().all()

@@ -1,13 +1,16 @@
 """The protocol: which units, who acts, and that a second call runs nothing again."""
 
+import json
+
 import pytest
 
 from perdure.home.arms import Ik
 from perdure.home.errors import HomeError
 from perdure.home.execute import ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
-from perdure.home.outcomes import read_logs
+from perdure.home.outcomes import read_logs, read_notes
 from perdure.home.protocol import Protocol, choose_policies, make_actors, run_protocol, units
+from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.store import StoreError
 
 
@@ -26,12 +29,15 @@ def test_units_cover_every_episode_of_every_seed_once():
 def test_what_was_run_is_not_run_again(tmp_path):
     protocol = Protocol("set_table", episodes=1, policies={"place": "oracle"}, options=ExecutorOptions(lanes=1))
     told = []
-    first = run_protocol(protocol, tmp_path, told.append)
+    first = run_protocol(protocol, tmp_path, told.append, "asked by a test")
     second = run_protocol(protocol, tmp_path, told.append)
     assert first == second
     assert [log.episode.name for log in told] == ["set_table/val/000"]
     (record,) = read_logs(first[0])
     assert record.index == 0
+    notes = read_notes(first[0])
+    assert json.loads(notes["policies"])["place"] == "oracle"
+    assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path):
@@ -80,3 +86,10 @@ def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
         choose_policies("set_table", 0, {"juggle": "oracle"})
     with pytest.raises(HomeError, match="missing-3"):
         choose_policies("set_table", 3, {"place": str(tmp_path / "missing-{seed}.safetensors")})
+
+
+def test_a_shipped_policy_is_named_by_its_place_and_its_content():
+    shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789", object())
+    assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
+    assert SkillPolicy("mine.safetensors", "0123456789", object()).name == "mine.safetensors (SHA-256 01234567)"
+    assert SkillPolicy("oracle", "", None).name == "oracle"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go, unjam
-from perdure.home.oracle.pick import AHEAD, ATTEMPTS, SAFE, TURNS, approach
-from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
+from perdure.home.oracle.pick import ATTEMPTS, SAFE, approach
+from perdure.home.oracle.placing import AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import handle_grabs
 from perdure.home.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.world.handles import Handles

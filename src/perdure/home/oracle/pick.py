@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go, unjam
-from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
+from perdure.home.oracle.placing import ReachPlan, plan_from_here, plan_reach
 from perdure.home.oracle.wishes import pick_wishes
 from perdure.home.world import GRASP, GRASP_RADIUS
 from perdure.home.world.handles import Handles
@@ -20,8 +20,6 @@ FloatArray = NDArray[np.float64]
 ATTEMPTS = 3
 SAFE = 0.002
 """What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
-AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
-TURNS = (0.0, 0.3, -0.3)
 
 
 def pick(view: View) -> Motion:
@@ -62,9 +60,10 @@ def plan_pick(
     rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
     inside = ghost.in_fridge(point)
     wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
-    places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
-    # In a fridge there is no other way than from the front, and the target may give way a little.
-    return plan_reach(ghost, places, wishes, -1 if inside else target)
+    firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
+    return (
+        plan_from_here(ghost, base, wishes, point, firm) if stands is None else plan_reach(ghost, stands, wishes, firm)
+    )
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:

@@ -9,8 +9,8 @@ from perdure.home.layouts import Pose
 from perdure.home.objects import YcbObjects
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, rest_arm, unjam
-from perdure.home.oracle.pick import AHEAD, TURNS, approach, retreat
-from perdure.home.oracle.placing import ReachPlan, ahead, plan_reach
+from perdure.home.oracle.pick import approach, retreat
+from perdure.home.oracle.placing import ReachPlan, plan_from_here, plan_reach
 from perdure.home.oracle.wishes import place_wishes
 from perdure.home.world import RELEASE
 
@@ -49,5 +49,4 @@ def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | 
     held = ghost.lane.held
     half = YcbObjects().box(ghost.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
     wishes = place_wishes(goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), ghost.in_fridge(goal))
-    places = list(ahead(base, goal, AHEAD, TURNS)) if stands is None else stands
-    return plan_reach(ghost, places, wishes)
+    return plan_from_here(ghost, base, wishes, goal) if stands is None else plan_reach(ghost, stands, wishes)

@@ -29,6 +29,15 @@ OTHER_STARTS = (
 """Arm poses from which inverse kinematics starts beside that of rest."""
 PER_STAND = 25
 """Plans that are tested at one standing place: what is in the way of one is mostly in the way of the others."""
+FINE = 25
+"""Points of a path that is about to be taken at which it is tested."""
+AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
+TURNS = (0.0, 0.3, -0.3)
+"""Standing places that are tried first: drives in [m], turns in [rad]."""
+FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
+FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
+FINE_CHECKS = 600
+"""What is tried in a fridge, where centimetres decide, when none of those is free."""
 CLOSE = 0.01
 """How far from the wanted point a pose may leave the gripper in [m]."""
 
@@ -112,12 +121,26 @@ def plan_reach(
         worst = max(worst, ghost.path_depth(entry, via, end, firm=firm, points=4))
         if best is None or steps + DEPTH_COST * worst < best.cost:
             worst = max(worst, ghost.path_depth(entry, rest, via, firm=firm, points=7))
+        if worst == 0.0:  # between seven points there is room for a shelf
+            worst = ghost.path_depth(entry, rest, via, firm=firm, points=FINE)
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
         if plan.free:
             break
     return best
+
+
+def plan_from_here(
+    ghost: Ghost, base: Pose, wishes: Sequence[Wish], point: FloatArray, firm: int = -1
+) -> ReachPlan | None:
+    """`plan_reach` from what one turn and one drive reach; in a fridge it looks again, finer, when nothing is free."""
+    plan = plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)
+    if not ghost.in_fridge(point) or (plan is not None and plan.free):
+        return plan
+    finer = plan_reach(ghost, ahead(base, point, FINE_AHEAD, FINE_TURNS), wishes, firm, FINE_CHECKS)
+    found = [each for each in (plan, finer) if each is not None]
+    return min(found, key=lambda each: each.cost, default=None)
 
 
 def _behind(stand: Pose, back: float) -> Pose:

@@ -60,7 +60,7 @@ def write_page(analysis: Analysis, out: str | os.PathLike[str], command: str, ca
 
 def make_charts(comparison: Comparison) -> list[Chart]:
     """All charts of one task and split; those with nothing to show are left out. Names are unique in the page."""
-    found: list[Chart | None] = [final_chart(comparison), kind_chart(comparison), shape_chart(comparison)]
+    found: list[Chart | None] = [final_chart(comparison), shape_chart(comparison), kind_chart(comparison)]
     found += [outcome_chart(comparison), stage_chart(comparison)]
     found += [mode_chart(comparison, counting) for counting in reversed(COUNTINGS)]
     found += [release_chart(comparison, measure) for measure in MEASURES]

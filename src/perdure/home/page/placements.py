@@ -24,6 +24,7 @@ def kind_chart(comparison: Comparison) -> Chart | None:
     if not kinds:
         return None
     lines, bars, most = len(comparison.arms), [], 1
+    wide = len(kinds) > 3
     for k, (arm, colour) in enumerate(zip(comparison.arms, comparison.colours, strict=True)):
         table = comparison.kinds[arm]
         numbers = [kinds.index(row) for row in table.select("kind", "cylinder").rows()]
@@ -34,17 +35,18 @@ def kind_chart(comparison: Comparison) -> Chart | None:
             for bad, n, rate in table.select("failures", "placements", "rate").iter_rows()
         )
         bars.append(Bars("", rows, 0.0 * placed, placed, colour, 0.76 / lines, texts, pale=True))
-        bars.append(Bars(f"{arm}: did not stay", rows, 0.0 * failed, failed, colour, 0.76 / lines))
+        bars.append(Bars(arm, rows, 0.0 * failed, failed, colour, 0.76 / lines))
         most = max(most, int(placed.max(initial=0.0)))
     return Chart(
         name="kinds",
         title="Placements by kind of object",
-        x=Axis("placements", low=0.0, high=1.25 * most),
+        x=Axis("placements", low=0.0, high=(1.2 if wide else 1.5) * most),
         y=Axis("", rows=tuple(f"{kind} (cylinder)" if cylinder else kind for kind, cylinder in kinds)),
         series=(),
         bars=tuple(bars),
         row_lines=lines,
-        note="Pale: all placements of that kind. Solid: those that are not goal-stabilizing.",
+        note="Pale: all placements of that kind. Solid: those that did not stay (are not goal-stabilizing).",
+        wide=wide,
     )
 
 

@@ -23,7 +23,7 @@ class Recipe:
     n_envs: int = 32
     n_steps: int = 128
     batch_size: int = 512
-    n_epochs: int = 8
+    n_epochs: int = 5
     learning_rate: float = 3e-4
     log_std_init: float = -1.0
     gamma: float = 0.99
@@ -75,6 +75,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
         learning_rate=recipe.learning_rate,
         hidden_sizes=HIDDEN,
         log_std_init=recipe.log_std_init,
+        learning_rate_decay="linear",
         segment_steps=100_000,
     )
 

@@ -25,6 +25,8 @@ from perdure.home.view.words import write_title
 
 Picture = NDArray[np.uint8]
 
+GAP = 8
+"""Between two pictures, in pixels; even, as films want it."""
 WORDS = {
     "rl": "lets go when the policy wants to",
     "stop": "stands still, lets go",
@@ -100,8 +102,15 @@ def film_beside(
                 crew = Crew(episode, options, reel, studio, watch)
                 logs.append(perform(episode, crew.after_step, options.seed, take.actors, take.skills))
         for number in range(max(map(len, reels))):
-            film.add(np.concatenate([_half(*each, number) for each in zip(takes, reels, strict=True)], axis=1))
+            film.add(_side_by_side([_half(*each, number) for each in zip(takes, reels, strict=True)]))
     return logs
+
+
+def _side_by_side(pictures: Sequence[Picture]) -> Picture:
+    """Pictures of one size with a gap between them. Shapes (height, width, 3)."""
+    gap = np.full((len(pictures[0]), GAP, 3), 255, dtype=np.uint8)
+    parts = [part for picture in pictures for part in (gap, picture)]
+    return np.concatenate(parts[1:], axis=1)
 
 
 def _half(take: Take, reel: Reel, number: int) -> Picture:

@@ -148,7 +148,6 @@ def _title(title: str, caption: str, width: int, height: int) -> Picture:
     draw = ImageDraw.Draw(image)
     draw.text((12 * scale, 14 * scale), title, font=font(18 * scale), fill=INK, anchor="lm")
     draw.text((12 * scale, 33 * scale), caption, font=font(13 * scale), fill=FAINT, anchor="lm")
-    draw.line((width - 1, 0, width - 1, height), fill=PALE)
     return np.asarray(image)
 
 
