@@ -7,6 +7,10 @@ DEMO_SEEDS  ?= 2
 DEMO_CLOCKS ?= constant:0 constant:500
 DEMO_OUT    ?= demo
 
+# And at home: how many episodes of SetTable, and the ways to let go of what is placed.
+DEMO_EPISODES ?= 6
+DEMO_PLACES   ?= rl ik
+
 # Test processes, and what else pytest should be told: make test PYTEST="-k clock"
 PROCESSES ?= 2
 PYTEST    ?=
@@ -43,7 +47,7 @@ endef
 setup: ## Create .venv and install perdure into it (quick when nothing changed)
 	$(call install,.venv,echo '-e .[$(EXTRAS)]')
 
-demo: setup ## Carry the shipped policies far beyond their training horizon, and write the reports
+demo: setup ## Carry the shipped policies far beyond their horizon, set the table twice, and write the reports
 	@set -e; \
 	tasks=$$(find $(SHIPPED) -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
 	if [ -z "$$tasks" ]; then echo "There are no shipped policies in $(SHIPPED)." >&2; exit 1; fi; \
@@ -55,8 +59,18 @@ demo: setup ## Carry the shipped policies far beyond their training horizon, and
 			--eval-seeds $(DEMO_SEEDS) --out $(DEMO_OUT)/$$task; \
 		{ set +x; } 2>/dev/null; \
 	done; \
+	rm -rf $(DEMO_OUT)/set_table/runs; \
+	for place in $(DEMO_PLACES); do \
+		set -x; \
+		$(BIN)/perdure home run set_table --place $$place --episodes $(DEMO_EPISODES) \
+			--out $(DEMO_OUT)/set_table/runs >/dev/null; \
+		{ set +x; } 2>/dev/null; \
+	done; \
+	set -x; \
+	$(BIN)/perdure home analyse $(DEMO_OUT)/set_table/runs --out $(DEMO_OUT)/set_table; \
+	{ set +x; } 2>/dev/null; \
 	echo; echo "The reports, to be opened in a browser:"; \
-	for task in $$tasks; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
+	for task in $$tasks set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
 
 test: check ## Check format, lint and types, then run every test but the long ones
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)

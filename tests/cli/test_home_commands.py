@@ -55,6 +55,23 @@ def test_a_run_is_kept_and_analysed(perdure, tmp_path):
     again = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
     assert again == text
     assert succeeded(perdure("home", "analyse", "kept", cwd=tmp_path)) in text
+    page = tmp_path / "kept" / "set_table" / "val" / "rl" / "report.html"
+    assert f"Report: {page}" in text
+    assert "perdure home run set_table --episodes 1" in page.read_text()
+    assert "scripted oracle" in page.read_text()
+    told = succeeded(perdure("home", "analyse", "kept", "--out", "page", cwd=tmp_path))
+    assert told.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
+    assert (tmp_path / "page" / "set-table-val-success.png").exists()
+    process = perdure("home", "analyse", "kept", "--out", page, cwd=tmp_path)
+    assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
+    assert "report.html" in process.stderr
+
+
+def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(perdure, files, tmp_path):
+    for arguments in (("run", "set_table"), ("analyse", files / "none.parquet")):
+        process = perdure("home", *arguments, "--out", files / "foreign.txt" / "deeper", cwd=tmp_path, timeout=30)
+        assert (process.returncode, process.stderr.count("\n")) == (2, 1)
+        assert "foreign.txt/deeper: Not a directory" in process.stderr
 
 
 @pytest.mark.parametrize(
@@ -71,7 +88,12 @@ def test_a_run_is_kept_and_analysed(perdure, tmp_path):
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyse", "nowhere"), "nowhere"),
         (("train", "juggle"), "juggle"),
+        (("analyse", "nowhere", "--out", "page"), "nowhere"),
         (("video", "set_table", "--out", "film.avi"), ".mp4 or .gif"),
+        (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4 or .gif"),
+        (("video", "set_table", "--place", "rl", "throw"), "rl, stop, ik, ik+"),
+        (("video", "set_table", "--place", "rl", "--policies", "place"), "SKILL=FILE"),
+        (("video", "set_table", "--policies", "place=oracle"), "--place"),
     ],
 )
 def test_what_a_user_gets_wrong_ends_in_one_line(perdure, tmp_path, arguments, message):

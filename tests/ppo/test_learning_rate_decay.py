@@ -66,5 +66,5 @@ def test_settings_of_older_runs_mean_what_they_meant():
 
 
 def test_another_word_is_refused():
-    with pytest.raises(ConfigError, match="learning_rate_decay is 'cosine'.*'none' or 'linear'"):
+    with pytest.raises(ConfigError, match=r"learning_rate_decay is 'cosine'.*'none' or 'linear'"):
         replace(CONFIG, learning_rate_decay="cosine")

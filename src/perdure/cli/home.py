@@ -10,11 +10,11 @@ USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home list                          tasks, episodes, skills, objects
   perdure home episode TASK --index 3        what lies where; with --render out.png a picture
   perdure home plan TASK                     the task plan, found by a STRIPS planner
-  perdure home video TASK --index 3          a film of the oracle
+  perdure home video TASK --index 3          a film of the oracle, or with --place rl ik of placing arms side by side
   perdure home view TASK --index 3           the same, live in a browser
   perdure home train SKILL                   learn a skill
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
-  perdure home analyse LOGS                  stages, failure modes, what stayed
+  perdure home analyse LOGS --out PAGE       stages, failure modes, what stayed; with --out as a page
 
 Each command explains its options with --help.
 """

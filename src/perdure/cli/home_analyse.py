@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.parse import check_folder, parse
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ def main(args: list[str]) -> None:
     paths = [path for given in flags.logs for path in (sorted(given.rglob("*.parquet")) if given.is_dir() else [given])]
     if not paths:
         raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, flags.logs)) or 'nothing'}")
+    if flags.out is not None:
+        check_folder(flags.out)
     records, cast = read_cast(paths)
     analysis = analyse(records)
     page = None

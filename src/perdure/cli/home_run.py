@@ -9,7 +9,7 @@ from typing import Literal
 
 import tyro
 
-from perdure.cli.parse import parse, policies
+from perdure.cli.parse import check_folder, parse, policies
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ def main(args: list[str]) -> None:
     from perdure.home.world import SceneOptions
 
     chosen = policies(flags.policies)
+    check_folder(flags.out)
     options = ExecutorOptions(
         lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=SceneOptions(physics_hz=flags.physics_hz)
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 import sys
 from contextlib import redirect_stderr
+from pathlib import Path
 from typing import TypeVar
 
 import tyro
@@ -30,6 +33,15 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
             raise
         print(f"perdure: {sentence(box.getvalue())}; see perdure {command} --help", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def check_folder(path: Path) -> None:
+    """NotADirectoryError when results cannot go to `path` because it is, or lies in, a file."""
+    for each in (path, *path.parents):
+        if each.exists():
+            if not each.is_dir():
+                raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
+            return
 
 
 def policies(written: tuple[str, ...]) -> dict[str, str]:

@@ -146,36 +146,41 @@ def _layout(chart: Chart, dark: bool) -> dict[str, Any]:
             }
             for m in chart.markers
         ],
-        "annotations": [
-            {
-                "x": 0,
-                "xref": "paper",
-                "xanchor": "left",
-                "y": 1.0,
-                "yref": "paper",
-                "yanchor": "bottom",
-                "yshift": 10,
-                "text": _escape(chart.y.title),
-                "showarrow": False,
-                "font": {"size": 12},
-            },
-            *(
-                {
-                    "x": float(np.log10(m.at)) if chart.x.log else m.at,
-                    "y": 1,
-                    "yref": "paper",
-                    "text": _escape(m.label),
-                    "showarrow": False,
-                    "textangle": -90,
-                    "xanchor": "right",
-                    "yanchor": "top",
-                    "font": {"size": 11},
-                }
-                for m in chart.markers
-            ),
-        ],
+        "annotations": _annotations(chart),
     }
     return layout
+
+
+def _annotations(chart: Chart) -> list[dict[str, Any]]:
+    """The title of the upright axis, level so that it can be read, and the names of the markers."""
+    return [
+        {
+            "x": 0,
+            "xref": "paper",
+            "xanchor": "left",
+            "y": 1.0,
+            "yref": "paper",
+            "yanchor": "bottom",
+            "yshift": 10,
+            "text": _escape(chart.y.title),
+            "showarrow": False,
+            "font": {"size": 12},
+        },
+        *(
+            {
+                "x": float(np.log10(m.at)) if chart.x.log else m.at,
+                "y": 1,
+                "yref": "paper",
+                "text": _escape(m.label),
+                "showarrow": False,
+                "textangle": -90,
+                "xanchor": "right",
+                "yanchor": "top",
+                "font": {"size": 11},
+            }
+            for m in chart.markers
+        ),
+    ]
 
 
 def _height(chart: Chart) -> int:
