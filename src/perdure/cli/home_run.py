@@ -35,7 +35,7 @@ class HomeRun:
     """SKILL=FILE or SKILL=oracle, with {seed} for the training seed; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
     """Whether an object that was held touches the robot again: never (M3) or once they are apart (habitat-lab)."""
-    physics_hz: int = 240
+    physics_hz: int = 120
     """Physics steps per second."""
     lanes: int = 16
     """Episodes side by side. Results do not depend on it."""

@@ -158,9 +158,12 @@ class Executor:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(lanes, running)
+        row_of = np.zeros(world.num_lanes, dtype=np.int64)
+        row_of[lanes] = np.arange(len(lanes))
+        known = world.sense(lanes, any(self._skills[n].needs_scan and self._actors[n].sees for n in groups))
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
-            sensors = world.sense(group, skill.needs_scan and actor.sees)
+            sensors = known[row_of[group]]
             assert self._progress is not None
             acted = actor.act(world, group, skill, sensors, self._progress[group])
             actions[group] = skill.mask(acted, sensors)
@@ -168,9 +171,8 @@ class Executor:
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
         everyone = world.sense(lanes)
         self._record(world, lanes, running, everyone)
-        row_of = {int(lane): row for row, lane in enumerate(lanes)}
         for name, group in groups.items():
-            self._after(world, name, group, everyone[np.array([row_of[int(lane)] for lane in group])], running)
+            self._after(world, name, group, everyone[row_of[group]], running)
 
     def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
         """Lanes by the skill they are at; lanes that settle are in none."""
