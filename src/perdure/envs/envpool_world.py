@@ -13,14 +13,14 @@ import numpy as np
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.envpool_channel import Channel, observation_keys, open_channel
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import LaneBook
+from perdure.envs.lanes import Booked, LaneBook
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9
 """EnvPool's own step limit. It is one number per pool, so horizons are kept by us and this one must never be met."""
 
 
-class EnvPoolWorld:
+class EnvPoolWorld(Booked):
     """Lanes of one EnvPool task (see `World`).
 
     EnvPool resets a finished environment when it is stepped again: that step ignores the action and pays 0. It never
@@ -47,26 +47,6 @@ class EnvPoolWorld:
         self._spec = _spec_of(self.pool, name, family)
         self._action_dtype = self.pool.action_space.dtype
         self._book = LaneBook(len(seeds))
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._spec
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._book.num_lanes
-
-    @property
-    def horizons(self) -> FloatArray:
-        """See `World.horizons`."""
-        return self._book.horizons
-
-    @property
-    def elapsed(self) -> IntArray:
-        """See `World.elapsed`."""
-        return self._book.elapsed
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""

@@ -12,12 +12,12 @@ import numpy as np
 from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.errors import UnknownTask, WorldError, nearest_names
-from perdure.envs.lanes import LaneBook
+from perdure.envs.lanes import Booked, LaneBook
 from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
-from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
+from perdure.envs.world import FloatArray, IntArray, Step
 
 
-class GymnasiumWorld:
+class GymnasiumWorld(Booked):
     """Lanes of one Gymnasium environment (see `World`), stepped one after the other in this thread.
 
     A lane's seed goes into its first `reset`; later resets continue the environment's own generator, as Gymnasium
@@ -97,26 +97,6 @@ class GymnasiumWorld:
 
         factories = [build] * len(checked_seeds(seeds))
         return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._spec
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._book.num_lanes
-
-    @property
-    def horizons(self) -> FloatArray:
-        """See `World.horizons`."""
-        return self._book.horizons
-
-    @property
-    def elapsed(self) -> IntArray:
-        """See `World.elapsed`."""
-        return self._book.elapsed
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from perdure.envs.checks import checked_horizons, checked_lanes, named_lanes
 from perdure.envs.errors import WorldError
-from perdure.envs.world import BoolArray, FloatArray, IntArray
+from perdure.envs.world import BoolArray, FloatArray, IntArray, TaskSpec
 
 NEVER = 2**62  # more steps than any computer makes; an integer's stand-in for infinity
 
@@ -131,3 +131,30 @@ class LaneBook:
         if len(never):
             return f"Lanes {named_lanes(never)} were never reset; reset them before the first step."
         return f"Lanes {named_lanes(stopped)} have ended; reset them before they are stepped again."
+
+
+class Booked:
+    """The part of a world that a `LaneBook` answers for."""
+
+    _spec: TaskSpec
+    _book: LaneBook
+
+    @property
+    def spec(self) -> TaskSpec:
+        """See `World.spec`."""
+        return self._spec
+
+    @property
+    def num_lanes(self) -> int:
+        """See `World.num_lanes`."""
+        return self._book.num_lanes
+
+    @property
+    def horizons(self) -> FloatArray:
+        """See `World.horizons`."""
+        return self._book.horizons
+
+    @property
+    def elapsed(self) -> IntArray:
+        """See `World.elapsed`."""
+        return self._book.elapsed

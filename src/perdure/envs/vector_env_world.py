@@ -10,12 +10,12 @@ import numpy as np
 
 from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import LaneBook
+from perdure.envs.lanes import Booked, LaneBook
 from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
-from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step
 
 
-class VectorEnvWorld:
+class VectorEnvWorld(Booked):
     """Lanes of one `VectorEnv` (see `World`).
 
     A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
@@ -67,26 +67,6 @@ class VectorEnvWorld:
         self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
         self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
         self._shown: FloatArray | None = None  # what the vector showed last, all lanes
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._spec
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._book.num_lanes
-
-    @property
-    def horizons(self) -> FloatArray:
-        """See `World.horizons`."""
-        return self._book.horizons
-
-    @property
-    def elapsed(self) -> IntArray:
-        """See `World.elapsed`."""
-        return self._book.elapsed
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""
