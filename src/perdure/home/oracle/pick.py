@@ -11,7 +11,7 @@ from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go, unjam
 from perdure.home.oracle.placing import ReachPlan, plan_from_here, plan_reach
-from perdure.home.oracle.wishes import pick_wishes
+from perdure.home.oracle.wishes import pick_wishes, wishes_aside
 from perdure.home.world import GRASP, GRASP_RADIUS
 from perdure.home.world.handles import Handles
 
@@ -61,9 +61,10 @@ def plan_pick(
     inside = ghost.in_fridge(point)
     wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
     firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
-    return (
-        plan_from_here(ghost, base, wishes, point, firm) if stands is None else plan_reach(ghost, stands, wishes, firm)
-    )
+    if stands is not None:
+        return plan_reach(ghost, stands, wishes, firm)
+    origin = np.array([base.x, base.y])
+    return plan_from_here(ghost, base, wishes, point, firm, lambda: wishes_aside(point, origin, rivals))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,13 +132,27 @@ def plan_reach(
 
 
 def plan_from_here(
-    ghost: Ghost, base: Pose, wishes: Sequence[Wish], point: FloatArray, firm: int = -1
+    ghost: Ghost,
+    base: Pose,
+    wishes: Sequence[Wish],
+    point: FloatArray,
+    firm: int = -1,
+    others: Callable[[], Sequence[Wish]] = tuple,
 ) -> ReachPlan | None:
-    """`plan_reach` from what one turn and one drive reach; in a fridge it looks again, finer, when nothing is free."""
+    """`plan_reach` from what one turn and one drive reach; in a fridge it looks again, finer, when nothing is free.
+
+    Args:
+        ghost: The world.
+        base: Where the robot is.
+        wishes: As for `plan_reach`.
+        point: What it faces. Shape (3,).
+        firm: As for `plan_reach`.
+        others: Further wishes for the second look.
+    """
     plan = plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)
     if not ghost.in_fridge(point) or (plan is not None and plan.free):
         return plan
-    finer = plan_reach(ghost, ahead(base, point, FINE_AHEAD, FINE_TURNS), wishes, firm, FINE_CHECKS)
+    finer = plan_reach(ghost, ahead(base, point, FINE_AHEAD, FINE_TURNS), [*wishes, *others()], firm, FINE_CHECKS)
     found = [each for each in (plan, finer) if each is not None]
     return min(found, key=lambda each: each.cost, default=None)
 

@@ -21,6 +21,8 @@ INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians
 """The same in a fridge."""
 LIFT, HIGH_LIFT = 0.08, 0.25
 """How far above the last point the gripper comes from in [m]."""
+ASIDE = 0.11
+"""How far beside or above an object the gripper takes it from when another one stands before it, in [m]."""
 BACK = 0.4
 """How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
 TURNS = (0.0, 0.5, -0.5)
@@ -51,6 +53,21 @@ def pick_wishes(
                     continue
                 before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
                 wishes.append(Wish(spot, approach, False, before, BACK if inside else 0.0))
+    return wishes
+
+
+def wishes_aside(point: FloatArray, origin: FloatArray, rivals: FloatArray) -> list[Wish]:
+    """Poses beside and above an object in a fridge, for one that stands behind another. As `pick_wishes`."""
+    wishes = []
+    for slope in INSIDE_SLOPES[:3]:
+        for turn in INSIDE_TURNS:
+            approach = _direction(point, origin, slope, turn)
+            left = np.array([-approach[1], approach[0], 0.0]) / np.hypot(approach[0], approach[1])
+            for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
+                spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
+                if len(rivals) and np.linalg.norm(rivals - spot, axis=1).min() < ASIDE + RIVAL_GAP:
+                    continue
+                wishes.append(Wish(spot, approach, False, np.zeros(3), BACK))
     return wishes
 
 
