@@ -48,6 +48,8 @@ def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     """The command that makes this policy again."""
+    if run.command is not None:
+        return run.command.format(seed=seed)
     words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
     if run.method in METHODS:
         words += _overrides(run.config, method_config(run.method, run.task, spec.observation_size), "--ppo")

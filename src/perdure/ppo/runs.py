@@ -35,6 +35,8 @@ class TrainRun:
     config: PPOConfig
     seeds: tuple[int, ...] = (0,)
     """Trained side by side; each comes out as if it were trained alone."""
+    command: str | None = None
+    """What makes it again, `{seed}` standing for the seed; `perdure train ...` when None. Kept in the policy file."""
 
     def __post_init__(self) -> None:
         """Refuse a list of seeds that names no run, or one twice."""

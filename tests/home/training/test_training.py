@@ -6,7 +6,7 @@ import pytest
 from perdure.home.errors import HomeError
 from perdure.home.execute import Learned
 from perdure.home.skills import get_skill
-from perdure.home.training import RECIPES, evaluate_skill, skill_config, train_skill
+from perdure.home.training import RECIPES, evaluate_skill, recipes, skill_config, train_skill
 from perdure.policy import load_policy
 
 
@@ -48,3 +48,11 @@ def test_delta_lengthens_the_horizon():
     assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
     with pytest.raises(HomeError, match="reset_arm"):
         skill_config("reset_arm", "set_table")
+
+
+def test_a_policy_says_what_makes_it_again(policy, tmp_path):
+    assert policy.provenance["command"] == (
+        "perdure.home.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', episodes=2)"
+    )
+    command = recipes._command("place", "set_table", 2000, {"delta": 30})
+    assert command.format(seed=3) == "perdure home train place --task set_table --seeds 3 --delta 30 --steps 2000"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -107,4 +107,17 @@ def train_skill(
     """
     config = skill_config(skill, task, **options)
     config = config if total_steps is None else replace(config, total_steps=total_steps)
-    return list(train(TrainRun(skill_task(skill, task, **options), skill, config, seeds), out, threads, watch))
+    run = TrainRun(
+        skill_task(skill, task, **options), skill, config, seeds, _command(skill, task, total_steps, options)
+    )
+    return list(train(run, out, threads, watch))
+
+
+def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
+    """What makes a seed's policy again: of the command line where that has the options, else a call."""
+    if options.keys() <= {"delta"}:
+        steps = {} if total_steps is None else {"steps": total_steps}
+        flags = {"task": task, "seeds": "{seed}", **options, **steps}
+        return f"perdure home train {skill} " + " ".join(f"--{name} {value}" for name, value in flags.items())
+    given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **options}.items())
+    return f"perdure.home.training.train_skill({skill!r}, {task!r}, ({{seed}},), OUT{given})"
