@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from perdure.home.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
+from perdure.home.world import BEAMS, RIVALS, SCAN_RANGE, Sensors
 
 REST = np.array(REST_POSITION)
 BOWL, OTHER, DRAWER = 0, 4, 3
@@ -42,6 +42,9 @@ def sensors(**changes):
         "facing_error": 0.0,
         "waypoint": np.zeros(3),
         "scan": np.full(BEAMS, SCAN_RANGE),
+        "rivals": np.zeros((RIVALS, 3)),
+        "rival_distance": np.inf,
+        "handle_distance": np.inf,
         "contact_force": 0.0,
         "diverged": False,
     }

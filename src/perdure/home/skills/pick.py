@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from perdure.home.skills.observation import CLOSENESS, PROPRIOCEPTION, closeness, point, point_elements, proprioception
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-from perdure.home.world import GRIP, Sensors
+from perdure.home.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
 from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +20,8 @@ IntArray = NDArray[np.int64]
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
+LEAD = 0.3
+"""Leads beyond it look alike, in [m]."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +39,27 @@ class Pick(Skill):
             *PROPRIOCEPTION,
             *CLOSENESS,
             *point_elements("object", "the object"),
+            *(
+                Element(f"rival_{k}_{a}", f"from the object to its neighbour {k}, base axes {a}, 0 without one", "m")
+                for k in range(RIVALS)
+                for a in "xyz"
+            ),
+            *(
+                Element(
+                    f"rival_{k}_near", f"nearness of neighbour {k}: 1 at the object, 0 from 0.5 m on", "1", 0.0, 1.0
+                )
+                for k in range(RIVALS)
+            ),
+            Element("lead", "by how much the object is nearer to the gripper point than others", "m", -LEAD, LEAD),
+            Element("handle_distance", "from the gripper point to the nearest handle", "m", 0.0, NEIGHBOURHOOD),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         holding = (sensors.held >= 0).astype(np.float64)[:, None]
-        columns = [*proprioception(sensors), closeness(sensors), *point(sensors, sensors.object), holding]
-        return np.concatenate(columns, axis=1)
+        columns = [*proprioception(sensors), closeness(sensors), *point(sensors, sensors.object)]
+        return np.concatenate([*columns, *rivals(sensors), holding], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
@@ -86,3 +101,12 @@ class Pick(Skill):
     def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
         progress = super()._remember(progress, sensors)
         return replace(progress, grasped=progress.grasped | sensors.holds_target)
+
+
+def rivals(sensors: Sensors) -> list[FloatArray]:
+    """What the grasp might take instead of the object. Columns (n, 3) for each rival, then (n, RIVALS), (n, 2)."""
+    turned = [sensors.turned_to_base(sensors.rivals[:, k]) for k in range(RIVALS)]
+    away = np.stack([norm(each) for each in turned], axis=1)
+    near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBOURHOOD, 0.0, 1.0), 0.0)
+    lead = np.clip(sensors.rival_distance - norm(sensors.object - sensors.gripper), -LEAD, LEAD)
+    return [*turned, near, np.stack([lead, np.minimum(sensors.handle_distance, NEIGHBOURHOOD)], axis=1)]

@@ -51,9 +51,9 @@ def evaluate_skill(
         count: How many episodes, rounded up to a multiple of the lanes.
         seed: Lane k draws its starts from seed + k.
         lanes: Side by side.
-        options: Of the environment; the published val episodes when not said otherwise.
+        options: Of the environment; the published val episodes with their clutter when not said otherwise.
     """
-    options = {"split": "val", **options}
+    options = {"split": "val", "clutter": True, **options}
     env = HomeSkillVectorEnv(lanes, skill=skill, **options)
     limit = env.skill.limit
     rounds = -(-count // lanes)

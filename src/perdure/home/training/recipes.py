@@ -27,11 +27,13 @@ class Recipe:
     learning_rate: float = 3e-4
     log_std_init: float = -1.0
     gamma: float = 0.99
+    clutter: bool = False
+    """Whether objects that are no targets are there in training: they cost time, and only pick must tell them apart."""
 
 
 RECIPES: dict[str, Recipe] = {
     "place": Recipe(2_000_000),
-    "pick": Recipe(1_500_000),
+    "pick": Recipe(2_000_000, clutter=True),
     "open_drawer": Recipe(1_000_000),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
@@ -107,10 +109,9 @@ def train_skill(
     """
     config = skill_config(skill, task, **options)
     config = config if total_steps is None else replace(config, total_steps=total_steps)
-    run = TrainRun(
-        skill_task(skill, task, **options), skill, config, seeds, _command(skill, task, total_steps, options)
-    )
-    return list(train(run, out, threads, watch))
+    command = _command(skill, task, total_steps, options)
+    lesson = {"clutter": True, **options} if RECIPES[skill].clutter else options
+    return list(train(TrainRun(skill_task(skill, task, **lesson), skill, config, seeds, command), out, threads, watch))
 
 
 def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:

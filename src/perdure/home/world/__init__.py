@@ -23,6 +23,7 @@ from perdure.home.world.actions import (
     TURN,
 )
 from perdure.home.world.lane import Jaws, Lane
+from perdure.home.world.rivals import NEIGHBOURHOOD, RIVALS
 from perdure.home.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
 from perdure.home.world.scene import CONTROL_HZ, PHYSICS_HZ, Scene, SceneOptions, build_scene, episode_scene
 from perdure.home.world.sensors import Errand, Sensors
@@ -41,8 +42,10 @@ __all__ = [
     "GRIP",
     "LEAVE",
     "NAVIGATION_SPEED",
+    "NEIGHBOURHOOD",
     "PHYSICS_HZ",
     "RELEASE",
+    "RIVALS",
     "SCAN_ANGLES",
     "SCAN_RANGE",
     "TURN",

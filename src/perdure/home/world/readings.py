@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
+from perdure.home.world.rivals import Rivals
 from perdure.home.world.scene import CONTROL_HZ
 from perdure.home.world.sensors import Errand, Sensors, norm, turn, wrap
 
@@ -82,8 +85,10 @@ class Readings:
         else:
             self.held_point[number] = self.gripper[number]
 
-    def sensors(self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray) -> Sensors:
-        """The record for some lanes. Shapes (m,), (m,), (m, 3), (m, beams)."""
+    def sensors(
+        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Sequence[Rivals]
+    ) -> Sensors:
+        """The record for some lanes. Shapes (m,), (m,), (m, 3), (m, beams), m."""
         robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
         base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
         flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
@@ -118,6 +123,9 @@ class Readings:
             waypoint=waypoint,
             facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
             scan=scan,
+            rivals=np.array([each.from_object for each in around]),
+            rival_distance=np.array([each.distance for each in around]),
+            handle_distance=np.array([each.handle_distance for each in around]),
             contact_force=self.force[chosen],
             diverged=self.diverged[chosen],
         )

@@ -76,6 +76,11 @@ class Scene:
         return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_qposadr")
 
     @cached_property
+    def middles(self) -> IntArray:
+        """Where the objects' middles stand in `qpos`. Shape (objects, 3)."""
+        return self.object_qpos[:, None] + np.arange(3)
+
+    @cached_property
     def object_qvel(self) -> IntArray:
         """Address of each object's velocity in `qvel` (3 linear in the room, 3 angular in its own frame)."""
         return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_dofadr")

@@ -94,6 +94,12 @@ class Sensors:
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray
     """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
+    rivals: FloatArray
+    """From the object to its nearest neighbours, in the room; 0 where nothing is near. Shape (n, RIVALS, 3)."""
+    rival_distance: FloatArray
+    """From the gripper point to the nearest object that is not the errand's, inf without one. Shape (n,)."""
+    handle_distance: FloatArray
+    """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray

@@ -15,6 +15,7 @@ from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, TURN
 from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.world.readings import Readings
+from perdure.home.world.rivals import NO_RIVALS, look_around
 from perdure.home.world.scan import NO_SCAN, Outlines
 from perdure.home.world.scene import Scene
 from perdure.home.world.sensors import Errand, Sensors
@@ -128,12 +129,15 @@ class World:
         self._read(chosen)
 
     def sense(self, lanes: IntArray | None = None, scan: bool = False) -> Sensors:
-        """What is known of some lanes (all when None) now; with the ranges of the scan where they are asked for."""
+        """What is known of some lanes (all when None) now; `scan`: with the scan and what stands around the target."""
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
         way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
         for row, number in enumerate(map(int, chosen)):
             way[row], waypoint[row] = self._way(number)
-        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen) if scan else _blind(len(chosen)))
+        if not scan:
+            return self._readings.sensors(chosen, way, waypoint, _blind(len(chosen)), [NO_RIVALS] * len(chosen))
+        around = [look_around(self.lane(k), self._errand[k].target, self._readings.gripper[k]) for k in chosen]
+        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen), around)
 
     def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
         """Poses (position, quaternion) and velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
