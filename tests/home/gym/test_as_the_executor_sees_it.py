@@ -34,7 +34,7 @@ class Waiting:
         pass
 
     def act(self, world, lanes, skill, sensors, progress):
-        return np.zeros((len(lanes), 10))
+        return np.zeros((len(lanes), 11))
 
 
 class Watching(Waiting):
@@ -62,7 +62,7 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
         episode = replace(episode, opened={episode.container(0): 0.45, "top_door": 2.0})
     plan = episode.home_task.skills
     before = [step.skill for step in plan].index(name)
-    actions = np.zeros((STEPS, 10))
+    actions = np.zeros((STEPS, 11))
     actions[:, used(get_skill(name))] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(used(get_skill(name)))))
     watching = Watching(actions)
     skills = {each: stopping(each, always=each != name) for each in SKILLS}
@@ -77,7 +77,7 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
         scene = episode_scene(episode, SCENE)
         world.reset(lane, scene, start_pose(scene.apartment, episode, 0))
         for _ in range(before):
-            world.step(np.zeros((1, 10)))
+            world.step(np.zeros((1, 11)))
         world.assign(lane, make_errand(episode, plan[before], world.lane(lane)))
 
     env.lessons = SimpleNamespace(begin=begin)

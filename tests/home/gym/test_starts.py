@@ -11,7 +11,7 @@ from perdure.home.robot.data import REST_POSITION, TORSO_HEIGHT
 from perdure.home.starts import STARTS, begin, touching
 from perdure.home.starts.containers import goal_container, handle
 from perdure.home.tasks import get_task
-from perdure.home.world import SceneOptions, World, episode_scene
+from perdure.home.world import ACTION_SIZE, SceneOptions, World, episode_scene
 
 DRAWS = 40
 
@@ -93,7 +93,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
     start = begin(world, 0, scene, STARTS["pick"], episode, 0, np.random.default_rng(0))
     before, _ = world.objects(0, 1)
     for _ in range(30):
-        world.step(np.zeros((1, 10)))
+        world.step(np.zeros((1, ACTION_SIZE)))
     after, speed = world.objects(0, 1)
     np.testing.assert_allclose(before[0, :3], start.moved[0].position)
     assert np.linalg.norm(after[0, :3] - before[0, :3]) < 0.01

@@ -7,7 +7,6 @@ from skill_scripts import action, never, start_within_reach, steps_until, to_res
 
 from perdure.home.layouts import Pose
 from perdure.home.skills import Aim, region
-from perdure.home.skills.navigate import STILL_STEPS
 from perdure.home.starts import Start
 from perdure.home.starts.containers import handle, link_number
 from perdure.home.world import Errand
@@ -111,6 +110,7 @@ def test_a_robot_that_stands_right_has_arrived_when_it_has_stood_long_enough_and
         arm = start_within_reach(env.lessons.scene(0, 0), point, errand).arm
         begin_at(env, Start(Pose(float(x), float(y), yaw + off), arm, errand))
         env.reset(seed=0)
-        # The start counts as the first step of standing still.
-        ends = [bool(env.step(np.zeros((1, 2)))[2][0]) for _ in range(STILL_STEPS - 1)]
-        assert ends == [False] * (STILL_STEPS - 2) + [arrives]
+        assert not env.step(np.zeros((1, 3)))[2][0]
+        _, _, terminated, _, info = env.step(np.array([[0.0, 0.0, 1.0]]))
+        assert terminated[0]
+        assert (info["success"][0], info["failure"][0]) == (arrives, "none" if arrives else "stopped elsewhere")

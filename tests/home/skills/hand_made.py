@@ -45,6 +45,7 @@ def sensors(**changes):
         "rivals": np.zeros((RIVALS, 3)),
         "rival_distance": np.inf,
         "handle_distance": np.inf,
+        "stopped": False,
         "contact_force": 0.0,
         "diverged": False,
     }

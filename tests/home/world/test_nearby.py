@@ -6,7 +6,7 @@ import pytest
 from test_world import begin, wiggle
 
 from perdure.home.episodes import load_episodes
-from perdure.home.world import ARM, FORWARD, World, nearby
+from perdure.home.world import ACTION_SIZE, ARM, FORWARD, World, nearby
 
 
 def contacts(lane):
@@ -61,9 +61,9 @@ def test_most_of_a_room_is_left_out_once_it_sleeps():
     lane = world.lane(0)
     assert np.array_equal(lane.model.body_contype, scene.nearby.contype)  # at first everything is awake
     for _ in range(30):
-        world.step(np.zeros((1, 10)))
+        world.step(np.zeros((1, ACTION_SIZE)))
     assert (lane.model.body_contype > 0).sum() < 0.7 * (scene.nearby.contype > 0).sum()
     lane.object(5)[1][:] = 1.0, 0.0, 0.0  # wakes it: what it may now hit must be searched
-    world.step(np.zeros((1, 10)))
-    world.step(np.zeros((1, 10)))
+    world.step(np.zeros((1, ACTION_SIZE)))
+    world.step(np.zeros((1, ACTION_SIZE)))
     assert np.array_equal(lane.model.body_contype, scene.nearby.contype)

@@ -25,7 +25,7 @@ class Actor(Protocol):
         """A lane starts a skill; its errand is set."""
 
     def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
-        """Actions for these lanes, rows of `sensors` and `progress`. Shape (len(lanes), 10)."""
+        """Actions for these lanes, rows of `sensors` and `progress`. Shape (len(lanes), 11)."""
 
     def overtime(self, lane: int) -> bool:
         """Whether a lane needs more time than the skill's limit, to put down what it holds."""

@@ -11,7 +11,7 @@ from perdure.home.oracle.navigate import navigate
 from perdure.home.oracle.pick import pick
 from perdure.home.oracle.place import place
 from perdure.home.skills import Progress, Skill
-from perdure.home.world import ACTION_SIZE, Sensors, World
+from perdure.home.world import ACTION_SIZE, STOP, Sensors, World
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,18 +42,19 @@ class Oracle:
         self._motions[lane] = self._motion(view, skill)
 
     def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
-        """See `Actor.act`. A motion that has ended leaves the robot standing."""
+        """See `Actor.act`. A motion that has ended leaves the robot standing, or says "stop"."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         for row, lane in enumerate(lanes):
             number = int(lane)
             self._views[number].sensors = sensors[row : row + 1]
             motion = self._motions[number]
-            if motion is None:
-                continue
-            try:
-                actions[row] = next(motion)
-            except StopIteration:
-                self._motions[number] = None
+            if motion is not None:
+                try:
+                    actions[row] = next(motion)
+                    continue
+                except StopIteration:
+                    self._motions[number] = None
+            actions[row, STOP] = float(skill.name == "navigate")
         return actions
 
     def overtime(self, lane: int) -> bool:

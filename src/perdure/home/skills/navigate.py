@@ -1,30 +1,27 @@
 """Navigate: drive to where the next skill can begin, facing what it is about.
 
-M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds, and the robot stops by standing still. It
-carries a map: a point of the planned way is part of the observation (M3's robot sees depth images and no map).
+M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds and a third number that says "stop". The
+robot carries a map: a point of the planned way is part of the observation (M3's robot sees depth images and no map).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
-from perdure.home.skills.skill import Element, Progress, Skill
+from perdure.home.skills.skill import Element, Progress, Skill, first_of
 from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 NEAR, FACING = 0.1, 0.25
 """How near the region in [m] of way and how well turned in [rad] the robot must be (M3)."""
-STILL_FORWARD, STILL_TURN = 0.05, 0.05
-"""Below these speeds in [m/s] and [rad/s] the robot stands still."""
-STILL_STEPS = 10
-"""Steps of standing still that mean "stop" (OURS, in place of M3's stop action)."""
 DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Ways longer than this look alike, in [m]."""
@@ -32,11 +29,11 @@ FAR = 5.0
 
 @dataclass(frozen=True)
 class Navigate(Skill):
-    """Reward (M3): 1 per metre of way nearer to the region."""
+    """Reward (M3): 1 per metre of way nearer to the region. Saying "stop" elsewhere ends it as a failure."""
 
     name = "navigate"
     base_speed = NAVIGATION_SPEED
-    failures = ("none",)
+    failures = ("none", "stopped elsewhere")
 
     @property
     def elements(self) -> tuple[Element, ...]:
@@ -71,14 +68,16 @@ class Navigate(Skill):
         return {"way": DISTANCE_REWARD * (counted_way(before) - counted_way(after))}
 
     def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The robot stands still within 0.1 m of the region, turned to within 0.25 rad of what it should face."""
-        there: BoolArray = (sensors.way <= NEAR) & (np.abs(sensors.facing_error) <= FACING)
-        return there & (progress.lasting >= STILL_STEPS)
+        """The robot says "stop" within 0.1 m of the region, turned to within 0.25 rad of what it should face (M3)."""
+        return sensors.stopped & _arrived(sensors)
+
+    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+        """It said "stop" elsewhere."""
+        return first_of(sensors.stopped & ~_arrived(sensors))
 
     def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """It has moved and stands still, wherever that is."""
-        stands: BoolArray = progress.reached & (progress.lasting >= STILL_STEPS)
-        return stands
+        """It said "stop", wherever that is."""
+        return sensors.stopped
 
     def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
         """Arm and gripper stay as they are."""
@@ -87,13 +86,10 @@ class Navigate(Skill):
         masked[:, GRIP] = 0.0
         return masked
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        speed = np.abs(sensors.base_velocity)
-        still = (speed[:, 0] < STILL_FORWARD) & (speed[:, 2] < STILL_TURN)
-        lasting = np.where(still, progress.lasting + 1, 0)
-        # A robot that already stands right may stop at once; any other one has to have moved.
-        right = (sensors.way <= NEAR) & (np.abs(sensors.facing_error) <= FACING)
-        return replace(progress, lasting=lasting, reached=progress.reached | ~still | right)
+
+def _arrived(sensors: Sensors) -> BoolArray:
+    there: BoolArray = (sensors.way <= NEAR) & (np.abs(sensors.facing_error) <= FACING)
+    return there
 
 
 def counted_way(sensors: Sensors) -> FloatArray:

@@ -54,7 +54,7 @@ class ResetArm(Skill):
         return self.success(sensors, progress)
 
     def act(self, sensors: Sensors) -> FloatArray:
-        """Every joint straight to rest, at most 0.1 rad in a step. Shape (n, 10)."""
+        """Every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
         actions = np.zeros((len(sensors), ACTION_SIZE))
         actions[:, ARM] = np.clip(rest_error(sensors.arm_target) / FASTEST, -1.0, 1.0)
         return actions

@@ -130,7 +130,7 @@ class Skill(ABC):
         """Whether the executor goes on to the next skill: M3's stop rules, time-outs are its own affair. Shape (n,)."""
 
     def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
-        """Actions with what the skill forbids taken out. Shape (n, 10)."""
+        """Actions with what the skill forbids taken out. Shape (n, 11)."""
         return actions
 
     def begin(self, sensors: Sensors) -> Progress:

@@ -20,6 +20,8 @@ from perdure.home.world.actions import (
     LEAVE,
     NAVIGATION_SPEED,
     RELEASE,
+    STOP,
+    STOP_LEVEL,
     TURN,
 )
 from perdure.home.world.lane import Jaws, Lane
@@ -48,6 +50,8 @@ __all__ = [
     "RIVALS",
     "SCAN_ANGLES",
     "SCAN_RANGE",
+    "STOP",
+    "STOP_LEVEL",
     "TURN",
     "Errand",
     "Jaws",

@@ -1,10 +1,12 @@
-"""What a robot can be told in a control step: ten numbers from -1 to 1, as M3's mobile manipulation."""
+"""What a robot can be told in a control step: eleven numbers from -1 to 1, M3's mobile manipulation and "stop"."""
 
 from __future__ import annotations
 
-ACTION_SIZE = 10
-FORWARD, TURN, ARM, GRIP = 0, 1, slice(2, 9), 9
-"""Where the parts stand: base forward, base turn, seven arm joints, gripper."""
+ACTION_SIZE = 11
+FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
+"""Where the parts stand: base forward, base turn, seven arm joints, gripper, "I am there"."""
+STOP_LEVEL = 0.9
+"""Above it a robot says that it has arrived, and the base stops (OURS; M3 has a discrete action for it)."""
 
 BASE_SPEED = 1.5
 """Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3)."""

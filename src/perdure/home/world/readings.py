@@ -34,6 +34,7 @@ class Readings:
         self.errand = np.zeros((lanes, 2), dtype=np.int64)
         self.goal, self.aim = np.zeros((lanes, 3)), np.zeros((lanes, 3))
         self.force = np.zeros(lanes)
+        self.stopped = np.zeros(lanes, dtype=bool)
         self.diverged = np.zeros(lanes, dtype=bool)
         self._point, self._axes = np.zeros((lanes, 3)), np.zeros((lanes, 3, 3))
         self._target: list[tuple[FloatArray, FloatArray]] = [_NO_OBJECT] * lanes
@@ -60,6 +61,7 @@ class Readings:
     def take_errand(self, number: int, lane: Lane, errand: Errand) -> None:
         """What a lane is about from now on."""
         self.errand[number] = errand.target, errand.link
+        self.stopped[number] = False
         self.goal[number], self.aim[number] = errand.goal, errand.aim
         known = 0 <= errand.target < len(lane.scene.placements)
         self._target[number] = lane.object(errand.target) if known else _NO_OBJECT
@@ -126,6 +128,7 @@ class Readings:
             rivals=np.array([each.from_object for each in around]),
             rival_distance=np.array([each.distance for each in around]),
             handle_distance=np.array([each.handle_distance for each in around]),
+            stopped=self.stopped[chosen],
             contact_force=self.force[chosen],
             diverged=self.diverged[chosen],
         )

@@ -100,6 +100,8 @@ class Sensors:
     """From the gripper point to the nearest object that is not the errand's, inf without one. Shape (n,)."""
     handle_distance: FloatArray
     """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
+    stopped: BoolArray
+    """Whether the robot said in the last step that it has arrived; False when it got a new errand. Shape (n,)."""
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.home.errors import HomeError
 from perdure.home.layouts import Pose
 from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
-from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, TURN
+from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.world.readings import Readings
 from perdure.home.world.rivals import NO_RIVALS, look_around
@@ -110,7 +110,7 @@ class World:
         """One control step: gripper, arm and base are told, then physics runs (M3's order).
 
         Args:
-            actions: From -1 to 1, see `actions`; values outside are clipped. Shape (m, 10).
+            actions: From -1 to 1, see `actions`; values outside are clipped. Shape (m, 11).
             lanes: Which lanes to step, all when None. Shape (m,).
             base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
@@ -198,6 +198,9 @@ class World:
         target = np.clip(readings.arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
         readings.arm_target[chosen] = target
         grip = actions[:, GRIP]
+        stopped = actions[:, STOP] > STOP_LEVEL
+        readings.stopped[chosen] = stopped
+        speed = np.where(stopped, 0.0, speed)
         forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
         for row, number in enumerate(chosen):
             lane = self.lane(number)
