@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perdure.home.errors import HomeError
-from perdure.home.layouts import OVERESTIMATE, FreeSpace, in_sight, path_length, plane
+from perdure.home.layouts import OVERESTIMATE, FreeSpace, free_space, in_sight, make_apartment, path_length, plane
 from perdure.home.layouts.footprint import footprints
 from perdure.home.layouts.walls import room_walls
 
@@ -162,3 +162,24 @@ def test_sight_ends_at_a_wall():
     space = space_of((2.9, 0.0, 3.1, 2.5))
     assert in_sight(np.array([1.0, 3.0]), np.array([5.0, 3.0]), space)
     assert not in_sight(np.array([1.0, 1.0]), np.array([5.0, 1.0]), space)
+
+
+def test_the_cell_that_holds_a_point_is_the_nearest_one():
+    space = free_space(make_apartment(0, 3))
+    rng = np.random.default_rng(0)
+    low, high = np.min(space.room, axis=0) - 0.3, np.max(space.room, axis=0) + 0.3
+    points = rng.uniform(low, high, (400, 2))
+    index, _ = space.nearest(points)
+    assert [space.cell_at(x, y) for x, y in points.tolist()] == index.tolist()
+
+
+def test_what_lies_ahead_is_on_the_path():
+    space = free_space(make_apartment(1, 0))
+    route = space.distances(np.array([7]))
+    rng = np.random.default_rng(1)
+    for start in space.centers[rng.integers(len(space.centers), size=20)]:
+        if not np.isfinite(route.at(start[None])[0]):
+            continue
+        path = route.path(start, tight=False)
+        distance, x, y = route.ahead(*start.tolist(), 10)
+        np.testing.assert_allclose([distance, x, y], [route.at(start[None])[0], *path[min(10, len(path) - 1)]])

@@ -19,7 +19,7 @@ class Actor(Protocol):
 
     @property
     def sees(self) -> bool:
-        """Whether it wants the ranges of the scan where the skill has them."""
+        """Whether it wants the scan and the target's rivals where the skill has them."""
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """A lane starts a skill; its errand is set."""

@@ -160,7 +160,8 @@ class Executor:
         groups = self._groups(lanes, running)
         row_of = np.zeros(world.num_lanes, dtype=np.int64)
         row_of[lanes] = np.arange(len(lanes))
-        known = world.sense(lanes, any(self._skills[n].needs_scan and self._actors[n].sees for n in groups))
+        seeing = [self._skills[name] for name in groups if self._actors[name].sees]
+        known = world.sense(lanes, any(s.needs_scan for s in seeing), any(s.needs_rivals for s in seeing))
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
             sensors = known[row_of[group]]

@@ -15,8 +15,9 @@ two points at clearance r keeps at least sqrt(r^2 - s^2 / 4): 0.298 m for r = 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -118,6 +119,16 @@ class FreeSpace:
         distance, index = tree.query(points)
         return members[index], distance
 
+    def cell_at(self, x: float, y: float) -> int:
+        """The index in `centers` of the cell that holds a point, the nearest of the largest island if it has none."""
+        left, bottom, numbers = self._main_grid
+        row, column = int((y - bottom) // self.cell), int((x - left) // self.cell)
+        if 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]:
+            found = int(numbers[row, column])
+            if found >= 0:
+                return found
+        return int(self.nearest(np.array([[x, y]]))[0][0])
+
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
         """Geodesic distances from every free cell to the nearest of some goal cells.
 
@@ -136,6 +147,14 @@ class FreeSpace:
             graph = graph.tocsr()
         value, toward, _ = dijkstra(graph, directed=False, indices=goals, min_only=True, return_predecessors=True)
         return Geodesic(self, value, toward.astype(np.int64))
+
+    @cached_property
+    def _main_grid(self) -> tuple[float, float, IntArray]:
+        """Left and bottom of the grid, and for each cell its index among the free cells, -1 off the largest island."""
+        numbers = np.full(self.free.shape, -1, dtype=np.int64)
+        numbers[self.free] = np.where(self.island == 0, np.arange(len(self.island)), -1)
+        left, bottom = np.min(self.room, axis=0).tolist()
+        return left, bottom, numbers
 
     @cached_property
     def _main_tree(self) -> tuple[IntArray, Any]:
@@ -178,20 +197,29 @@ class Geodesic:
     """Distance of each free cell in [m], inf on other islands. Shape (n,)."""
     toward: IntArray
     """The next cell on the way to the goal, negative at goals and on other islands. Shape (n,)."""
+    _kept: dict[int, IntArray] = field(default_factory=dict, repr=False)
 
     def at(self, points: FloatArray) -> FloatArray:
         """Distance from points to the nearest cell of the largest island and on along the grid. (m, 2) -> (m,)."""
         index, first = self.space.nearest(points)
         return first + self.values[index]
 
-    def ahead(self, points: FloatArray, cells: int) -> tuple[FloatArray, FloatArray]:
-        """`at`, and the middle of the cell so many cells on the way. Shape (m, 2) -> (m,), (m, 2)."""
-        index, first = self.space.nearest(points)
-        distance = first + self.values[index]
-        for _ in range(cells):
-            following = self.toward[index]
-            index = np.where(following >= 0, following, index)
-        return distance, self.space.centers[index]
+    def ahead(self, x: float, y: float, cells: int) -> tuple[float, float, float]:
+        """Distance from a point, and the middle (x, y) of the cell so many cells on the way."""
+        index = self.space.cell_at(x, y)
+        here, later = self.space.centers[index], self.space.centers[self._later(cells)[index]]
+        first = math.hypot(x - here[0], y - here[1])
+        return first + float(self.values[index]), float(later[0]), float(later[1])
+
+    def _later(self, cells: int) -> IntArray:
+        """For each free cell the one so many cells on the way, the last one at goals. Shape (n,)."""
+        if cells not in self._kept:
+            here = np.arange(len(self.toward))
+            onward = np.where(self.toward >= 0, self.toward, here)
+            for _ in range(cells):
+                here = onward[here]
+            self._kept[cells] = here
+        return self._kept[cells]
 
     def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
         """Way points from near `start` to a goal cell.

@@ -31,6 +31,7 @@ class Pick(Skill):
     name = "pick"
     failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
     force_limit = 5000.0
+    needs_rivals = True
 
     @property
     def elements(self) -> tuple[Element, ...]:

@@ -96,6 +96,7 @@ class Skill(ABC):
     arm_step: ClassVar[float] = ARM_STEP
     """What an arm action of 1 means in [rad] per step."""
     needs_scan: ClassVar[bool] = True
+    needs_rivals: ClassVar[bool] = False
     slack: ClassVar[float] = SLACK
     """What every step costs."""
     failures: ClassVar[tuple[str, ...]] = ("none", "invalid grasp", "excess force")

@@ -34,7 +34,7 @@ class Outlines:
         self._positions: list[FloatArray] = [np.zeros(0)] * lanes
         self._static = [0] * lanes
         self._count = np.zeros(lanes, dtype=np.int64)
-        self._rectangles = np.full((lanes, 1, 5), _NOTHING)
+        self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
     def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
         """Takes over where the drawers and doors of a lane are.
@@ -64,15 +64,15 @@ class Outlines:
         Returns:
             In [m]. Shape (m, BEAMS).
         """
-        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))][:, None]  # (m, 1, n, 5)
-        x, y, half_x, half_y, yaw = (boxes[..., k] for k in range(5))
-        cos, sin = np.cos(yaw), np.sin(yaw)
+        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))][:, None]  # (m, 1, n, 6)
+        x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
         dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
         at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
-        angle = base[:, 2, None, None] + SCAN_ANGLES[None, :, None] - yaw
-        along_x, along_y = _not_zero(np.cos(angle)), _not_zero(np.sin(angle))
-        middle_x, spread_x = -at_x / along_x, half_x / np.abs(along_x)
-        middle_y, spread_y = -at_y / along_y, half_y / np.abs(along_y)
+        angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
+        beam_x, beam_y = np.cos(angle), np.sin(angle)
+        slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NEVER_0), 1.0 / (beam_y * cos - beam_x * sin + NEVER_0)
+        middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
+        middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
         enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
         leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
         ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
@@ -83,17 +83,16 @@ class Outlines:
         end = begin + len(rectangles)
         missing = end - self._rectangles.shape[1]
         if missing > 0:
-            empty = np.full((len(self._count), missing, 5), _NOTHING)
+            empty = np.full((len(self._count), missing, 6), _NOTHING)
             self._rectangles = np.concatenate([self._rectangles, empty], axis=1)
-        self._rectangles[lane, begin:end] = rectangles
+        self._rectangles[lane, begin:end, :4] = rectangles[:, :4]
+        self._rectangles[lane, begin:end, 4] = np.cos(rectangles[:, 4])
+        self._rectangles[lane, begin:end, 5] = np.sin(rectangles[:, 4])
         self._rectangles[lane, end:] = _NOTHING
         self._count[lane] = end
 
 
-def _not_zero(component: FloatArray) -> FloatArray:
-    """A beam along a side would divide by zero."""
-    return np.where(np.abs(component) < 1e-12, 1e-12, component)
-
-
-_NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 0.0])
-"""A rectangle that no beam hits."""
+NEVER_0 = 1.1e-12
+"""Added to the directions of beams: one along a side would divide by zero."""
+_NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 1.0, 0.0])
+"""A rectangle that no beam hits: x, y, half lengths, cosine and sine of its heading."""

@@ -15,7 +15,7 @@ from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.world.readings import Readings
-from perdure.home.world.rivals import NO_RIVALS, look_around
+from perdure.home.world.rivals import NO_RIVALS, Rivals, look_around
 from perdure.home.world.scan import NO_SCAN, Outlines
 from perdure.home.world.scene import Scene
 from perdure.home.world.sensors import Errand, Sensors
@@ -128,16 +128,15 @@ class World:
             list(self._pool.map(self._step_some, parts))
         self._read(chosen)
 
-    def sense(self, lanes: IntArray | None = None, scan: bool = False) -> Sensors:
-        """What is known of some lanes (all when None) now; `scan`: with the scan and what stands around the target."""
+    def sense(self, lanes: IntArray | None = None, scan: bool = False, rivals: bool = False) -> Sensors:
+        """What is known of some lanes (all when None) now; scan and rivals where they are asked for."""
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
         way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
         for row, number in enumerate(map(int, chosen)):
             way[row], waypoint[row] = self._way(number)
-        if not scan:
-            return self._readings.sensors(chosen, way, waypoint, _blind(len(chosen)), [NO_RIVALS] * len(chosen))
-        around = [look_around(self.lane(k), self._errand[k].target, self._readings.gripper[k]) for k in chosen]
-        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen), around)
+        ranges = self._scan(chosen) if scan else np.tile(NO_SCAN, (len(chosen), 1))
+        around = [self._look_around(int(k)) for k in chosen] if rivals else [NO_RIVALS] * len(chosen)
+        return self._readings.sensors(chosen, way, waypoint, ranges, around)
 
     def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
         """Poses (position, quaternion) and velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
@@ -239,13 +238,13 @@ class World:
         lane = self.lane(number)
         return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
 
-    def _way(self, number: int) -> tuple[float, FloatArray]:
+    def _way(self, number: int) -> tuple[float, tuple[float, float, float]]:
         """Length of the errand's way, and a point of it ahead of the robot."""
-        route, base = self._errand[number].route, self._readings.robot[number : number + 1, :2]
+        route, (x, y) = self._errand[number].route, self._readings.robot[number, :2].tolist()
         if route is None:
-            return 0.0, np.array([*base[0], 0.0])
-        distance, point = route.ahead(base, CELLS_AHEAD)
-        return float(distance[0]), np.array([*point[0], 0.0])
+            return 0.0, (x, y, 0.0)
+        distance, ahead_x, ahead_y = route.ahead(x, y, CELLS_AHEAD)
+        return distance, (ahead_x, ahead_y, 0.0)
 
     def _scan(self, chosen: IntArray) -> FloatArray:
         for number in map(int, chosen):
@@ -253,9 +252,8 @@ class World:
             self._outlines.renew(number, lane.scene.apartment, lane.links)
         return self._outlines.scan(chosen, self._readings.robot[chosen, :3])
 
-
-def _blind(lanes: int) -> FloatArray:
-    return np.tile(NO_SCAN, (lanes, 1))
+    def _look_around(self, number: int) -> Rivals:
+        return look_around(self.lane(number), self._errand[number].target, self._readings.gripper[number])
 
 
 CELLS_AHEAD = 10
