@@ -34,7 +34,7 @@ class Recipe:
 RECIPES: dict[str, Recipe] = {
     "place": Recipe(2_000_000),
     "pick": Recipe(2_000_000, clutter=True),
-    "open_drawer": Recipe(1_000_000),
+    "open_drawer": Recipe(1_600_000),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
     "close_fridge": Recipe(1_000_000),
