@@ -185,7 +185,7 @@ class TestNames:
         env = gymnasium.make_vec("perdure/HomeNavigate-v0", num_envs=2, split="val", episodes=1, threads=1)
         assert env.metadata["autoreset_mode"] is AutoresetMode.DISABLED
         assert env.reset(seed=0)[0].shape == env.observation_space.shape
-        assert env.single_action_space.shape == (3,)
+        assert env.single_action_space.shape == (2,)
         assert env.max_episode_steps == 500
 
 

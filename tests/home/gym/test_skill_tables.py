@@ -27,4 +27,4 @@ def test_the_page_names_every_term_of_the_reward_and_every_number_that_is_seen(s
     text = skill_section(get_skill(skill))
     assert f"| {observations.shape[1] - 1} `{env.skill.elements[-1].name}` |" in text
     actions = env.single_action_space.shape[0]
-    assert f"| {actions - 1} `{'grip' if actions == 10 else 'stop'}` |" in text
+    assert f"| {actions - 1} `{'grip' if actions == 10 else 'turn'}` |" in text

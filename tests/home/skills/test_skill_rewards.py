@@ -150,7 +150,8 @@ def test_a_grasp_torn_too_far_is_invalid(what, limit):
 
 
 def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_only():
-    actions, now = np.array([np.linspace(-0.9, 0.9, 10), np.linspace(0.9, -0.9, 10)]), random_sensors(2, 0)
+    actions, now = np.array([np.linspace(-0.9, 0.9, 11), np.linspace(0.9, -0.9, 11)]), random_sensors(2, 0)
+    actions[:, GRIP] = 0.9, -0.9
     assert Pick().mask(actions, now)[:, GRIP].tolist() == [0.9, 0.0]
     assert Place().mask(actions, now)[:, GRIP].tolist() == [0.0, -0.9]
     masked = Navigate().mask(actions, now)

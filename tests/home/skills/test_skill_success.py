@@ -6,6 +6,7 @@ from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, sensors,
 
 from perdure.home import HomeError
 from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
+from perdure.home.world import ACTION_SIZE, FORWARD, STOP, TURN
 
 HELD = sensors(held=BOWL, object=[1.0, 0.0, 0.8])
 PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))
@@ -123,6 +124,16 @@ def test_navigate_goes_on_until_it_says_stop():
     assert not succeeds(skill, *[silent] * 50)
     assert not skill.stop(silent, course(skill, *[silent] * 50))[0]
     assert skill.failure(silent, course(skill, silent))[0] == 0
+
+
+def test_the_map_stops_navigation_unless_somebody_knows_better():
+    skill, silent = Navigate(), change(ARRIVED, stopped=False)
+    for told, wanted, where in ((0.0, 1.0, silent), (-1.0, -1.0, silent), (0.0, 0.0, change(silent, way=0.2))):
+        action = np.full((1, ACTION_SIZE), 0.5)
+        action[0, STOP] = told
+        masked = skill.mask(action, where)
+        assert masked[0, STOP] == wanted
+        assert (masked[0, [FORWARD, TURN]] == 0.5).all()
 
 
 def test_the_executor_stops_place_without_looking_at_the_object():

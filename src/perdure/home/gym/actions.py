@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.skills import Skill
-from perdure.home.world import ACTION_SIZE, ARM, FORWARD, GRIP, STOP, TURN
+from perdure.home.world import ACTION_SIZE, ARM, FORWARD, GRIP, TURN
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -16,8 +16,8 @@ NAMES: tuple[str, ...] = ("forward", "turn", *(f"arm_{k}" for k in range(ARM.sto
 
 
 def used(skill: Skill) -> IntArray:
-    """Which of them a skill uses: navigation drives and stops, the others never stop. Shape (m,)."""
-    return np.array([FORWARD, TURN, STOP]) if skill.name == "navigate" else np.arange(GRIP + 1)
+    """Which of them a skill uses: navigation drives only. Shape (m,)."""
+    return np.array([FORWARD, TURN]) if skill.name == "navigate" else np.arange(GRIP + 1)
 
 
 def whole(actions: FloatArray, columns: IntArray) -> FloatArray:

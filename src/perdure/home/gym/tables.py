@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from perdure.home.gym.actions import used
 from perdure.home.gym.register import env_id
 from perdure.home.robot.data import ARM_JOINTS
 from perdure.home.skills import GOAL_RADIUS, Element, Skill, articulated, get_skill, navigate, pick, place
@@ -22,7 +23,6 @@ from perdure.home.skills.skill import (
     SUCCESS_REWARD,
 )
 from perdure.home.starts import STARTS
-from perdure.home.world import STOP_LEVEL
 
 _EVERYWHERE: Mapping[str, str] = {
     "force": f"-{FORCE_COST:g} per newton by which the contact force rose (forces up to {FORCE_MARGIN:g} N do not "
@@ -62,8 +62,8 @@ _SUCCESS: Mapping[str, str] = {
     "pick": f"the target is held and the gripper is within {RETRACTED:g} m of rest",
     "place": f"for `delta` steps on end the object is within {GOAL_RADIUS:g} m of its goal and not held, and the "
     f"gripper is within {RETRACTED:g} m of rest",
-    "navigate": f"the robot says `stop` (above {STOP_LEVEL:g}) within {navigate.NEAR:g} m of way of the region, turned "
-    f"to within {navigate.FACING:g} rad of what it should face",
+    "navigate": f"the robot stops, which it does where its map says that it has arrived, within {navigate.NEAR:g} m "
+    f"of way of the region, turned to within {navigate.FACING:g} rad of what it should face",
     **{
         name: f"{text}, the hand is empty and the gripper is within {articulated.RETRACTED:g} m of rest"
         for name, text in _JOINT.items()
@@ -135,9 +135,7 @@ def _actions(skill: Skill) -> str:
         "place": "below 0: let go; place never grasps",
     }.get(skill.name, "above 0: grasp what is nearest, below 0: let go")
     rows = [("0 `forward`", f"speed of the base, 1 is {speed} m/s"), ("1 `turn`", f"to the left, 1 is {speed} rad/s")]
-    if skill.name == "navigate":
-        rows.append(("2 `stop`", f"above {STOP_LEVEL:g}: the robot has arrived, the skill ends"))
-    else:
+    if len(used(skill)) > len(rows):
         rows += [
             (f"{k} `{joint}`", f"added to the servo's target, 1 is {step} rad")
             for k, joint in enumerate(ARM_JOINTS, len(rows))

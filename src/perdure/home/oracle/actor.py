@@ -51,6 +51,7 @@ class Oracle:
             if motion is not None:
                 try:
                     actions[row] = next(motion)
+                    actions[row, STOP] = -1.0  # it knows better than the map where to stop
                     continue
                 except StopIteration:
                     self._motions[number] = None

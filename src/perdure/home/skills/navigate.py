@@ -1,7 +1,7 @@
 """Navigate: drive to where the next skill can begin, facing what it is about.
 
-M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds and a third number that says "stop". The
-robot carries a map: a point of the planned way is part of the observation (M3's robot sees depth images and no map).
+M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds. The robot carries a map, as M3's does not: a
+point of the planned way is part of the observation, and it stops where the map says that it has arrived.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of
-from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, Sensors
+from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, STOP, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -29,7 +29,7 @@ FAR = 5.0
 
 @dataclass(frozen=True)
 class Navigate(Skill):
-    """Reward (M3): 1 per metre of way nearer to the region. Saying "stop" elsewhere ends it as a failure."""
+    """Reward (M3): 1 per metre of way nearer to the region. Stopping elsewhere ends it as a failure."""
 
     name = "navigate"
     base_speed = NAVIGATION_SPEED
@@ -68,22 +68,23 @@ class Navigate(Skill):
         return {"way": DISTANCE_REWARD * (counted_way(before) - counted_way(after))}
 
     def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The robot says "stop" within 0.1 m of the region, turned to within 0.25 rad of what it should face (M3)."""
+        """The robot stops within 0.1 m of the region, turned to within 0.25 rad of what it should face (M3)."""
         return sensors.stopped & _arrived(sensors)
 
     def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
-        """It said "stop" elsewhere."""
+        """It stopped elsewhere, or slid on."""
         return first_of(sensors.stopped & ~_arrived(sensors))
 
     def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """It said "stop", wherever that is."""
+        """It stopped, wherever that is."""
         return sensors.stopped
 
     def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
-        """Arm and gripper stay as they are."""
+        """Arm and gripper stay as they are; the map says that it has arrived where the action leaves that open."""
         masked = actions.copy()
         masked[:, ARM] = 0.0
         masked[:, GRIP] = 0.0
+        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(sensors), 1.0, actions[:, STOP])
         return masked
 
 

@@ -1,0 +1,109 @@
+"""Takes home policies over from a folder of runs: copies them, scores them, draws how they were learned.
+
+python benchmarks/ship_home.py RUNS [seed ...]
+
+RUNS is the `--out` of `perdure home train`. Every policy there goes to src/perdure/home/shipped, is run from 200 val
+starts with clutter, and enters benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and
+docs/images/home-learning.png.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from perdure.home.protocol.policies import SHIPPED
+from perdure.home.training import RECIPES, evaluate_skill
+from perdure.policy import Policy, load_policy
+from perdure.report.charts import Axis, Chart, Series
+from perdure.report.palette import category
+from perdure.report.png_renderer import render_png
+from perdure.store import write_whole
+
+HERE = Path(__file__).parent
+SCORES = HERE / "home_skills.json"
+PICTURE = HERE.parent / "docs" / "images" / "home-learning.png"
+BINS = 40
+EPISODES = 200
+
+
+def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
+    """(task, skill with its delta, seed, folder) of every finished run."""
+    found = []
+    for path in sorted(folder.glob("perdure/*/*/seed-*")):
+        named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
+        if named is None or path.parent.name not in RECIPES:
+            continue
+        options = dict(pair.split("=", 1) for pair in named[1].split(","))
+        delta = f"-delta-{options['delta']}" if "delta" in options else ""
+        found.append((options["task"], path.parent.name + delta, int(path.name.removeprefix("seed-")), path))
+    return found
+
+
+def score(policy: Policy, task: str, skill: str) -> dict[str, Any]:
+    """From val starts, with clutter."""
+    name, _, delta = skill.partition("-delta-")
+    result = evaluate_skill(policy, name, EPISODES, task=task, **({"delta": int(delta)} if delta else {}))
+    return {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
+
+
+def curve(path: Path, total: int) -> list[float | None]:
+    """Mean training return in equal parts of the training."""
+    episodes = pl.read_parquet(path / "episodes.parquet")
+    which = np.minimum((episodes["step"].to_numpy() * BINS / total).astype(int), BINS - 1)
+    returns = episodes["return"].to_numpy()
+    return [float(returns[which == part].mean()) if (which == part).any() else None for part in range(BINS)]
+
+
+def draw(scores: dict[str, dict[str, Any]]) -> None:
+    """The picture of all of them."""
+    series = []
+    for number, (name, entry) in enumerate(scores.items()):
+        points = [(k, value) for k, value in enumerate(entry["curve"]) if value is not None]
+        steps = (np.array([k for k, _ in points]) + 0.5) * entry["steps"] / BINS
+        label = f"{name} ({100 * entry['success']:.0f} %)"
+        series.append(Series(label, steps, np.array([value for _, value in points]), category(number)))
+    chart = Chart(
+        "home-learning",
+        "How the skills of the home are learned (in brackets: success on val starts)",
+        Axis("environment steps"),
+        Axis("training return of an episode"),
+        tuple(series),
+        wide=True,
+    )
+    write_whole(PICTURE, render_png(chart))
+
+
+def main(folder: Path, seeds: list[int]) -> None:
+    """Takes over, scores, draws, prints."""
+    scores = json.loads(SCORES.read_text()) if SCORES.exists() else {}
+    for task, skill, seed, path in runs(folder):
+        if seeds and seed not in seeds:
+            continue
+        policy = load_policy(path / "policy.safetensors")
+        target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, (path / "policy.safetensors").read_bytes())
+        total = policy.provenance["config"]["total_steps"]
+        scores[f"{task}/{skill}/seed-{seed}"] = {
+            "command": policy.provenance["command"],
+            "steps": total,
+            **score(policy, task, skill),
+            "curve": curve(path, total),
+        }
+        write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
+    print("| policy | steps | success on val starts | how the others ended |\n|---|---|---|---|")
+    for name, entry in sorted(scores.items()):
+        ways = ", ".join(f"{way} {count}" for way, count in entry["failures"].items()) or "-"
+        print(f"| {name} | {entry['steps']:,} | {entry['success']:.3f} of {entry['episodes']} | {ways} |")
+    draw(dict(sorted(scores.items())))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), [int(each) for each in sys.argv[2:]])
