@@ -18,8 +18,10 @@ from perdure.home.world.sensors import wrap
 FloatArray = NDArray[np.float64]
 Motion = Generator[FloatArray, None, None]
 
-PATIENCE = 5
-"""Steps without motion after which the robot counts as stuck."""
+PATIENCE = 15
+"""Steps in which a robot must move to count as moving."""
+CREEP = 0.02
+"""So little in that time, in [m] (0.3 m for a radian), is no motion."""
 JAMMED_RAD = 0.25
 """Lag of a joint in [rad] beyond which the arm is jammed."""
 AHEAD = 6
@@ -173,23 +175,25 @@ def back_off(view: View) -> Motion:
 
 @dataclass
 class Stuck:
-    """Whether a robot that should move has not moved for a while."""
+    """Whether a robot that should move has hardly moved for a while; one whose arm is caught still creeps."""
 
-    since: int = 0
+    steps: int = 0
     count: int = 0
     """How often it got stuck."""
-    last: Pose | None = None
+    anchor: Pose | None = None
+    """Where it was when counting began."""
 
     def after(self, base: Pose) -> bool:
-        """One step on: True when it has stood still for `PATIENCE` steps; then counting begins anew."""
-        old = self.last
-        moved = old is None or abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * abs(base.yaw - old.yaw) > 0.001
-        self.since = 0 if moved else self.since + 1
-        self.last = base
-        if self.since < PATIENCE:
+        """One step on: True when it has hardly moved for `PATIENCE` steps; then counting begins anew."""
+        self.anchor = self.anchor or base
+        self.steps += 1
+        if self.steps < PATIENCE:
             return False
-        self.since, self.count = 0, self.count + 1
-        return True
+        old, self.anchor, self.steps = self.anchor, base, 0
+        turned = abs(float(wrap(np.array(base.yaw - old.yaw))))
+        stuck = abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * turned < CREEP
+        self.count += stuck
+        return stuck
 
 
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
