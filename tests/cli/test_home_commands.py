@@ -2,6 +2,9 @@
 
 import pytest
 
+from perdure.cli.parse import policies
+from perdure.home.errors import HomeError
+
 
 def succeeded(process):
     assert process.returncode == 0, process.stderr
@@ -102,3 +105,11 @@ def test_what_a_user_gets_wrong_ends_in_one_line(perdure, tmp_path, arguments, m
     assert len(process.stderr.strip().splitlines()) == 1, process.stderr
     assert message in process.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_the_word_oracle_alone_means_every_skill():
+    assert set(policies(("oracle",))) >= {"pick", "place", "navigate"}
+    assert set(policies(("oracle",)).values()) == {"oracle"}
+    assert policies(("place=oracle",)) == {"place": "oracle"}
+    with pytest.raises(HomeError, match="SKILL=oracle"):
+        policies(("oracle", "place=oracle"))

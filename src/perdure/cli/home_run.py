@@ -32,7 +32,7 @@ class HomeRun:
     eval_seeds: int = 1
     """How many draws of where the robot starts."""
     policies: tuple[str, ...] = ()
-    """SKILL=FILE or SKILL=oracle, with {seed} for the training seed; else shipped policies, else the oracle."""
+    """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
     """Whether an object that was held touches the robot again: never (M3) or once they are apart (habitat-lab)."""
     physics_hz: int = 120

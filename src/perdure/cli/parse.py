@@ -45,9 +45,15 @@ def check_folder(path: Path) -> None:
 
 
 def policies(written: tuple[str, ...]) -> dict[str, str]:
-    """SKILL=FILE or SKILL=oracle, as `perdure home` takes them, to a mapping; HomeError for anything else."""
-    from perdure.home.errors import HomeError
+    """SKILL=FILE or SKILL=oracle, as `perdure home` takes them, to a mapping; HomeError for anything else.
 
+    The word "oracle" alone means the oracle in every skill.
+    """
+    from perdure.home.errors import HomeError
+    from perdure.home.skills import SKILLS
+
+    if written == ("oracle",):
+        return dict.fromkeys(SKILLS, "oracle")
     chosen = dict(each.partition("=")[::2] for each in written)
     if not all(chosen.values()):
         raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
