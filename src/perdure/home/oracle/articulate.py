@@ -12,7 +12,7 @@ from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
 from perdure.home.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go, unjam
 from perdure.home.oracle.pick import ATTEMPTS, SAFE, approach
-from perdure.home.oracle.placing import AHEAD, TURNS, ReachPlan, ahead, plan_reach
+from perdure.home.oracle.placing import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.oracle.wishes import handle_grabs
 from perdure.home.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.world.handles import Handles
@@ -58,8 +58,13 @@ def plan_handle(ghost: Ghost, link: int, base: Pose, stands: list[Pose] | None =
     """Where to stand and how to reach a handle as it is now."""
     point, origin = ghost.handles()[link], np.array([base.x, base.y])
     wishes = handle_grabs(point, origin, _sides(ghost, link, point, origin))
-    places = list(ahead(base, point, AHEAD, TURNS)) if stands is None else stands
-    return plan_reach(ghost, places, wishes)
+    if stands is not None:
+        return plan_reach(ghost, stands, wishes)
+    plan = plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes)
+    if plan is not None and plan.free:
+        return plan
+    farther = plan_reach(ghost, ahead(base, point, FARTHER_AHEAD, TURNS), wishes)
+    return min((each for each in (plan, farther) if each is not None), key=lambda each: each.cost, default=None)
 
 
 def _sides(ghost: Ghost, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:

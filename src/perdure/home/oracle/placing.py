@@ -34,6 +34,8 @@ FINE = 25
 AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)
 """Standing places that are tried first: drives in [m], turns in [rad]."""
+FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
+"""Drives in [m] that are tried when none of the shorter ones will do: a region may begin 1.8 m from what is in it."""
 FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
 FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 FINE_CHECKS = 600
@@ -139,7 +141,7 @@ def plan_from_here(
     firm: int = -1,
     others: Callable[[], Sequence[Wish]] = tuple,
 ) -> ReachPlan | None:
-    """`plan_reach` from what one turn and one drive reach; in a fridge it looks again, finer, when nothing is free.
+    """`plan_reach` from what one turn and one drive reach; when nothing is free from farther, in a fridge also finer.
 
     Args:
         ghost: The world.
@@ -149,12 +151,13 @@ def plan_from_here(
         firm: As for `plan_reach`.
         others: Further wishes for the second look.
     """
-    plan = plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)
-    if not ghost.in_fridge(point) or (plan is not None and plan.free):
-        return plan
-    finer = plan_reach(ghost, ahead(base, point, FINE_AHEAD, FINE_TURNS), [*wishes, *others()], firm, FINE_CHECKS)
-    found = [each for each in (plan, finer) if each is not None]
-    return min(found, key=lambda each: each.cost, default=None)
+    found = [plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)]
+    if found[0] is None or not found[0].free:
+        found.append(plan_reach(ghost, ahead(base, point, FARTHER_AHEAD, TURNS), wishes, firm))
+    if ghost.in_fridge(point) and not any(plan is not None and plan.free for plan in found):
+        finer = ahead(base, point, FINE_AHEAD, FINE_TURNS)
+        found.append(plan_reach(ghost, finer, [*wishes, *others()], firm, FINE_CHECKS))
+    return min((plan for plan in found if plan is not None), key=lambda plan: plan.cost, default=None)
 
 
 def _behind(stand: Pose, back: float) -> Pose:
