@@ -78,7 +78,7 @@ def test_delta_decides_how_long_place_waits():
 
 
 def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
-    chosen = choose_policies("set_table", 0, {"place": "oracle"})
+    chosen = choose_policies("set_table", 0, {"place": "oracle", "pick": "oracle"})
     assert set(chosen) == {*("navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")}
     actors = make_actors(chosen, "ik")
     assert isinstance(actors["place"], Ik)

@@ -74,7 +74,7 @@ def test_two_arms_are_filmed(episode, tmp_path):
 
 
 def test_a_take_is_the_arm_that_the_protocol_runs():
-    take = make_take("set_table", "ik", policies={"place": "oracle"})
+    take = make_take("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
     assert isinstance(take.actors["place"], Ik)
     assert isinstance(take.actors["pick"], Oracle)
     assert take.title.startswith("ik: ")
