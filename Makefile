@@ -8,7 +8,7 @@ DEMO_CLOCKS ?= constant:0 constant:500
 DEMO_OUT    ?= demo
 
 # And at home: how many episodes of SetTable, and the ways to let go of what is placed.
-DEMO_EPISODES ?= 6
+DEMO_EPISODES ?= 4
 DEMO_PLACES   ?= rl ik
 
 # Test processes, and what else pytest should be told: make test PYTEST="-k clock"
