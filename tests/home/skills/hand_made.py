@@ -41,6 +41,7 @@ def sensors(**changes):
         "way": 0.0,
         "facing_error": 0.0,
         "waypoint": np.zeros(3),
+        "front": np.array([1.0, 0.0, 0.0]),
         "scan": np.full(BEAMS, SCAN_RANGE),
         "rivals": np.zeros((RIVALS, 3)),
         "rival_distance": np.inf,

@@ -5,7 +5,15 @@ from test_world import begin
 
 from perdure.home.episodes import load_episodes
 from perdure.home.world import GRASP_RADIUS, NEIGHBOURHOOD, World
-from perdure.home.world.rivals import look_around
+from perdure.home.world.rivals import Surroundings
+
+
+def look_around(lane, target, gripper):
+    """In the middle of three lanes, the others being elsewhere: what is found must not depend on them."""
+    many = Surroundings(3)
+    many.look(np.array([0, 2]), [lane, lane], np.array([0, -1]), np.zeros((2, 3)))
+    found = many.look(np.array([1]), [lane], np.array([target]), gripper[None])
+    return type(found)(found.from_object[0], float(found.distance[0]), float(found.handle_distance[0]))
 
 
 def test_the_distances_foretell_what_the_grasp_takes():

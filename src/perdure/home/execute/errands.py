@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from perdure.home.episodes import Episode
@@ -26,7 +27,7 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
     )
     goal = episode.goals[step.target].position
     if step.skill != "navigate":
-        return Errand(step.target, goal, link, toward, aim.point)
+        return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
     return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
 
@@ -53,6 +54,17 @@ def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[st
         return Aim(skill, episode.objects[target].position)
     x, y, z = (float(value) for value in apartment.handle_to_room(container, opened.get(container, 0.0)))
     return Aim(skill, (x, y, z), container)
+
+
+def front(episode: Episode, target: int, skill: SkillName) -> tuple[float, float]:
+    """Which way the furniture faces that a skill is about: what the goal is on or in, the object, or the handle."""
+    apartment, container = episode.apartment(), episode.container(target)
+    where = episode.goals[target].receptacle if skill == "place" else episode.objects[target].receptacle
+    if container is not None and skill not in ("pick", "place"):
+        yaw = apartment.piece_of(container).pose.yaw
+    else:
+        yaw = apartment.piece(apartment.receptacle(where).piece).pose.yaw
+    return math.cos(yaw), math.sin(yaw)
 
 
 def positions(lane: Lane) -> dict[str, float]:

@@ -9,7 +9,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import CLOSENESS, PROPRIOCEPTION, closeness, point, point_elements, proprioception
+from perdure.home.skills.observation import (
+    CLOSENESS,
+    PROPRIOCEPTION,
+    closeness,
+    point,
+    point_elements,
+    proprioception,
+    unit,
+)
 from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import Sensors
 from perdure.home.world.sensors import norm
@@ -22,6 +30,9 @@ DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
 GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
 RETRACTED = 0.15
 """How near the gripper point must be to rest in [m] (M3: looser than after pick and place)."""
+
+
+_FRONT = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axes {a}", "1", -1.0, 1.0) for a in "xy")
 
 
 @dataclass(frozen=True)
@@ -43,6 +54,8 @@ class Articulated(Skill):
     )
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
+    knows_front: ClassVar[bool] = False
+    """Whether it is told which way the handle's face looks."""
 
     @property
     def elements(self) -> tuple[Element, ...]:
@@ -54,6 +67,7 @@ class Articulated(Skill):
             Element("to_wanted", "wanted minus joint position", "m or rad"),
             Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
             Element("holding", "1 when the handle is held", "1", 0.0, 1.0),
+            *(_FRONT if self.knows_front else ()),
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
@@ -66,7 +80,13 @@ class Articulated(Skill):
             sensors.link_velocity[:, None],
             holds_handle(sensors).astype(np.float64)[:, None],
         ]
+        if self.knows_front:
+            columns.append(unit(sensors.turned_to_base(self.front(sensors))[:, :2]))
         return np.concatenate(columns, axis=1)
+
+    def front(self, sensors: Sensors) -> FloatArray:
+        """Which way the handle's face looks, in the room. Shape (n, 3)."""
+        return sensors.front
 
     def there(self, position: FloatArray) -> BoolArray:
         """Whether the drawer or door is where it should be. Shape (n,)."""

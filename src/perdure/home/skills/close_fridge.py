@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.skills.articulated import Articulated
+from perdure.home.world import Sensors
+from perdure.home.world.sensors import turn
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -15,12 +17,20 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CloseFridge(Articulated):
-    """M3's success condition and reward."""
+    """M3's success condition and reward.
+
+    An open door hides its handle from a robot in front of the fridge, so it is told which way the door looks.
+    """
 
     name = "close_fridge"
     wanted = 0.0
+    knows_front = True
 
     def there(self, position: FloatArray) -> BoolArray:
         """See `Articulated.there`."""
         there: BoolArray = np.abs(position - self.wanted) <= 0.15
         return there
+
+    def front(self, sensors: Sensors) -> FloatArray:
+        """See `Articulated.front`: the hinge turns to the right as the door opens."""
+        return turn(super().front(sensors), -sensors.link_position)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
-from perdure.home.skills.skill import Element, rest_distance
+from perdure.home.skills.skill import Element, Progress, rest_distance
 from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +81,23 @@ def closeness(sensors: Sensors) -> FloatArray:
     nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
     felt: FloatArray = np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)
     return felt
+
+
+CONTACT_SCALE = 20.0
+"""Contact forces are felt in multiples of it, in [N], by their logarithm (OURS)."""
+REACHING: tuple[Element, ...] = (
+    Element("contact", "log(1 + contact force / 20 N)", "1", 0.0),
+    Element("force_sum", "share of the sum of forces at which the skill fails", "1", 0.0, 1.0),
+    Element("front_x", "which way the furniture faces, base axes x", "1", -1.0, 1.0),
+    Element("front_y", "which way the furniture faces, base axes y", "1", -1.0, 1.0),
+)
+
+
+def reaching(sensors: Sensors, progress: Progress, force_limit: float) -> list[FloatArray]:
+    """What reaching into furniture takes: how hard the arm pushes, and where the furniture is open. Shape (n, 4)."""
+    contact = np.log1p(sensors.contact_force / CONTACT_SCALE)
+    spent = np.minimum(progress.force_sum / force_limit, 1.0)
+    return [contact[:, None], spent[:, None], unit(sensors.turned_to_base(sensors.front)[:, :2])]
 
 
 def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:

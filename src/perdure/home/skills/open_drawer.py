@@ -19,6 +19,7 @@ class OpenDrawer(Articulated):
 
     name = "open_drawer"
     wanted = 0.45
+    knows_front = True
 
     def there(self, position: FloatArray) -> BoolArray:
         """See `Articulated.there`."""

@@ -9,7 +9,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import CLOSENESS, PROPRIOCEPTION, closeness, point, point_elements, proprioception
+from perdure.home.skills.observation import (
+    CLOSENESS,
+    PROPRIOCEPTION,
+    REACHING,
+    closeness,
+    point,
+    point_elements,
+    proprioception,
+    reaching,
+)
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
 from perdure.home.world.sensors import norm
@@ -39,6 +48,7 @@ class Pick(Skill):
         return (
             *PROPRIOCEPTION,
             *CLOSENESS,
+            *REACHING,
             *point_elements("object", "the object"),
             *(
                 Element(f"rival_{k}_{a}", f"from the object to its neighbour {k}, base axes {a}, 0 without one", "m")
@@ -59,7 +69,8 @@ class Pick(Skill):
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         holding = (sensors.held >= 0).astype(np.float64)[:, None]
-        columns = [*proprioception(sensors), closeness(sensors), *point(sensors, sensors.object)]
+        columns = [*proprioception(sensors), closeness(sensors), *reaching(sensors, progress, self.force_limit)]
+        columns += point(sensors, sensors.object)
         return np.concatenate([*columns, *rivals(sensors), holding], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:

@@ -13,10 +13,12 @@ from perdure.home.errors import HomeError
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
+    REACHING,
     closeness,
     point,
     point_elements,
     proprioception,
+    reaching,
     unit,
 )
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
@@ -73,6 +75,7 @@ class Place(Skill):
         return (
             *PROPRIOCEPTION,
             *CLOSENESS,
+            *REACHING,
             *point_elements("goal", "the goal"),
             *(Element(f"object_from_goal_{a}", f"from the goal to the object, base axes {a}", "m") for a in "xyz"),
             Element("goal_distance", "d_o^g: length of that", "m", 0.0),
@@ -86,6 +89,7 @@ class Place(Skill):
         columns = [
             *proprioception(sensors),
             closeness(sensors),
+            *reaching(sensors, progress, self.force_limit),
             *point(sensors, sensors.goal),
             sensors.turned_to_base(sensors.object - sensors.goal),
             sensors.object_to_goal[:, None],

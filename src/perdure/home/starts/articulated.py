@@ -8,6 +8,7 @@ import numpy as np
 
 from perdure.home.episodes import Episode, Placement
 from perdure.home.errors import HomeError
+from perdure.home.execute.errands import front
 from perdure.home.layouts import Pose
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import handle, link_number
@@ -45,7 +46,14 @@ def start_at_handle(
     """
     apartment, link = episode.apartment(), container_of(episode, target)
     point = handle(apartment, link, opened.get(link, 0.0))
-    errand = Errand(0, episode.goals[target].position, link_number(apartment, link), skill, point)
+    errand = Errand(
+        0,
+        episode.goals[target].position,
+        link_number(apartment, link),
+        skill,
+        point,
+        front=front(episode, target, skill),
+    )
     closing = skill in ("close_drawer", "close_fridge")
     return Start(
         base=stand_in(apartment, *before, point, rng),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from perdure.home.episodes import Episode
+from perdure.home.execute.errands import front
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import carried, draw_open
 from perdure.home.starts.stand import stand_near
@@ -19,7 +20,9 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     return Start(
         base=stand_near(apartment, point, rng),
         arm=draw_arm(rng),
-        errand=Errand(0, episode.goals[target].position, toward="pick", aim=point),
+        errand=Errand(
+            0, episode.goals[target].position, toward="pick", aim=point, front=front(episode, target, "pick")
+        ),
         opened=opened,
         moved=carried(episode, target, opened),
     )

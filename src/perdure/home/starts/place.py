@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from perdure.home.episodes import Episode
+from perdure.home.execute.errands import front
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import draw_open, goal_container
 from perdure.home.starts.stand import stand_near
@@ -19,7 +20,7 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     return Start(
         base=stand_near(apartment, goal, rng),
         arm=draw_arm(rng),
-        errand=Errand(0, goal, toward="place", aim=goal),
+        errand=Errand(0, goal, toward="place", aim=goal, front=front(episode, target, "place")),
         opened=opened,
         held=0,
     )

@@ -33,11 +33,11 @@ class Recipe:
 
 RECIPES: dict[str, Recipe] = {
     "place": Recipe(2_000_000),
-    "pick": Recipe(2_000_000, clutter=True),
-    "open_drawer": Recipe(1_600_000),
+    "pick": Recipe(4_000_000, clutter=True),
+    "open_drawer": Recipe(2_400_000),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
-    "close_fridge": Recipe(1_000_000),
+    "close_fridge": Recipe(3_000_000),
     "navigate": Recipe(1_500_000),
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from perdure.home.layouts import Apartment
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,13 +22,13 @@ class Handles:
     """
 
     origin: FloatArray
-    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (links, 3)."""
+    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (..., links, 3)."""
     slide: FloatArray
-    """Direction of a drawer in the room, 0 for doors. Shape (links, 3)."""
+    """Direction of a drawer in the room, 0 for doors. Shape (..., links, 3)."""
     lever: FloatArray
-    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (links, 2)."""
+    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (..., links, 2)."""
     sign: FloatArray
-    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (links,)."""
+    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (..., links)."""
 
     @staticmethod
     @lru_cache(maxsize=256)
@@ -47,12 +48,36 @@ class Handles:
         origin, slide, lever, sign = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(4))
         return Handles(origin.reshape(-1, 3), slide.reshape(-1, 3), lever.reshape(-1, 2), sign)
 
+    @staticmethod
+    def none(lanes: int, links: int) -> Handles:
+        """Room for the handles of many lanes, all infinitely far."""
+        shape = lanes, links
+        return Handles(np.full((*shape, 3), np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape))
+
+    def __getitem__(self, lanes: IntArray) -> Handles:
+        """Those of some lanes."""
+        return Handles(self.origin[lanes], self.slide[lanes], self.lever[lanes], self.sign[lanes])
+
+    def put(self, lane: int, other: Handles) -> None:
+        """Gives a lane the handles of its apartment; room it does not need stays infinitely far."""
+        count = len(other.sign)
+        for name, empty in (("origin", np.inf), ("slide", 0.0), ("lever", 0.0), ("sign", 0.0)):
+            values = getattr(self, name)[lane]
+            values[:count], values[count:] = getattr(other, name), empty
+
+    def widened(self, more: int) -> Handles:
+        """With room for more handles in each lane."""
+        empty = Handles.none(len(self.sign), more)
+        return Handles(
+            *(np.concatenate([getattr(self, each.name), getattr(empty, each.name)], axis=1) for each in fields(self))
+        )
+
     def at(self, q: FloatArray) -> FloatArray:
-        """All handles. Shape (links,) -> (links, 3)."""
+        """All handles. Shape (..., links) -> (..., links, 3)."""
         cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
-        points: FloatArray = self.origin + q[:, None] * self.slide
-        points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
-        points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
+        points: FloatArray = self.origin + q[..., None] * self.slide
+        points[..., 0] += cos * self.lever[..., 0] - sin * self.lever[..., 1]
+        points[..., 1] += sin * self.lever[..., 0] + cos * self.lever[..., 1]
         return points
 
     def one(self, link: int, q: float) -> FloatArray:

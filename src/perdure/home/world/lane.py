@@ -48,7 +48,8 @@ class Lane:
         """Its axes in the room, one per column. Shape (3, 3)."""
         self.held = self.held_link = -1
         self._parting: set[int] = set()
-        self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _BAD]
+        bad = [int(getattr(mujoco.mjtWarning, name)) for name in _BAD]
+        self._bad_states: NDArray[np.int32] = self.data.warning.number[min(bad) : max(bad) + 1]
         self._substeps = scene.options.substeps
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
         self._looked_from: tuple[float, float] | None = None
@@ -188,7 +189,7 @@ class Lane:
 
     def blew_up(self) -> bool:
         """Whether MuJoCo warned of a bad state, or a position is not a finite number."""
-        return bool(self.data.warning.number[self._warnings].any()) or not math.isfinite(self.qpos @ self.qpos)
+        return bool(self._bad_states.any()) or not math.isfinite(self.qpos @ self.qpos)
 
     def robot_force(self) -> float:
         """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
@@ -236,3 +237,4 @@ class Lane:
 
 _XY = np.arange(2)
 _BAD = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
+"""MuJoCo's warnings of a diverged state; their numbers follow one another."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +30,7 @@ class Readings:
         self.object, self.object_velocity = np.zeros((lanes, 7)), np.zeros((lanes, 3))
         self.handle, self.link_state = np.zeros((lanes, 3)), np.zeros((lanes, 2))
         self.errand = np.zeros((lanes, 2), dtype=np.int64)
-        self.goal, self.aim = np.zeros((lanes, 3)), np.zeros((lanes, 3))
+        self.goal, self.aim, self.front = np.zeros((lanes, 3)), np.zeros((lanes, 3)), np.zeros((lanes, 3))
         self.force = np.zeros(lanes)
         self.stopped = np.zeros(lanes, dtype=bool)
         self.diverged = np.zeros(lanes, dtype=bool)
@@ -63,6 +61,7 @@ class Readings:
         self.errand[number] = errand.target, errand.link
         self.stopped[number] = False
         self.goal[number], self.aim[number] = errand.goal, errand.aim
+        self.front[number] = *errand.front, 0.0
         known = 0 <= errand.target < len(lane.scene.placements)
         self._target[number] = lane.object(errand.target) if known else _NO_OBJECT
         self.read_errand(number, lane)
@@ -88,9 +87,9 @@ class Readings:
             self.held_point[number] = self.gripper[number]
 
     def sensors(
-        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Sequence[Rivals]
+        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Rivals
     ) -> Sensors:
-        """The record for some lanes. Shapes (m,), (m,), (m, 3), (m, beams), m."""
+        """The record for some lanes. Shapes (m,), (m, 3), (m, beams)."""
         robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
         base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
         flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
@@ -123,11 +122,12 @@ class Readings:
             aim=aim,
             way=way,
             waypoint=waypoint,
+            front=self.front[chosen],
             facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
             scan=scan,
-            rivals=np.array([each.from_object for each in around]),
-            rival_distance=np.array([each.distance for each in around]),
-            handle_distance=np.array([each.handle_distance for each in around]),
+            rivals=around.from_object,
+            rival_distance=around.distance,
+            handle_distance=around.handle_distance,
             stopped=self.stopped[chosen],
             contact_force=self.force[chosen],
             diverged=self.diverged[chosen],

@@ -31,6 +31,8 @@ class Errand:
     """What navigation should face, in the room in [m]."""
     route: Geodesic | None = None
     """The way to where navigation should end."""
+    front: tuple[float, float] = (0.0, 0.0)
+    """Which way the furniture faces that the object lies on or in (for place: the goal), a unit vector in the room."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ class Sensors:
     """Length of the way to the region in which navigation should end, 0 inside it or without one. Shape (n,)."""
     waypoint: FloatArray
     """A point of that way half a metre ahead, on the floor; the base itself without one. Shape (n, 3)."""
+    front: FloatArray
+    """Which way the errand's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray

@@ -15,7 +15,7 @@ from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.world.readings import Readings
-from perdure.home.world.rivals import NO_RIVALS, Rivals, look_around
+from perdure.home.world.rivals import Rivals, Surroundings, no_rivals
 from perdure.home.world.scan import NO_SCAN, Outlines
 from perdure.home.world.scene import Scene
 from perdure.home.world.sensors import Errand, Sensors
@@ -53,6 +53,7 @@ class World:
         self._errand = [Errand()] * lanes
         self._readings = Readings(lanes)
         self._outlines = Outlines(lanes)
+        self._surroundings = Surroundings(lanes)
 
     def reset(
         self,
@@ -135,7 +136,7 @@ class World:
         for row, number in enumerate(map(int, chosen)):
             way[row], waypoint[row] = self._way(number)
         ranges = self._scan(chosen) if scan else np.tile(NO_SCAN, (len(chosen), 1))
-        around = [self._look_around(int(k)) for k in chosen] if rivals else [NO_RIVALS] * len(chosen)
+        around = self._look_around(chosen) if rivals else no_rivals(len(chosen))
         return self._readings.sensors(chosen, way, waypoint, ranges, around)
 
     def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
@@ -252,8 +253,9 @@ class World:
             self._outlines.renew(number, lane.scene.apartment, lane.links)
         return self._outlines.scan(chosen, self._readings.robot[chosen, :3])
 
-    def _look_around(self, number: int) -> Rivals:
-        return look_around(self.lane(number), self._errand[number].target, self._readings.gripper[number])
+    def _look_around(self, chosen: IntArray) -> Rivals:
+        readings, lanes = self._readings, [self.lane(number) for number in map(int, chosen)]
+        return self._surroundings.look(chosen, lanes, readings.errand[chosen, 0], readings.gripper[chosen])
 
 
 CELLS_AHEAD = 10
