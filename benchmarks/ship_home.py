@@ -2,9 +2,9 @@
 
 python benchmarks/ship_home.py RUNS [seed ...]
 
-RUNS is the `--out` of `perdure home train`. Every policy there goes to src/perdure/home/shipped, is run from 200 val
-starts with clutter, and enters benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and
-docs/images/home-learning.png.
+RUNS is the `--out` of `perdure home train`. Every policy there is run from 200 val starts with clutter and enters
+benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning.png.
+One that succeeds often enough goes to src/perdure/home/shipped.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from perdure.store import write_whole
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
 PICTURE = HERE.parent / "docs" / "images" / "home-learning.png"
+WORTH_SHIPPING = 0.90
+"""Success of a policy that ships; below it the oracle acts better."""
 BINS = 40
 EPISODES = 200
 
@@ -87,21 +89,27 @@ def main(folder: Path, seeds: list[int]) -> None:
         if seeds and seed not in seeds:
             continue
         policy = load_policy(path / "policy.safetensors")
-        target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, (path / "policy.safetensors").read_bytes())
         total = policy.provenance["config"]["total_steps"]
+        scored = score(policy, task, skill)
+        ships = scored["success"] >= WORTH_SHIPPING
+        target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
+        target.unlink(missing_ok=True)
+        if ships:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(target, (path / "policy.safetensors").read_bytes())
         scores[f"{task}/{skill}/seed-{seed}"] = {
             "command": policy.provenance["command"],
             "steps": total,
-            **score(policy, task, skill),
+            "shipped": ships,
+            **scored,
             "curve": curve(path, total),
         }
         write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
-    print("| policy | steps | success on val starts | how the others ended |\n|---|---|---|---|")
+    print("| policy | steps | success on val starts | how the others ended | shipped |\n|---|---|---|---|---|")
     for name, entry in sorted(scores.items()):
         ways = ", ".join(f"{way} {count}" for way, count in entry["failures"].items()) or "-"
-        print(f"| {name} | {entry['steps']:,} | {entry['success']:.3f} of {entry['episodes']} | {ways} |")
+        shipped = "yes" if entry["shipped"] else "no"
+        print(f"| {name} | {entry['steps']:,} | {entry['success']:.3f} of {entry['episodes']} | {ways} | {shipped} |")
     draw(dict(sorted(scores.items())))
 
 

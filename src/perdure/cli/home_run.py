@@ -35,6 +35,8 @@ class HomeRun:
     """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
     """Whether an object that was held touches the robot again: never (M3) or once they are apart (habitat-lab)."""
+    rolling: Literal["friction", "drag"] = "friction"
+    """What stops objects that roll: rolling friction, or a drag as in Habitat, which has no rolling friction."""
     physics_hz: int = 120
     """Physics steps per second."""
     lanes: int = 16
@@ -59,9 +61,8 @@ def main(args: list[str]) -> None:
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
-    options = ExecutorOptions(
-        lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=SceneOptions(physics_hz=flags.physics_hz)
-    )
+    scene = SceneOptions(physics_hz=flags.physics_hz, rolling=flags.rolling)
+    options = ExecutorOptions(lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=scene)
     protocol = Protocol(
         flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
     )

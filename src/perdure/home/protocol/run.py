@@ -69,9 +69,17 @@ class Protocol:
         return int(text)
 
     @property
+    def name(self) -> str:
+        """How logs and figures call it: `place`, and what differs from the usual world, such as `ik jaws-apart`."""
+        options = self.options
+        unusual = [f"jaws-{options.jaws}"] if options.jaws != "never" else []
+        unusual += [options.scene.rolling] if options.scene.rolling != "friction" else []
+        return " ".join([self.place, *unusual])
+
+    @property
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
-        return f"{self.task}/{self.split}/{self.place.replace('+', '-plus')}"
+        return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
 
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""
@@ -139,7 +147,7 @@ def _notes(protocol: Protocol, unit: Unit, policies: Mapping[SkillName, SkillPol
     """What the logs say about who acted."""
     trained = str(unit.train_seed) if any(each.policy for each in policies.values()) else str(UNTRAINED)
     names = {skill: each.name for skill, each in policies.items()}
-    return {"arm": protocol.place, "train_seed": trained, "policies": json.dumps(names)}
+    return {"arm": protocol.name, "train_seed": trained, "policies": json.dumps(names)}
 
 
 def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict[str, object]:
@@ -155,6 +163,7 @@ def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict
         "policies": dict(policies),
         "jaws": options.jaws,
         "physics_hz": options.scene.physics_hz,
+        "rolling": options.scene.rolling,
         "settle_steps": options.settle_steps,
         "mujoco": version("mujoco"),
         "perdure": version("perdure"),

@@ -43,7 +43,7 @@ def no_rivals(n: int) -> Rivals:
 
 
 class Surroundings:
-    """Objects and handles of n lanes side by side, so that all are searched at once; missing ones are infinitely far."""
+    """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far."""
 
     def __init__(self, lanes: int) -> None:
         """Knows no scene."""

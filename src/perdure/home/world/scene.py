@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ PHYSICS_HZ = 120
 """Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
 HANDLE_SOLREF = (0.02, 1.0)
 """How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
+HABITAT_DRAG = 0.2
+"""Linear and angular damping of objects in Habitat in [1/s] (habitat-sim, `AbstractObjectAttributes.cpp`)."""
+Rolling = Literal["friction", "drag"]
 MAX_CACHED = 256
 
 
@@ -45,6 +48,8 @@ class SceneOptions:
     """Whether objects that are no targets are there."""
     targets: tuple[int, ...] | None = None
     """The targets that are there, None for all."""
+    rolling: Rolling = "friction"
+    """What stops an object that rolls: rolling friction (`docs/home/objects.md`), or Habitat's air drag alone."""
     sleep: bool = True
     """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
 
@@ -52,6 +57,8 @@ class SceneOptions:
         """A physics rate that is no multiple of the control rate raises HomeError."""
         if self.physics_hz < CONTROL_HZ or self.physics_hz % CONTROL_HZ:
             raise HomeError(f"physics_hz must be a multiple of {CONTROL_HZ}, not {self.physics_hz}")
+        if self.rolling not in get_args(Rolling):
+            raise HomeError(f"rolling must be one of {', '.join(get_args(Rolling))}, not {self.rolling!r}")
 
     @property
     def substeps(self) -> int:
@@ -201,7 +208,10 @@ def build_scene(
         objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
     add_fetch(spec, looks=options.looks)
     _add_holds(spec, apartment, len(placements))
-    return Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
+    scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
+    if options.rolling == "drag":
+        _let_roll(scene)
+    return scene
 
 
 def episode_scene(episode: Episode, options: SceneOptions | None = None) -> Scene:
@@ -245,6 +255,16 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if options.sleep:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+
+
+def _let_roll(scene: Scene) -> None:
+    """Objects roll and spin without friction, and lose 20 % of their speed and spin in a second, as in Habitat."""
+    model = scene.model
+    for number, geoms in enumerate(scene.object_geoms):
+        model.geom_condim[geoms] = 3
+        body, dof = model.body(f"object_{number}").id, int(scene.object_qvel[number])
+        model.dof_damping[dof : dof + 3] = HABITAT_DRAG * model.body_mass[body]
+        model.dof_damping[dof + 3 : dof + 6] = HABITAT_DRAG * model.body_inertia[body]
 
 
 def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
