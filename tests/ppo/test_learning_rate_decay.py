@@ -68,3 +68,20 @@ def test_settings_of_older_runs_mean_what_they_meant():
 def test_another_word_is_refused():
     with pytest.raises(ConfigError, match=r"learning_rate_decay is 'cosine'.*'none' or 'linear'"):
         replace(CONFIG, learning_rate_decay="cosine")
+
+
+@pytest.mark.parametrize(("iteration", "ceiling"), [(0, -1.0), (1, -1.5), (2, -2.0), (3, -2.5)])
+def test_the_noise_stays_below_a_line(iteration, ceiling):
+    """log_std starts at -1 and would rise or fall by at most 0.01 per Adam step: 4 of them."""
+    free = replace(CONFIG, log_std_init=-1.0, learning_rate_decay="none")
+    _, capped = one_epoch(replace(free, log_std_end=-3.0), iteration)
+    _, unbound = one_epoch(free, iteration)
+    np.testing.assert_allclose(capped["log_std"], np.minimum(unbound["log_std"], ceiling), rtol=1e-6)
+    assert (np.asarray(unbound["log_std"]) > -1.05).all()
+    np.testing.assert_array_equal(capped["policy.0.weight"], unbound["policy.0.weight"])
+
+
+def test_a_ceiling_above_the_start_is_refused():
+    with pytest.raises(ConfigError, match=r"log_std_end is 1.*at most log_std_init = 0"):
+        replace(CONFIG, log_std_end=1.0)
+    assert "log_std_end" not in CONFIG.to_json()

@@ -65,6 +65,9 @@ class PPOConfig:
     (seed, segment), interrupted or not, so this number is part of what a run is."""
     learning_rate_decay: Decay = "none"
     """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
+    log_std_end: float | None = None
+    """Ceiling of the log standard deviation at the end, None for none: it falls linearly from `log_std_init`. A policy
+    that acts with its mean when deployed must not have learned to leave a decision to the noise."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
@@ -80,6 +83,12 @@ class PPOConfig:
             "learning_rate_decay",
             self.learning_rate_decay,
             "'none' or 'linear'",
+        )
+        _require(
+            self.log_std_end is None or self.log_std_end <= self.log_std_init,
+            "log_std_end",
+            self.log_std_end,
+            f"None or at most log_std_init = {self.log_std_init}",
         )
         _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
         _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
@@ -138,7 +147,7 @@ class PPOConfig:
         return cls(**rest)
 
 
-_LATER = {"learning_rate_decay": "none"}
+_LATER: dict[str, Any] = {"learning_rate_decay": "none", "log_std_end": None}
 """Settings that older runs and policy files do not name, and what they meant without them."""
 
 

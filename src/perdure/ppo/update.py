@@ -119,6 +119,8 @@ def epoch(
         return adam_step(params, adam, gradient, _step_size(config, adam.count), config.max_grad_norm), losses
 
     (params, adam), losses = jax.lax.scan(minibatch, (params, adam), order.reshape(-1, config.batch_size))
+    if config.log_std_end is not None:
+        params = {**params, "log_std": jnp.minimum(params["log_std"], _log_std_ceiling(config, adam.count))}
     return params, adam, losses.mean(axis=0)
 
 
@@ -126,5 +128,15 @@ def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
     """Adam's step size after so many Adam steps."""
     if config.learning_rate_decay == "none":
         return config.learning_rate
-    iteration = count // (config.n_epochs * (config.rollout_size // config.batch_size))
-    return config.learning_rate * (1 - (iteration + 1) / config.iterations)
+    return config.learning_rate * (1 - (_iteration(config, count) + 1) / config.iterations)
+
+
+def _log_std_ceiling(config: PPOConfig, count: jax.Array) -> jax.Array:
+    """Largest log standard deviation after so many Adam steps."""
+    assert config.log_std_end is not None
+    share = jnp.minimum(_iteration(config, count) / config.iterations, 1.0)
+    return config.log_std_init + share * (config.log_std_end - config.log_std_init)
+
+
+def _iteration(config: PPOConfig, count: jax.Array) -> jax.Array:
+    return count // (config.n_epochs * (config.rollout_size // config.batch_size))

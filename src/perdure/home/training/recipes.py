@@ -26,18 +26,20 @@ class Recipe:
     n_epochs: int = 5
     learning_rate: float = 3e-4
     log_std_init: float = -1.0
+    log_std_end: float | None = None
+    """Set where a policy that acts with its mean would otherwise wait for the noise to open or close its hand."""
     gamma: float = 0.99
     clutter: bool = False
     """Whether objects that are no targets are there in training: they cost time, and only pick must tell them apart."""
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(2_000_000),
-    "pick": Recipe(4_000_000, clutter=True),
-    "open_drawer": Recipe(2_400_000),
+    "place": Recipe(2_000_000, log_std_end=-2.5),
+    "pick": Recipe(3_000_000, log_std_end=-2.5, clutter=True),
+    "open_drawer": Recipe(2_000_000, log_std_end=-2.5),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
-    "close_fridge": Recipe(3_000_000),
+    "close_fridge": Recipe(2_000_000, log_std_end=-2.5),
     "navigate": Recipe(1_500_000),
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
@@ -77,6 +79,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
         learning_rate=recipe.learning_rate,
         hidden_sizes=HIDDEN,
         log_std_init=recipe.log_std_init,
+        log_std_end=recipe.log_std_end,
         learning_rate_decay="linear",
         segment_steps=100_000,
     )
