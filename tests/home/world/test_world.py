@@ -190,7 +190,7 @@ def test_the_scan_measures_a_wall(episodes, heading):
     x, y = (float(v) for v in middle + forward * (np.abs(forward * half).sum() - 1.5))
     world = World(1)
     world.reset(0, build_scene(bare, []), Pose(x, y, heading))
-    ranges = world.sense(scan=True).scan[0]
+    ranges = world.sense(scan_reach=SCAN_RANGE).scan[0]
     assert ranges.shape == (BEAMS,)
     ahead = np.cos(SCAN_ANGLES) > np.cos(np.radians(30.0))
     assert np.allclose(ranges[ahead] * np.cos(SCAN_ANGLES[ahead]), 1.5, atol=0.03)
@@ -208,7 +208,7 @@ def test_the_scan_agrees_with_rays_through_the_model(episodes):
     for x, y in space.centers[rng.integers(len(space.centers), size=6)]:
         pose = Pose(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
         world.reset(0, scene, pose, opened=opened)
-        ranges, lane = world.sense(scan=True).scan[0], world.lane(0)
+        ranges, lane = world.sense(scan_reach=SCAN_RANGE).scan[0], world.lane(0)
         lane.qpos[scene.robot_qpos][:2] += 100.0  # out of the rays' way
         mujoco.mj_forward(lane.model, lane.data)
         for beam in range(BEAMS):
@@ -223,6 +223,21 @@ def test_the_scan_agrees_with_rays_through_the_model(episodes):
     assert compared >= 0.97 * 6 * BEAMS  # a beam that grazes a corner, or a foot thinner than the planes lie apart
 
 
+def test_a_scan_that_looks_less_far_sees_the_same_within_its_reach(episodes):
+    rng, world, met = np.random.default_rng(2), World(4), 0
+    scene = episode_scene(episodes.episodes[4])
+    space = free_space(scene.apartment)
+    for _ in range(5):
+        for lane, (x, y) in enumerate(space.centers[rng.integers(len(space.centers), size=4)]):
+            world.reset(lane, scene, Pose(float(x), float(y), rng.uniform(-3, 3)))
+        far = world.sense(scan_reach=SCAN_RANGE).scan
+        for near in (0.5, 1.3, 3.0):
+            seen = world.sense(scan_reach=near).scan
+            assert np.array_equal(seen, np.where(far <= near, far, SCAN_RANGE))
+            met += (seen < SCAN_RANGE).sum()
+    assert met > 100
+
+
 def test_the_scan_of_a_lane_does_not_depend_on_its_neighbours(episodes):
     rng = np.random.default_rng(1)
     scenes = [episode_scene(episode) for episode in episodes.episodes[:3]]
@@ -234,7 +249,7 @@ def test_the_scan_of_a_lane_does_not_depend_on_its_neighbours(episodes):
         together.reset(lane, scene, pose)
     for lane, (scene, pose) in enumerate(zip(scenes, poses, strict=True)):
         alone.reset(0, scene, pose)
-        assert np.array_equal(together.sense(scan=True).scan[lane], alone.sense(scan=True).scan[0])
+        assert np.array_equal(together.sense(None, 2.0).scan[lane], alone.sense(None, 2.0).scan[0])
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,8 @@ class Executor:
         row_of = np.zeros(world.num_lanes, dtype=np.int64)
         row_of[lanes] = np.arange(len(lanes))
         seeing = [self._skills[name] for name in groups if self._actors[name].sees]
-        known = world.sense(lanes, any(s.needs_scan for s in seeing), any(s.needs_rivals for s in seeing))
+        reach = max((skill.scan_reach for skill in seeing), default=0.0)
+        known = world.sense(lanes, reach, any(skill.needs_rivals for skill in seeing))
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
             sensors = known[row_of[group]]

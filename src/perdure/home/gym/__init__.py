@@ -4,14 +4,37 @@ Contents:
     perdure/HomePick-v0, HomePlace-v0, ...  what `gymnasium.make` and `make_vec` know after the import
     HomeSkillVectorEnv, HomeSkillEnv        many lanes over one world; one lane
     LessonOptions                           their options
+    HeadDepth, VectorHeadDepth              wrappers that add the head camera's depth image
     register, env_id                        the names
 """
+
+from typing import TYPE_CHECKING
 
 from perdure.home.gym.options import LessonOptions
 from perdure.home.gym.register import env_id, register
 from perdure.home.gym.single import HomeSkillEnv
 from perdure.home.gym.vector import HomeSkillVectorEnv
 
-__all__ = ["HomeSkillEnv", "HomeSkillVectorEnv", "LessonOptions", "env_id", "register"]
+if TYPE_CHECKING:
+    from perdure.home.gym.depth import HeadDepth, VectorHeadDepth
+
+__all__ = [
+    "HeadDepth",
+    "HomeSkillEnv",
+    "HomeSkillVectorEnv",
+    "LessonOptions",
+    "VectorHeadDepth",
+    "env_id",
+    "register",
+]
 
 register()
+
+
+def __getattr__(name: str) -> object:
+    """Loads what draws only when it is asked for."""
+    if name in ("HeadDepth", "VectorHeadDepth"):
+        from perdure.home.gym import depth as module
+
+        return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -140,7 +140,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             rng = self._rng[lane]
             assert rng is not None
             self.lessons.begin(self.world, lane, rng)
-        fresh = self.world.sense(lanes, self.skill.needs_scan, self.skill.needs_rivals)
+        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_rivals)
         begun = self.skill.begin(fresh)
         if self._sensors is None or self._progress is None:
             self._sensors, self._progress = fresh, begun
@@ -156,7 +156,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         if len(lanes):
             legal = skill.mask(told, before)
             self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
-        after = self.world.sense(None, skill.needs_scan, skill.needs_rivals)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_rivals)
         now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
         self._sensors, self._progress = after, now
         return self._outcome(before, after, was, now, stepped)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
-from perdure.home.skills.skill import Element, Progress, rest_distance
+from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
 from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
@@ -57,8 +57,6 @@ SCAN: tuple[Element, ...] = tuple(
 
 
 SECTORS = BEAMS // 2
-SECTOR_DEPTH = 1.0
-"""From how far a sector begins to be felt in [m], counted from the base's rim (OURS)."""
 CLOSENESS: tuple[Element, ...] = tuple(
     Element(
         f"close_{k:02d}",

@@ -29,7 +29,7 @@ class ResetArm(Skill):
     name = "reset_arm"
     arm_step = FASTEST
     failures = ("none",)
-    needs_scan = False
+    scan_reach = 0.0
 
     @property
     def elements(self) -> tuple[Element, ...]:

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import REST_POSITION
+from perdure.home.robot.data import BASE_RADIUS, REST_POSITION
 from perdure.home.tasks import LIMITS, SkillName
 from perdure.home.world import ARM_STEP, BASE_SPEED, Sensors
 from perdure.home.world.sensors import norm
@@ -32,6 +32,8 @@ FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
 """Cost per newton by which the contact force rose, its cap per step, and the force in [N] that does not count (M3)."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 """How far what is held may be from the gripper point in [m] before the grasp is invalid: objects, handles (M3)."""
+SECTOR_DEPTH = 1.0
+"""From how far furniture begins to be felt in [m], counted from the base's rim (OURS)."""
 RETRACTED = 0.05
 """How near the gripper point must be to its rest position in [m] to count as retracted (M3)."""
 
@@ -95,7 +97,8 @@ class Skill(ABC):
     """What a base action of 1 means in [m/s] and [rad/s]."""
     arm_step: ClassVar[float] = ARM_STEP
     """What an arm action of 1 means in [rad] per step."""
-    needs_scan: ClassVar[bool] = True
+    scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
+    """How far its observation looks around the base in [m]; 0 for not at all."""
     needs_rivals: ClassVar[bool] = False
     slack: ClassVar[float] = SLACK
     """What every step costs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import weakref
 from copy import copy
 from typing import Any
@@ -20,7 +21,7 @@ SIDE = 128
 FAR = 10.0
 """Largest depth that is told apart in [m] (M3, the same file)."""
 NEAR = 0.01
-"""Smallest depth that is drawn in [m] (habitat-sim's default)."""
+"""Smallest depth that is drawn in [m] (habitat-sim's default, `src/esp/sensor/VisualSensor.h`)."""
 LARGEST = 4096
 COLLIDES = (1, 1, 0, 1, 0, 0)
 """Geom groups that are drawn: everything that collides, see `perdure.home.layouts.build`."""
@@ -31,9 +32,9 @@ class HeadCamera:
 
     The camera is `head` of the model: with the torso at 0.15 m it looks from (0.17, 0, 1.2) to (0.75, 0, 1.0) in the
     base frame, 19 degrees down, as in M3 (`habitat_extensions/robots/fetch_robot.py`). That is 8 mm from where Fetch
-    Robotics' `fetch.urdf` has `head_camera_link` when the head is tilted so: torso_lift_link + (0.053125, 0, 0.603001)
+    Robotics' `fetch.urdf` has `head_camera_link` when the head is tilted so: in torso_lift_link (0.053125, 0, 0.603001)
     + (0.14253, 0, 0.057999) + R_y(0.332) (0.055, 0, 0.0225). It rides on base and torso; the head does not turn. The
-    field of view is 90 degrees, across and up.
+    field of view is 90 degrees both ways (M3).
     """
 
     def __init__(self, side: int = SIDE) -> None:
@@ -58,13 +59,15 @@ class HeadCamera:
         self._options.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 0
         self._options.geomgroup[:] = COLLIDES
         self._free = weakref.finalize(self, _free, self._gl, self._drawings)
+        atexit.register(self._free)  # EGL ends itself at exit; what was registered last runs first
 
     def take(self, lane: Lane) -> DepthImage:
         """One image of a lane as it is now; its physics is not touched.
 
         Returns:
             Depth in [m] along the camera's axis (planar, not the length of the ray) from 0.01 to 10, with 10 for
-            whatever is farther. Row 0 is the upper one, column 0 the left one. Shape (side, side).
+            whatever is farther and for nothing (habitat-sim: 0 for nothing). The upper left pixel comes first.
+            Shape (side, side).
         """
         mujoco, model, data = self._mujoco, lane.model, lane.data
         self._gl.make_current()
@@ -81,6 +84,7 @@ class HeadCamera:
     def close(self) -> None:
         """Gives the graphics memory back."""
         self._free()
+        atexit.unregister(self._free)
 
     def _see(self, model: Any, data: Any) -> None:
         """Puts a lane's geoms and the camera into the scene."""

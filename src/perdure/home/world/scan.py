@@ -54,17 +54,18 @@ class Outlines:
         self._positions[lane] = positions
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
 
-    def scan(self, lanes: NDArray[np.int64], base: FloatArray) -> FloatArray:
+    def scan(self, lanes: NDArray[np.int64], base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
         """Ranges of some lanes, beam by beam.
 
         Args:
             lanes: Which lanes. Shape (m,).
             base: Where their robots are: x, y, heading. Shape (m, 3).
+            reach: How far to look in [m].
 
         Returns:
-            In [m]. Shape (m, BEAMS).
+            In [m]; `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
         """
-        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))][:, None]  # (m, 1, n, 6)
+        boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
         x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
         dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
         at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
@@ -76,8 +77,17 @@ class Outlines:
         enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
         leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
         ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
-        cut: FloatArray = np.minimum(ranges, SCAN_RANGE)
+        cut: FloatArray = np.where(ranges <= reach, ranges, SCAN_RANGE)
         return cut
+
+    def _within(self, lanes: NDArray[np.int64], base: FloatArray, reach: float) -> FloatArray:
+        """The rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
+        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
+        away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
+        near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach
+        most = max(int(near.sum(axis=1).max(initial=0)), 1)
+        order = np.argsort(~near, axis=1, kind="stable")[:, :most]
+        return np.take_along_axis(boxes, order[:, :, None], axis=1)
 
     def _put(self, lane: int, begin: int, rectangles: FloatArray) -> None:
         end = begin + len(rectangles)

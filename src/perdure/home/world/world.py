@@ -129,13 +129,19 @@ class World:
             list(self._pool.map(self._step_some, parts))
         self._read(chosen)
 
-    def sense(self, lanes: IntArray | None = None, scan: bool = False, rivals: bool = False) -> Sensors:
-        """What is known of some lanes (all when None) now; scan and rivals where they are asked for."""
+    def sense(self, lanes: IntArray | None = None, scan_reach: float = 0.0, rivals: bool = False) -> Sensors:
+        """What is known of some lanes now.
+
+        Args:
+            lanes: Which lanes, all when None. Shape (m,).
+            scan_reach: How far the scan looks in [m]; the nearer, the faster. What is farther is not told apart.
+            rivals: Whether objects and handles around the targets are looked for.
+        """
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
         way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
         for row, number in enumerate(map(int, chosen)):
             way[row], waypoint[row] = self._way(number)
-        ranges = self._scan(chosen) if scan else np.tile(NO_SCAN, (len(chosen), 1))
+        ranges = self._scan(chosen, scan_reach) if scan_reach > 0.0 else np.tile(NO_SCAN, (len(chosen), 1))
         around = self._look_around(chosen) if rivals else no_rivals(len(chosen))
         return self._readings.sensors(chosen, way, waypoint, ranges, around)
 
@@ -247,11 +253,11 @@ class World:
         distance, ahead_x, ahead_y = route.ahead(x, y, CELLS_AHEAD)
         return distance, (ahead_x, ahead_y, 0.0)
 
-    def _scan(self, chosen: IntArray) -> FloatArray:
+    def _scan(self, chosen: IntArray, reach: float) -> FloatArray:
         for number in map(int, chosen):
             lane = self.lane(number)
             self._outlines.renew(number, lane.scene.apartment, lane.links)
-        return self._outlines.scan(chosen, self._readings.robot[chosen, :3])
+        return self._outlines.scan(chosen, self._readings.robot[chosen, :3], reach)
 
     def _look_around(self, chosen: IntArray) -> Rivals:
         readings, lanes = self._readings, [self.lane(number) for number in map(int, chosen)]
