@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -53,7 +55,7 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from perdure.home.execute import EpisodeLog, ExecutorOptions
+    from perdure.home.execute import ExecutorOptions
     from perdure.home.outcomes import analyse
     from perdure.home.page import read_cast, write_page
     from perdure.home.protocol import Protocol, choose_policies, run_protocol
@@ -74,10 +76,8 @@ def main(args: list[str]) -> None:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         bar = progress.add_task(f"{flags.task} {flags.place}", total=total)
 
-        def told(log: EpisodeLog) -> None:
-            progress.advance(bar)
-
-        paths = run_protocol(protocol, flags.out, told, command)
+        cores = flags.threads or len(os.sched_getaffinity(0))
+        paths = run_protocol(protocol, flags.out, partial(progress.advance, bar), command, cores)
         progress.update(bar, completed=total)
     records, cast = read_cast(paths)
     analysis = analyse(records)

@@ -12,7 +12,11 @@ from perdure.home.outcomes import read_logs, read_notes
 from perdure.home.protocol import Protocol, choose_policies, make_actors, run_protocol, units
 from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.tasks import get_task
+from perdure.home.world import SceneOptions
 from perdure.store import StoreError
+
+LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
+ORACLES = dict.fromkeys(LEARNED, "oracle")
 
 
 def test_units_cover_every_episode_of_every_seed_once():
@@ -28,13 +32,12 @@ def test_units_cover_every_episode_of_every_seed_once():
 
 
 def test_what_was_run_is_not_run_again(tmp_path):
-    nobody = {step.skill: "oracle" for step in get_task("set_table").skills if step.skill != "reset_arm"}
-    protocol = Protocol("set_table", episodes=1, policies=nobody, options=ExecutorOptions(lanes=1))
+    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     told = []
     first = run_protocol(protocol, tmp_path, told.append, "asked by a test")
     second = run_protocol(protocol, tmp_path, told.append)
     assert first == second
-    assert [log.episode.name for log in told] == ["set_table/val/000"]
+    assert told == [1]
     (record,) = read_logs(first[0])
     assert record.index == 0
     notes = read_notes(first[0])
@@ -43,13 +46,31 @@ def test_what_was_run_is_not_run_again(tmp_path):
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path):
-    def protocol(jaws):
-        options = ExecutorOptions(lanes=1, jaws=jaws, settle_steps=2)
+    def protocol(settle_steps):
+        options = ExecutorOptions(lanes=1, settle_steps=settle_steps)
         return Protocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
 
-    run_protocol(protocol("never"), tmp_path)
-    with pytest.raises(StoreError, match="jaws"):
-        run_protocol(protocol("apart"), tmp_path)
+    run_protocol(protocol(2), tmp_path)
+    with pytest.raises(StoreError, match="settle_steps"):
+        run_protocol(protocol(3), tmp_path)
+
+
+def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
+    usual = Protocol("set_table", "ik+")
+    unusual = Protocol("set_table", "ik+", options=ExecutorOptions(jaws="apart", scene=SceneOptions(rolling="drag")))
+    assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
+    assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
+
+
+def test_processes_side_by_side_write_the_same_logs(tmp_path, monkeypatch):
+    monkeypatch.setattr("perdure.home.protocol.run.CHUNK", 1)
+    options = ExecutorOptions(lanes=1, settle_steps=2)
+    protocol = Protocol("set_table", episodes=2, policies=ORACLES, options=options)
+    told = []
+    alone = run_protocol(protocol, tmp_path / "alone")
+    together = run_protocol(protocol, tmp_path / "together", told.append, processes=2)
+    assert told == [1, 1]
+    assert [path.read_bytes() for path in together] == [path.read_bytes() for path in alone]
 
 
 @pytest.mark.parametrize(

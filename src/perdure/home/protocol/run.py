@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
 
 from perdure.home.arms import ARMS
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
-from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
+from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
 from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
 from perdure.home.skills import Skill, get_skill
@@ -21,7 +23,7 @@ from perdure.store import Store
 CHUNK = 10
 """Episodes in one unit of the store: what a killed run loses at most."""
 LOGS = "logs.parquet"
-Told = Callable[[EpisodeLog], None]
+Told = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -113,34 +115,54 @@ def units(protocol: Protocol) -> Iterator[Unit]:
                 yield Unit(train_seed, eval_seed, first, min(first + CHUNK, protocol.episodes) - 1)
 
 
-def run_protocol(protocol: Protocol, out: str | Path, told: Told = lambda log: None, command: str = "") -> list[Path]:
+def run_protocol(
+    protocol: Protocol, out: str | Path, told: Told = lambda episodes: None, command: str = "", processes: int = 1
+) -> list[Path]:
     """Runs what is missing of a protocol and hands back the logs of all of it.
 
     Args:
         protocol: What to run.
         out: Folder of the store. The same call goes on where a killed one stopped.
-        told: Called with every episode that was run now.
+        told: Called with the number of episodes that were run, as soon as they are kept.
         command: What asked for it; noted in the logs that are written now.
+        processes: How many work side by side, each on one core; with 1 this process alone, on the cores of
+            `ExecutorOptions.threads`. No result depends on it.
     """
-    store, paths = Store(out), []
-    episodes = load_episodes(protocol.task, protocol.split)
-    skills = protocol.skills()
-    for unit in units(protocol):
-        policies = choose_policies(protocol.task, unit.train_seed, protocol.policies, protocol.delta)
-        config = _config(protocol, unit, {skill: each.sha256 or each.source for skill, each in policies.items()})
-        key = unit.key(protocol)
-        if not store.done(key, config):
-            options = replace(protocol.options, eval_seed=unit.eval_seed)
-            executor = Executor(skills, make_actors(policies, protocol.arm), options)
-            logs = []
-            for log in executor.run(episodes.episodes[unit.first : unit.last + 1]):
-                logs.append(log)
-                told(log)
-            logs.sort(key=lambda log: log.episode.index)
-            with store.write(key, config) as folder:
-                write_logs(folder / LOGS, logs, _notes(protocol, unit, policies) | {"command": command})
-        paths.append(store.get(key, config) / LOGS)
-    return paths
+    store, parts = Store(out), list(units(protocol))
+    missing = [unit for unit in parts if not store.done(unit.key(protocol), _config(protocol, unit))]
+    if processes > 1 and len(missing) > 1:
+        alone = replace(protocol, options=replace(protocol.options, threads=1))
+        # A forked process would take over this one's threads in whatever state they are.
+        with ProcessPoolExecutor(min(processes, len(missing)), get_context("spawn")) as pool:
+            running = [pool.submit(_run, alone, unit, out, command) for unit in missing]
+            try:
+                for finished in as_completed(running):
+                    told(finished.result())
+            finally:
+                pool.shutdown(cancel_futures=True)
+    else:
+        for unit in missing:
+            told(_run(protocol, unit, out, command))
+    return [store.get(unit.key(protocol), _config(protocol, unit)) / LOGS for unit in parts]
+
+
+def _run(protocol: Protocol, unit: Unit, out: str | Path, command: str) -> int:
+    """Runs and keeps one unit; how many episodes it has."""
+    policies = _policies(protocol, unit)
+    executor = Executor(
+        protocol.skills(),
+        make_actors(policies, protocol.arm),
+        replace(protocol.options, eval_seed=unit.eval_seed),
+    )
+    episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]
+    logs = sorted(executor.run(episodes), key=lambda log: log.episode.index)
+    with Store(out).write(unit.key(protocol), _config(protocol, unit)) as folder:
+        write_logs(folder / LOGS, logs, _notes(protocol, unit, policies) | {"command": command})
+    return len(logs)
+
+
+def _policies(protocol: Protocol, unit: Unit) -> dict[SkillName, SkillPolicy]:
+    return choose_policies(protocol.task, unit.train_seed, protocol.policies, protocol.delta)
 
 
 def _notes(protocol: Protocol, unit: Unit, policies: Mapping[SkillName, SkillPolicy]) -> dict[str, str]:
@@ -150,9 +172,9 @@ def _notes(protocol: Protocol, unit: Unit, policies: Mapping[SkillName, SkillPol
     return {"arm": protocol.name, "train_seed": trained, "policies": json.dumps(names)}
 
 
-def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict[str, object]:
+def _config(protocol: Protocol, unit: Unit) -> dict[str, object]:
     """What a unit is: everything its logs depend on."""
-    options = protocol.options
+    options, policies = protocol.options, _policies(protocol, unit)
     return {
         "task": protocol.task,
         "split": protocol.split,
@@ -160,7 +182,7 @@ def _config(protocol: Protocol, unit: Unit, policies: Mapping[str, str]) -> dict
         "train_seed": unit.train_seed,
         "eval_seed": unit.eval_seed,
         "episodes": [unit.first, unit.last],
-        "policies": dict(policies),
+        "policies": {skill: each.sha256 or each.source for skill, each in policies.items()},
         "jaws": options.jaws,
         "physics_hz": options.scene.physics_hz,
         "rolling": options.scene.rolling,

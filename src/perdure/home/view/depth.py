@@ -75,6 +75,7 @@ class HeadCamera:
         self._see(model, data)
         depth = np.empty((self.side, self.side), dtype=np.float32)
         viewport = mujoco.MjrRect(0, 0, self.side, self.side)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)  # another one may be bound
         mujoco.mjr_render(viewport, self._scene, drawing)
         mujoco.mjr_readPixels(None, depth, viewport, drawing)
         # MuJoCo's buffer runs from 1 at the near plane to 0 at the far one, linear in 1 / depth.
@@ -92,7 +93,7 @@ class HeadCamera:
         if self._scene is None or self._scene.maxgeom < model.ngeom:
             self._scene = mujoco.MjvScene(model, maxgeom=2 * model.ngeom)
             self._scene.flags[:] = 0
-            for flag in ("CULL_FACE", "SEGMENT", "IDCOLOR"):  # no light, no colours: a third of the time
+            for flag in ("CULL_FACE", "SEGMENT", "IDCOLOR"):  # no light, no colours: 40 % less time
                 self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = 1
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera("head").id
@@ -111,7 +112,6 @@ class HeadCamera:
             plain.vis.quality.offsamples = plain.vis.quality.shadowsize = 0
             plain.vis.quality.numquads = 1
             drawing = mujoco.MjrContext(plain, mujoco.mjtFontScale.mjFONTSCALE_50.value)
-            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
             drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
             self._drawings[meshes] = drawing
         return self._drawings[meshes]
