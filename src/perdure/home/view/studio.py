@@ -23,6 +23,8 @@ Picture = NDArray[np.uint8]
 """Shape (height, width, 3)."""
 
 LARGEST = 4096
+NEAR = 0.02
+"""What is nearer to a camera is not drawn, in [m]: the head looks along the upper arm."""
 SHADOWS = 4096
 """Size of the shadow map in texels."""
 SEEN = (1, 1, 1, 0, 0, 0)
@@ -209,5 +211,5 @@ def _set_visuals(model: Any, size: tuple[int, int]) -> None:
     model.vis.global_.fovy = FOVY
     model.vis.global_.offwidth, model.vis.global_.offheight = size
     model.vis.quality.shadowsize = SHADOWS
-    model.vis.map.znear = 0.02
+    model.vis.map.znear = NEAR / model.stat.extent  # MuJoCo counts it in sizes of the model
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.14
