@@ -91,10 +91,10 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(0,)))
     world = World(1)
     start = begin(world, 0, scene, STARTS["pick"], episode, 0, np.random.default_rng(0))
-    before, _ = world.objects(0, 1)
+    (before,), _ = world.objects(np.array([0]), 1)
     for _ in range(30):
         world.step(np.zeros((1, ACTION_SIZE)))
-    after, speed = world.objects(0, 1)
+    (after,), speed = world.objects(np.array([0]), 1)
     np.testing.assert_allclose(before[0, :3], start.moved[0].position)
     assert np.linalg.norm(after[0, :3] - before[0, :3]) < 0.01
     assert np.linalg.norm(speed) < 0.01

@@ -129,7 +129,7 @@ class Executor:
         task = episode.home_task
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        running = _Running(episode, task.skills, Recorder(), np.zeros(len(task.stages), dtype=bool))
+        running = _Running(episode, task.skills, Recorder(len(episode.goals)), np.zeros(len(task.stages), dtype=bool))
         containers = [episode.container(target) for target in range(len(episode.goals))]
         running.drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
         running.fridge = scene.links.index("top_door")
@@ -225,12 +225,24 @@ class Executor:
     def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
         everyone = [each for each in (running[lane] for lane in lanes) if each is not None]
         task, count = everyone[0].episode.home_task, len(everyone[0].episode.goals)
-        found = [world.objects(int(lane), count) for lane in lanes]
-        poses, speeds = np.array([each[0] for each in found]), np.array([each[1] for each in found])
+        poses, speeds = world.objects(lanes, count)
         facts = lane_facts(world, lanes, everyone, poses[:, :, :3], sensors)
         reached = latch(task, np.array([each.reached for each in everyone]), facts)
         up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
         speed = np.sqrt((speeds**2).sum(axis=2))
+        active = np.array([len(each.done) if each.settling is None else len(each.plan) for each in everyone])
+        kept = (
+            facts.object_positions,
+            facts.held,
+            facts.drawer,
+            facts.fridge,
+            active,
+            sensors.base,
+            sensors.gripper,
+            up,
+            speed,
+        )
+        table = Recorder.table(*kept, sensors.contact_force)
         for row, each in enumerate(everyone):
             if each.settling is None:
                 each.reached = reached[row]
@@ -238,20 +250,7 @@ class Executor:
             else:
                 each.settling += 1
             each.diverged |= bool(sensors.diverged[row])
-            each.recorder.rows.append(
-                (
-                    poses[row, :, :3],
-                    int(facts.held[row]),
-                    float(facts.drawer[row]),
-                    float(facts.fridge[row]),
-                    len(each.done) if each.settling is None else len(each.plan),
-                    sensors.base[row],
-                    sensors.gripper[row],
-                    up[row],
-                    speed[row],
-                    float(sensors.contact_force[row]),
-                )
-            )
+            each.recorder.add(table[row])
 
     def _finish(self, each: _Running) -> EpisodeLog:
         objects, held, drawer, fridge, active, base, gripper, up, speed, force = each.recorder.arrays()
@@ -260,13 +259,13 @@ class Executor:
             eval_seed=self._options.eval_seed,
             skills=tuple(each.done),
             steps=each.step,
-            facts=WorldFacts(objects, each.episode.goal_positions, held, drawer, fridge),  # type: ignore[arg-type]
-            active=active,  # type: ignore[arg-type]
-            base=base,  # type: ignore[arg-type]
-            gripper=gripper,  # type: ignore[arg-type]
-            object_up=up,  # type: ignore[arg-type]
-            object_speed=speed,  # type: ignore[arg-type]
-            contact_force=force,  # type: ignore[arg-type]
+            facts=WorldFacts(objects, each.episode.goal_positions, held.astype(np.int64), drawer, fridge),
+            active=active.astype(np.int64),
+            base=base,
+            gripper=gripper,
+            object_up=up,
+            object_speed=speed,
+            contact_force=force,
             latched=each.reached,
             diverged=each.diverged,
         )

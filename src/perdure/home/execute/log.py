@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -67,14 +67,32 @@ class EpisodeLog:
     """Whether the simulation blew up: nothing after that counts."""
 
 
-@dataclass
 class Recorder:
-    """Collects an `EpisodeLog` step by step."""
+    """Collects the arrays of an `EpisodeLog` step by step: the columns of a step are kept as one row."""
 
-    rows: list[tuple[FloatArray, int, float, float, int, FloatArray, FloatArray, FloatArray, FloatArray, float]] = (
-        field(default_factory=list)
-    )
+    def __init__(self, targets: int) -> None:
+        """For an episode with so many targets."""
+        self._rows: list[FloatArray] = []
+        self._targets = targets
 
-    def arrays(self) -> list[NDArray[np.generic]]:
-        """The columns, one array each, steps first."""
-        return [np.array(column) for column in zip(*self.rows, strict=True)]
+    @staticmethod
+    def table(*columns: FloatArray | IntArray) -> FloatArray:
+        """Rows of m lanes from columns (m, ...), in the order of `arrays`. Shape (m, width)."""
+        return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
+
+    def add(self, row: FloatArray) -> None:
+        """Keeps one lane's row of a `table`."""
+        self._rows.append(row)
+
+    def arrays(self) -> tuple[FloatArray, ...]:
+        """The columns again, steps first.
+
+        Returns:
+            Positions of the targets (n, targets, 3), held, drawer, fridge, active (n,), base and gripper (n, 3), up and
+            speed of the targets (n, targets), force (n,).
+        """
+        targets = self._targets
+        shapes = ((targets, 3), (), (), (), (), (3,), (3,), (targets,), (targets,), ())
+        ends = np.cumsum([np.prod(shape, dtype=np.int64) for shape in shapes])
+        columns = np.split(np.array(self._rows), ends[:-1], axis=1)
+        return tuple(each.reshape(len(each), *shape) for each, shape in zip(columns, shapes, strict=True))

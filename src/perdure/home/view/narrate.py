@@ -115,7 +115,7 @@ def _facts(world: World, episode: Episode) -> WorldFacts:
     drawer = next((each for each in containers if each is not None and each != "top_door"), None)
     opened = dict(zip(lane.scene.links, lane.links, strict=True))
     return WorldFacts(
-        world.objects(0, targets)[0][:, :3],
+        world.objects(np.array([0]), targets)[0][0, :, :3],
         episode.goal_positions,
         np.array(held),
         np.array(opened[drawer] if drawer else 0.0),

@@ -88,6 +88,16 @@ class Scene:
         return self.object_qpos[:, None] + np.arange(3)
 
     @cached_property
+    def poses(self) -> IntArray:
+        """Where the objects' poses stand in `qpos`. Shape (objects, 7)."""
+        return self.object_qpos[:, None] + np.arange(7)
+
+    @cached_property
+    def velocities(self) -> IntArray:
+        """Where the objects' linear velocities stand in `qvel`. Shape (objects, 3)."""
+        return self.object_qvel[:, None] + np.arange(3)
+
+    @cached_property
     def object_qvel(self) -> IntArray:
         """Address of each object's velocity in `qvel` (3 linear in the room, 3 angular in its own frame)."""
         return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_dofadr")

@@ -145,10 +145,14 @@ class World:
         around = self._look_around(chosen) if rivals else no_rivals(len(chosen))
         return self._readings.sensors(chosen, way, waypoint, ranges, around)
 
-    def objects(self, lane: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Poses (position, quaternion) and velocities of a lane's first objects. Shapes (count, 7), (count, 3)."""
-        found = [self.lane(lane).object(number) for number in range(count)]
-        return np.array([each[0] for each in found]), np.array([each[1] for each in found])
+    def objects(self, lanes: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Poses (position, quaternion) and velocities of the first objects. Shapes (m, count, 7), (m, count, 3)."""
+        poses, speeds = np.empty((len(lanes), count, 7)), np.empty((len(lanes), count, 3))
+        for row, number in enumerate(map(int, lanes)):
+            lane = self.lane(number)
+            poses[row] = lane.qpos[lane.scene.poses[:count]]
+            speeds[row] = lane.qvel[lane.scene.velocities[:count]]
+        return poses, speeds
 
     def close(self) -> None:
         """Ends the threads."""
