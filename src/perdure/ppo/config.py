@@ -66,8 +66,9 @@ class PPOConfig:
     learning_rate_decay: Decay = "none"
     """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
     log_std_end: float | None = None
-    """Ceiling of the log standard deviation at the end, None for none: it falls linearly from `log_std_init`. A policy
-    that acts with its mean when deployed must not have learned to leave a decision to the noise."""
+    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init` and stays at its end
+    for the last 40 % of the run. A policy that acts with its mean when deployed must not have learned to leave a
+    decision to the noise, and needs time to learn that."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 ADAM_BETA1 = 0.9
 ADAM_BETA2 = 0.999
 ADAM_EPSILON = 1e-5
+FALLING = 0.6
+"""Share of a run in which the ceiling of the noise falls."""
 CLIP_NORM_EPSILON = 1e-6
 
 
@@ -134,7 +136,7 @@ def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
 def _log_std_ceiling(config: PPOConfig, count: jax.Array) -> jax.Array:
     """Largest log standard deviation after so many Adam steps."""
     assert config.log_std_end is not None
-    share = jnp.minimum(_iteration(config, count) / config.iterations, 1.0)
+    share = jnp.minimum(_iteration(config, count) / (FALLING * config.iterations), 1.0)
     return config.log_std_init + share * (config.log_std_end - config.log_std_init)
 
 

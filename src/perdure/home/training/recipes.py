@@ -34,12 +34,12 @@ class Recipe:
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(2_000_000, log_std_end=-2.5),
-    "pick": Recipe(3_000_000, log_std_end=-2.5, clutter=True),
-    "open_drawer": Recipe(2_000_000, log_std_end=-2.5),
+    "place": Recipe(2_500_000, log_std_end=-2.0),
+    "pick": Recipe(3_000_000, log_std_end=-2.0, clutter=True),
+    "open_drawer": Recipe(2_000_000, log_std_end=-2.0),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
-    "close_fridge": Recipe(2_000_000, log_std_end=-2.5),
+    "close_fridge": Recipe(2_000_000, log_std_end=-2.0),
     "navigate": Recipe(1_500_000),
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
