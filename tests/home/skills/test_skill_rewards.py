@@ -1,5 +1,7 @@
 """Rewards and failures against numbers worked by hand from the benchmark's table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made import (
@@ -152,13 +154,38 @@ def test_a_grasp_torn_too_far_is_invalid(what, limit):
 def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_only():
     actions, now = np.array([np.linspace(-0.9, 0.9, 11), np.linspace(0.9, -0.9, 11)]), random_sensors(2, 0)
     actions[:, GRIP] = 0.9, -0.9
-    assert Pick().mask(actions, now)[:, GRIP].tolist() == [0.9, 0.0]
+    alone = replace(now, rival_distance=np.full(2, np.inf), handle_distance=np.full(2, np.inf))
+    assert Pick().mask(actions, alone)[:, GRIP].tolist() == [0.9, 0.0]
     assert Place().mask(actions, now)[:, GRIP].tolist() == [0.0, -0.9]
     masked = Navigate().mask(actions, now)
     assert not masked[:, ARM].any()
     assert not masked[:, GRIP].any()
     np.testing.assert_array_equal(masked[:, :2], actions[:, :2])
     np.testing.assert_array_equal(OpenDrawer().mask(actions, now), actions)
+
+
+@pytest.mark.parametrize(
+    ("around", "closes"),
+    [
+        ({"rival_distance": 0.101}, True),
+        ({"rival_distance": 0.099}, False),
+        ({"handle_distance": 0.151}, True),
+        ({"handle_distance": 0.149}, False),  # the magic grasp prefers handles, however near the object is
+    ],
+)
+def test_pick_closes_its_hand_only_where_it_would_take_the_target(around, closes):
+    action = np.zeros((1, 11))
+    action[:, GRIP] = 0.5
+    now = sensors(gripper=[1.0, 0.0, 0.8], object=[1.1, 0.0, 0.8], **around)
+    assert bool(Pick().mask(action, now)[0, GRIP] > 0.0) == closes
+
+
+def test_the_way_to_an_open_fridge_earns_6_per_metre_with_an_empty_hand_only():
+    far, near = sensors(way=1.0), sensors(way=0.9)
+    assert step_reward(Pick(), far, near)[1]["way"] == close(0.6)
+    held = {"held": BOWL}
+    assert step_reward(Pick(), change(far, **held), change(near, **held))[1]["way"] == 0.0
+    assert step_reward(Pick(), sensors(way=7.0), sensors(way=6.0))[1]["way"] == 0.0
 
 
 def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_rolls_the_short_way():

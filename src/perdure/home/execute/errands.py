@@ -26,10 +26,12 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
         lane.scene.links.index(aim.link) if aim.link is not None and toward.split("_")[0] in ("open", "close") else -1
     )
     goal = episode.goals[step.target].position
-    if step.skill != "navigate":
+    reached_into = step.skill == "pick" and aim.link is not None
+    if step.skill != "navigate" and not reached_into:
         return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
-    return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
+    route = space.distances(cells)
+    return Errand(step.target, goal, link, toward, aim.point, route, front(episode, step.target, toward))
 
 
 def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[str, float]) -> Aim:

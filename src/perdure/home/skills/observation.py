@@ -98,6 +98,21 @@ def reaching(sensors: Sensors, progress: Progress, force_limit: float) -> list[F
     return [contact[:, None], spent[:, None], unit(sensors.turned_to_base(sensors.front)[:, :2])]
 
 
+FAR = 5.0
+"""Ways longer than this look alike, in [m]."""
+WAY: tuple[Element, ...] = (
+    Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
+    Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),
+    Element("way", "length of the planned way, up to 5 m", "m", 0.0, FAR),
+)
+
+
+def way(sensors: Sensors) -> FloatArray:
+    """The planned way to where the skill can be done, as `WAY` lists it. Shape (n, 3)."""
+    ahead = sensors.in_base(sensors.waypoint)
+    return np.stack([ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)], axis=1)
+
+
 def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:
     """From the gripper point to points of the room, along the axes of the base. Shape (n, 3)."""
     return sensors.turned_to_base(points - sensors.gripper)
