@@ -26,8 +26,7 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
         lane.scene.links.index(aim.link) if aim.link is not None and toward.split("_")[0] in ("open", "close") else -1
     )
     goal = episode.goals[step.target].position
-    reached_into = step.skill == "pick" and aim.link is not None
-    if step.skill != "navigate" and not reached_into:
+    if step.skill not in ("navigate", "pick", "place"):
         return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
     route = space.distances(cells)

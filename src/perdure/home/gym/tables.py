@@ -41,11 +41,13 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
     "pick": {
         "approach": f"{pick.DISTANCE_REWARD:g} per metre nearer to the object while the hand is empty",
         "grasp": f"+{pick.GRASP_REWARD:g} when the object is held for the first time",
+        "way": f"{WAY_REWARD:g} per metre of way nearer to where navigation would stand, while the hand is empty (OURS)",
         "retract": f"{pick.DISTANCE_REWARD:g} per metre nearer to rest while it is held",
     },
     "place": {
         "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while the object is held",
         "release": f"+{place.RELEASE_REWARD:g} for the first release, if inside the goal region",
+        "way": f"{WAY_REWARD:g} per metre of way nearer to where navigation would stand, while it is held (OURS)",
         "retract": f"{place.DISTANCE_REWARD:g} per metre nearer to rest after it",
     },
     "navigate": {"way": f"{navigate.DISTANCE_REWARD:g} per metre nearer to the region, the last 0.05 m not counted"},

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
-from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
+from perdure.home.skills.skill import FAR, SECTOR_DEPTH, Element, Progress, rest_distance
 from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
@@ -98,8 +98,6 @@ def reaching(sensors: Sensors, progress: Progress, force_limit: float) -> list[F
     return [contact[:, None], spent[:, None], unit(sensors.turned_to_base(sensors.front)[:, :2])]
 
 
-FAR = 5.0
-"""Ways longer than this look alike, in [m]."""
 WAY: tuple[Element, ...] = (
     Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
     Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from perdure.home.skills.observation import (
     CLOSENESS,
-    FAR,
     PROPRIOCEPTION,
     REACHING,
     WAY,
@@ -22,7 +21,17 @@ from perdure.home.skills.observation import (
     reaching,
     way,
 )
-from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
+from perdure.home.skills.skill import (
+    RETRACTED,
+    WAY_REWARD,
+    Element,
+    Progress,
+    Skill,
+    first_of,
+    invalid_grasp,
+    rest_distance,
+    way_won,
+)
 from perdure.home.world import GRASP_RADIUS, GRIP, NEIGHBOURHOOD, RIVALS, Sensors
 from perdure.home.world.sensors import norm
 
@@ -32,8 +41,6 @@ IntArray = NDArray[np.int64]
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
-WAY_REWARD = 6.0
-"""Per metre of way: more than the gripper may lose on it, so that a detour around an open door pays (OURS)."""
 LEAD = 0.3
 """Leads beyond it look alike, in [m]."""
 
@@ -86,12 +93,11 @@ class Pick(Skill):
         """See `Skill.terms`."""
         approach = norm(before.object - before.gripper) - norm(after.object - after.gripper)
         retract = rest_distance(before) - rest_distance(after)
-        nearer = np.minimum(before.way, FAR) - np.minimum(after.way, FAR)
         held_before = before.holds_target
         return {
             # In the step of the grasp the object jumps into the gripper: that is no approach.
             "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
-            "way": WAY_REWARD * np.where(before.empty_hand & after.empty_hand, nearer, 0.0),
+            "way": WAY_REWARD * np.where(before.empty_hand & after.empty_hand, way_won(before, after), 0.0),
             "retract": DISTANCE_REWARD * np.where(held_before & after.holds_target, retract, 0.0),
             "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
         }

@@ -19,7 +19,7 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     apartment, point = episode.apartment(), episode.objects[target].position
     container = episode.container(target)
     opened = draw_open(apartment, container, rng)
-    route = None if container is None else way_for(apartment, opened, make_aim(episode, "pick", target, opened))
+    route = way_for(apartment, opened, make_aim(episode, "pick", target, opened))
     errand = Errand(0, episode.goals[target].position, -1, "pick", point, route, front(episode, target, "pick"))
     return Start(
         base=stand_near(apartment, point, rng),

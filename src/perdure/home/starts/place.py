@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from perdure.home.episodes import Episode
-from perdure.home.execute.errands import front
+from perdure.home.execute.errands import front, make_aim
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import draw_open, goal_container
 from perdure.home.starts.stand import stand_near
 from perdure.home.starts.start import Start
+from perdure.home.starts.ways import way_for
 from perdure.home.world import Errand
 
 
@@ -17,10 +18,11 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     """See `Draw`."""
     apartment, goal = episode.apartment(), episode.goals[target].position
     opened = draw_open(apartment, goal_container(episode, target), rng)
+    route = way_for(apartment, opened, make_aim(episode, "place", target, opened))
     return Start(
         base=stand_near(apartment, goal, rng),
         arm=draw_arm(rng),
-        errand=Errand(0, goal, toward="place", aim=goal, front=front(episode, target, "place")),
+        errand=Errand(0, goal, -1, "place", goal, route, front(episode, target, "place")),
         opened=opened,
         held=0,
     )

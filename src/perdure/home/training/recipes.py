@@ -34,7 +34,7 @@ class Recipe:
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(2_500_000, log_std_end=-2.0),
+    "place": Recipe(2_000_000, log_std_end=-2.0),
     "pick": Recipe(2_500_000, log_std_end=-2.0, clutter=True),
     "open_drawer": Recipe(2_000_000, log_std_end=-2.0),
     "close_drawer": Recipe(1_000_000),
