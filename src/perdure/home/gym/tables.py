@@ -21,6 +21,7 @@ from perdure.home.skills.skill import (
     PENALTY,
     RETRACTED,
     SUCCESS_REWARD,
+    WAY_REWARD,
 )
 from perdure.home.starts import STARTS
 
@@ -41,13 +42,13 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
     "pick": {
         "approach": f"{pick.DISTANCE_REWARD:g} per metre nearer to the object while the hand is empty",
         "grasp": f"+{pick.GRASP_REWARD:g} when the object is held for the first time",
-        "way": f"{WAY_REWARD:g} per metre of way nearer to where navigation would stand, while the hand is empty (OURS)",
+        "way": f"{WAY_REWARD:g} per metre of way to where navigation would stand, while the hand is empty (OURS)",
         "retract": f"{pick.DISTANCE_REWARD:g} per metre nearer to rest while it is held",
     },
     "place": {
         "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while the object is held",
         "release": f"+{place.RELEASE_REWARD:g} for the first release, if inside the goal region",
-        "way": f"{WAY_REWARD:g} per metre of way nearer to where navigation would stand, while it is held (OURS)",
+        "way": f"{WAY_REWARD:g} per metre of way to where navigation would stand, while it is held (OURS)",
         "retract": f"{place.DISTANCE_REWARD:g} per metre nearer to rest after it",
     },
     "navigate": {"way": f"{navigate.DISTANCE_REWARD:g} per metre nearer to the region, the last 0.05 m not counted"},
@@ -133,7 +134,7 @@ def _elements(elements: Iterable[Element], first: int) -> str:
 def _actions(skill: Skill) -> str:
     speed, step = f"{skill.base_speed:g}", f"{skill.arm_step:g}"
     grip = {
-        "pick": "above 0: grasp what is nearest; pick never lets go",
+        "pick": "above 0: grasp what is nearest, if that is the object; pick never lets go",
         "place": "below 0: let go; place never grasps",
     }.get(skill.name, "above 0: grasp what is nearest, below 0: let go")
     rows = [("0 `forward`", f"speed of the base, 1 is {speed} m/s"), ("1 `turn`", f"to the left, 1 is {speed} rad/s")]
