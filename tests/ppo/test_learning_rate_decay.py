@@ -82,6 +82,10 @@ def test_the_noise_stays_below_a_line(iteration, ceiling):
 
 
 def test_a_ceiling_above_the_start_is_refused():
+    with pytest.raises(ConfigError, match=r"log_std_fall is \(0.5, 0.5\)"):
+        replace(CONFIG, log_std_fall=(0.5, 0.5))
+    late = replace(CONFIG, log_std_end=-1.0, log_std_fall=(0.5, 0.9))
+    assert PPOConfig.from_json(late.to_json()) == late
     with pytest.raises(ConfigError, match=r"log_std_end is 1.*at most log_std_init = 0"):
         replace(CONFIG, log_std_end=1.0)
     assert "log_std_end" not in CONFIG.to_json()

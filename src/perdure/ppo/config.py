@@ -66,9 +66,10 @@ class PPOConfig:
     learning_rate_decay: Decay = "none"
     """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
     log_std_end: float | None = None
-    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init` and stays at its end
-    for the last 40 % of the run. A policy that acts with its mean when deployed must not have learned to leave a
-    decision to the noise, and needs time to learn that."""
+    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init`. A policy that acts
+    with its mean when deployed must not have learned to leave a decision to the noise; that takes time to learn."""
+    log_std_fall: tuple[float, float] = (0.0, 0.6)
+    """From which to which share of the run the ceiling falls."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
@@ -91,6 +92,8 @@ class PPOConfig:
             self.log_std_end,
             f"None or at most log_std_init = {self.log_std_init}",
         )
+        begin, end = self.log_std_fall
+        _require(0 <= begin < end <= 1, "log_std_fall", self.log_std_fall, "two shares that grow, from 0 to 1")
         _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
         _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
         _require(
@@ -128,6 +131,8 @@ class PPOConfig:
                 del values[name]
         values["protocol"] = self.protocol.to_json()
         values["hidden_sizes"] = list(self.hidden_sizes)
+        if "log_std_fall" in values:
+            values["log_std_fall"] = list(self.log_std_fall)
         return values
 
     @classmethod
@@ -145,10 +150,12 @@ class PPOConfig:
         rest = dict(values)
         rest["protocol"] = HorizonProtocol.from_json(values["protocol"])
         rest["hidden_sizes"] = tuple(values["hidden_sizes"])
+        if "log_std_fall" in values:
+            rest["log_std_fall"] = tuple(values["log_std_fall"])
         return cls(**rest)
 
 
-_LATER: dict[str, Any] = {"learning_rate_decay": "none", "log_std_end": None}
+_LATER: dict[str, Any] = {"learning_rate_decay": "none", "log_std_end": None, "log_std_fall": (0.0, 0.6)}
 """Settings that older runs and policy files do not name, and what they meant without them."""
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 ADAM_BETA1 = 0.9
 ADAM_BETA2 = 0.999
 ADAM_EPSILON = 1e-5
-FALLING = 0.6
-"""Share of a run in which the ceiling of the noise falls."""
 CLIP_NORM_EPSILON = 1e-6
 
 
@@ -136,7 +134,8 @@ def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
 def _log_std_ceiling(config: PPOConfig, count: jax.Array) -> jax.Array:
     """Largest log standard deviation after so many Adam steps."""
     assert config.log_std_end is not None
-    share = jnp.minimum(_iteration(config, count) / (FALLING * config.iterations), 1.0)
+    begin, end = config.log_std_fall
+    share = jnp.clip((_iteration(config, count) / config.iterations - begin) / (end - begin), 0.0, 1.0)
     return config.log_std_init + share * (config.log_std_end - config.log_std_init)
 
 

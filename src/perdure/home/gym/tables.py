@@ -48,7 +48,6 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
     "place": {
         "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while the object is held",
         "release": f"+{place.RELEASE_REWARD:g} for the first release, if inside the goal region",
-        "way": f"{WAY_REWARD:g} per metre of way to where navigation would stand, while it is held (OURS)",
         "retract": f"{place.DISTANCE_REWARD:g} per metre nearer to rest after it",
     },
     "navigate": {"way": f"{navigate.DISTANCE_REWARD:g} per metre nearer to the region, the last 0.05 m not counted"},

@@ -25,14 +25,12 @@ from perdure.home.skills.observation import (
 )
 from perdure.home.skills.skill import (
     RETRACTED,
-    WAY_REWARD,
     Element,
     Progress,
     Skill,
     first_of,
     invalid_grasp,
     rest_distance,
-    way_won,
 )
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
@@ -55,7 +53,7 @@ class Place(Skill):
     held, and at t the gripper point is within eps_r = 0.05 m of its rest position. Delta = 1 is the benchmark's rule.
 
     Reward (M3): while it is held 4 per metre nearer to the goal; at the first release +1 inside the goal region, else
-    -1 and the end; after it 4 per metre nearer to rest. Ours: 6 per metre of way nearer to where the goal is in reach.
+    -1 and the end; after it 4 per metre nearer to rest.
     """
 
     name = "place"
@@ -122,7 +120,6 @@ class Place(Skill):
         inside = after.object_to_goal <= GOAL_RADIUS
         return {
             "carry": DISTANCE_REWARD * np.where(after.holds_target, nearer, 0.0),
-            "way": WAY_REWARD * np.where(after.holds_target, way_won(before, after), 0.0),
             "release": np.where(first & inside, RELEASE_REWARD, 0.0),
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }

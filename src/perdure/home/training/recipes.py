@@ -29,17 +29,18 @@ class Recipe:
     log_std_end: float | None = None
     """Set where a policy that acts with its mean would otherwise wait for the noise to open or close its hand."""
     gamma: float = 0.99
+    log_std_fall: tuple[float, float] = (0.0, 0.6)
     clutter: bool = False
     """Whether objects that are no targets are there in training: they cost time, and only pick must tell them apart."""
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(2_000_000, log_std_end=-2.0),
+    "place": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
     "pick": Recipe(2_500_000, log_std_end=-2.0, clutter=True),
     "open_drawer": Recipe(2_000_000, log_std_end=-2.0),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
-    "close_fridge": Recipe(2_000_000, log_std_end=-2.0),
+    "close_fridge": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
     "navigate": Recipe(1_500_000),
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
@@ -80,6 +81,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
         hidden_sizes=HIDDEN,
         log_std_init=recipe.log_std_init,
         log_std_end=recipe.log_std_end,
+        log_std_fall=recipe.log_std_fall,
         learning_rate_decay="linear",
         segment_steps=100_000,
     )
