@@ -180,14 +180,6 @@ def test_pick_closes_its_hand_only_where_it_would_take_the_target(around, closes
     assert bool(Pick().mask(action, now)[0, GRIP] > 0.0) == closes
 
 
-def test_the_way_to_an_open_fridge_earns_6_per_metre_with_an_empty_hand_only():
-    far, near = sensors(way=1.0), sensors(way=0.9)
-    assert step_reward(Pick(), far, near)[1]["way"] == close(0.6)
-    held = {"held": BOWL}
-    assert step_reward(Pick(), change(far, **held), change(near, **held))[1]["way"] == 0.0
-    assert step_reward(Pick(), sensors(way=7.0), sensors(way=6.0))[1]["way"] == 0.0
-
-
 def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_rolls_the_short_way():
     target = np.array(REST_ARM)
     target[0] += 0.05

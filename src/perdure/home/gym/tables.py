@@ -21,7 +21,6 @@ from perdure.home.skills.skill import (
     PENALTY,
     RETRACTED,
     SUCCESS_REWARD,
-    WAY_REWARD,
 )
 from perdure.home.starts import STARTS
 
@@ -42,7 +41,6 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
     "pick": {
         "approach": f"{pick.DISTANCE_REWARD:g} per metre nearer to the object while the hand is empty",
         "grasp": f"+{pick.GRASP_REWARD:g} when the object is held for the first time",
-        "way": f"{WAY_REWARD:g} per metre of way to where navigation would stand, while the hand is empty (OURS)",
         "retract": f"{pick.DISTANCE_REWARD:g} per metre nearer to rest while it is held",
     },
     "place": {

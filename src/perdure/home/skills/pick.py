@@ -13,24 +13,20 @@ from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
     REACHING,
-    WAY,
     closeness,
     point,
     point_elements,
     proprioception,
     reaching,
-    way,
 )
 from perdure.home.skills.skill import (
     RETRACTED,
-    WAY_REWARD,
     Element,
     Progress,
     Skill,
     first_of,
     invalid_grasp,
     rest_distance,
-    way_won,
 )
 from perdure.home.world import GRASP_RADIUS, GRIP, NEIGHBOURHOOD, RIVALS, Sensors
 from perdure.home.world.sensors import norm
@@ -47,10 +43,7 @@ LEAD = 0.3
 
 @dataclass(frozen=True)
 class Pick(Skill):
-    """Reward (M3): 4 per metre nearer to the object, once it is held 4 per metre nearer to rest, +1 for the grasp.
-
-    Ours: 6 per metre of way nearer to where one can reach into the container that the object is in.
-    """
+    """Reward (M3): 4 per metre nearer to the object, once it is held 4 per metre nearer to rest, +1 for the grasp."""
 
     name = "pick"
     failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
@@ -78,7 +71,6 @@ class Pick(Skill):
             ),
             Element("lead", "by how much the object is nearer to the gripper point than others", "m", -LEAD, LEAD),
             Element("handle_distance", "from the gripper point to the nearest handle", "m", 0.0, NEIGHBOURHOOD),
-            *WAY,
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
         )
 
@@ -87,7 +79,7 @@ class Pick(Skill):
         holding = (sensors.held >= 0).astype(np.float64)[:, None]
         columns = [*proprioception(sensors), closeness(sensors), *reaching(sensors, progress, self.force_limit)]
         columns += point(sensors, sensors.object)
-        return np.concatenate([*columns, *rivals(sensors), way(sensors), holding], axis=1)
+        return np.concatenate([*columns, *rivals(sensors), holding], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
@@ -97,7 +89,6 @@ class Pick(Skill):
         return {
             # In the step of the grasp the object jumps into the gripper: that is no approach.
             "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
-            "way": WAY_REWARD * np.where(before.empty_hand & after.empty_hand, way_won(before, after), 0.0),
             "retract": DISTANCE_REWARD * np.where(held_before & after.holds_target, retract, 0.0),
             "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
         }

@@ -32,8 +32,6 @@ FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
 """Cost per newton by which the contact force rose, its cap per step, and the force in [N] that does not count (M3)."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 """How far what is held may be from the gripper point in [m] before the grasp is invalid: objects, handles (M3)."""
-WAY_REWARD = 6.0
-"""Per metre of way: more than the gripper may lose on it, so that a detour around furniture pays (OURS)."""
 FAR = 5.0
 """Ways longer than this look alike, in [m]."""
 SECTOR_DEPTH = 1.0
@@ -198,11 +196,6 @@ def first_of(*conditions: BoolArray) -> IntArray:
 def rest_distance(sensors: Sensors) -> FloatArray:
     """d_ee^r: distance of the gripper point from its rest position in [m]. Shape (n,)."""
     return norm(sensors.gripper_in_base - np.asarray(REST_POSITION))
-
-
-def way_won(before: Sensors, after: Sensors) -> FloatArray:
-    """By how much the planned way became shorter in [m]. Shape (n,)."""
-    return np.minimum(before.way, FAR) - np.minimum(after.way, FAR)
 
 
 def invalid_grasp(sensors: Sensors) -> BoolArray:

@@ -17,12 +17,13 @@ from perdure.home.world import Errand
 def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     """See `Draw`."""
     apartment, goal = episode.apartment(), episode.goals[target].position
-    opened = draw_open(apartment, goal_container(episode, target), rng)
+    container, facing = goal_container(episode, target), front(episode, target, "place")
+    opened = draw_open(apartment, container, rng)
     route = way_for(apartment, opened, make_aim(episode, "place", target, opened))
     return Start(
-        base=stand_near(apartment, goal, rng),
+        base=stand_near(apartment, goal, rng, None if container is None else facing),
         arm=draw_arm(rng),
-        errand=Errand(0, goal, -1, "place", goal, route, front(episode, target, "place")),
+        errand=Errand(0, goal, -1, "place", goal, route, facing),
         opened=opened,
         held=0,
     )

@@ -15,6 +15,8 @@ FloatArray = NDArray[np.float64]
 
 NEAR = 2.0
 """How far from what it is about a pick or place begins at most, in [m] (M3)."""
+IN_FRONT = 0.5
+"""Cosine of the angle within which a container's inside is approached (OURS)."""
 PLACE_SPREAD, PLACE_FARTHEST = 0.1, 0.2
 """Noise of the base's place per axis in [m]: standard deviation and cut (M3)."""
 TURN_SPREAD, TURN_FARTHEST = 0.25, 0.5
@@ -32,17 +34,33 @@ def closed_space(apartment: Apartment) -> FreeSpace:
     return free_space(apartment, {})
 
 
-def stand_near(apartment: Apartment, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
-    """A cell within 2.0 m of a point, with noise, facing the point."""
-    return _draw(_cells_near(apartment, point[:2]), point, rng)
+def stand_near(
+    apartment: Apartment,
+    point: tuple[float, float, float],
+    rng: np.random.Generator,
+    front: tuple[float, float] | None = None,
+) -> Pose:
+    """A cell within 2.0 m of a point, with noise, facing the point.
+
+    Args:
+        apartment: Where.
+        point: What to face.
+        rng: What to draw from.
+        front: For a point inside a container: which way it is open. The cell lies within 60 degrees of it (OURS: here,
+            unlike in a kitchen unit, the robot could stand beside the fridge, where navigation never leaves it).
+    """
+    return _draw(_cells_near(apartment, point[:2], front), point, rng)
 
 
 @lru_cache(maxsize=4096)
-def _cells_near(apartment: Apartment, point: tuple[float, float]) -> FloatArray:
-    """Middles of the cells of the largest island within 2.0 m of a point. Shape (m, 2)."""
+def _cells_near(apartment: Apartment, point: tuple[float, float], front: tuple[float, float] | None) -> FloatArray:
+    """Middles of the cells of the largest island within 2.0 m of a point, in front of it. Shape (m, 2)."""
     space = closed_space(apartment)
     away = np.hypot(*(space.centers - point).T)
-    cells: FloatArray = space.centers[(space.island == 0) & (away <= NEAR)]
+    inside = (space.island == 0) & (away <= NEAR)
+    if front is not None:
+        inside &= (space.centers - point) @ np.asarray(front) >= IN_FRONT * away
+    cells: FloatArray = space.centers[inside]
     cells.flags.writeable = False
     return cells
 
