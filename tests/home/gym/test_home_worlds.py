@@ -33,7 +33,7 @@ def test_a_lane_of_the_world_runs_as_it_runs_alone_to_the_last_bit():
 
 def test_options_stand_behind_the_name():
     world = make_world("perdure/HomePlace-v0,task=set_table,delta=30,split=val,episodes=1", [0])
-    assert world.spec.observation_size == 60
+    assert world.spec.observation_size == 53
     assert world.spec.name == "perdure/HomePlace-v0,task=set_table,delta=30,split=val,episodes=1"
 
 

@@ -6,7 +6,6 @@ from lanes import make
 
 from perdure.home.oracle import Oracle
 from perdure.home.starts import STARTS
-from perdure.home.world import FORWARD, GRIP
 
 STEPS = {"place": 200, "navigate": 80}
 CONSTANT = {"open_fridge": {"handle_in_base_z"}, "close_fridge": {"handle_in_base_z"}}
@@ -24,8 +23,6 @@ def test_no_element_of_an_observation_is_constant(skill):
     for _ in range(STEPS.get(skill, 90)):
         actions = rng.uniform(-1.0, 1.0, env.action_space.shape)
         planned = oracle.act(env.world, clever, env.skill, env.sensors[clever], env.progress[clever])
-        if skill == "place":
-            actions[5, [FORWARD, GRIP]] = 1.0  # holds on and drives against things
         actions[clever] = planned[:, : actions.shape[1]]
         observations, _, terminated, truncated, _ = env.step(actions)
         seen.append(observations)

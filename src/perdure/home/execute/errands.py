@@ -26,7 +26,7 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
         lane.scene.links.index(aim.link) if aim.link is not None and toward.split("_")[0] in ("open", "close") else -1
     )
     goal = episode.goals[step.target].position
-    if step.skill not in ("navigate", "place"):
+    if step.skill != "navigate":
         return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
     route = space.distances(cells)

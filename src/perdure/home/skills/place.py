@@ -13,25 +13,13 @@ from perdure.home.errors import HomeError
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
-    REACHING,
-    WAY,
     closeness,
     point,
     point_elements,
     proprioception,
-    reaching,
     unit,
-    way,
 )
-from perdure.home.skills.skill import (
-    RETRACTED,
-    Element,
-    Progress,
-    Skill,
-    first_of,
-    invalid_grasp,
-    rest_distance,
-)
+from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
 
@@ -85,12 +73,10 @@ class Place(Skill):
         return (
             *PROPRIOCEPTION,
             *CLOSENESS,
-            *REACHING,
             *point_elements("goal", "the goal"),
             *(Element(f"object_from_goal_{a}", f"from the goal to the object, base axes {a}", "m") for a in "xyz"),
             Element("goal_distance", "d_o^g: length of that", "m", 0.0),
             *(Element(f"object_up_{a}", f"object's z axis, base axes {a}", "1", -1.0, 1.0) for a in "xyz"),
-            *WAY,
             Element("holding", "1 when the object is held", "1", 0.0, 1.0),
             *((lasting,) if self.delta > 1 else ()),
         )
@@ -100,12 +86,10 @@ class Place(Skill):
         columns = [
             *proprioception(sensors),
             closeness(sensors),
-            *reaching(sensors, progress, self.force_limit),
             *point(sensors, sensors.goal),
             sensors.turned_to_base(sensors.object - sensors.goal),
             sensors.object_to_goal[:, None],
             unit(sensors.turned_to_base(sensors.object_up)),
-            way(sensors),
             sensors.holds_target.astype(np.float64)[:, None],
         ]
         if self.delta > 1:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from perdure.home.episodes import Episode
-from perdure.home.execute.errands import front, make_aim
+from perdure.home.execute.errands import front
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import draw_open, goal_container
 from perdure.home.starts.stand import stand_near
 from perdure.home.starts.start import Start
-from perdure.home.starts.ways import way_for
 from perdure.home.world import Errand
 
 
@@ -19,11 +18,10 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     apartment, goal = episode.apartment(), episode.goals[target].position
     container, facing = goal_container(episode, target), front(episode, target, "place")
     opened = draw_open(apartment, container, rng)
-    route = way_for(apartment, opened, make_aim(episode, "place", target, opened))
     return Start(
         base=stand_near(apartment, goal, rng, None if container is None else facing),
         arm=draw_arm(rng),
-        errand=Errand(0, goal, -1, "place", goal, route, facing),
+        errand=Errand(0, goal, toward="place", aim=goal, front=facing),
         opened=opened,
         held=0,
     )

@@ -35,7 +35,7 @@ class Recipe:
 
 
 RECIPES: dict[str, Recipe] = {
-    "place": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
+    "place": Recipe(2_000_000),
     "pick": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9), clutter=True),
     "open_drawer": Recipe(2_000_000, log_std_end=-2.0),
     "close_drawer": Recipe(1_000_000),
