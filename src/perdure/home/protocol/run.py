@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Thread
 
 from perdure.home.arms import ARMS
 from perdure.home.episodes import load_episodes
@@ -23,6 +27,7 @@ from perdure.store import Store
 CHUNK = 10
 """Episodes in one unit of the store: what a killed run loses at most."""
 LOGS = "logs.parquet"
+_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 Told = Callable[[int], None]
 
 
@@ -133,7 +138,11 @@ def run_protocol(
     if processes > 1 and len(missing) > 1:
         alone = replace(protocol, options=replace(protocol.options, threads=1))
         # A forked process would take over this one's threads in whatever state they are.
-        with ProcessPoolExecutor(min(processes, len(missing)), get_context("spawn")) as pool:
+        count = min(processes, len(missing))
+        with (
+            _one_thread_each(),
+            ProcessPoolExecutor(count, get_context("spawn"), _end_with, (os.getpid(),)) as pool,
+        ):
             running = [pool.submit(_run, alone, unit, out, command) for unit in missing]
             try:
                 for finished in as_completed(running):
@@ -159,6 +168,29 @@ def _run(protocol: Protocol, unit: Unit, out: str | Path, command: str) -> int:
     with Store(out).write(unit.key(protocol), _config(protocol, unit)) as folder:
         write_logs(folder / LOGS, logs, _notes(protocol, unit, policies) | {"command": command})
     return len(logs)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes begun meanwhile do linear algebra on one thread: together they have the cores already."""
+    before = {name: os.environ.get(name) for name in _LIBRARIES}
+    os.environ.update(dict.fromkeys(_LIBRARIES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _end_with(parent: int) -> None:
+    """In a new process: ends it when its parent is gone, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _policies(protocol: Protocol, unit: Unit) -> dict[SkillName, SkillPolicy]:
