@@ -6,6 +6,7 @@ from lanes import make
 
 from perdure.home.oracle import Oracle
 from perdure.home.starts import STARTS
+from perdure.home.world import SCAN_RANGE
 
 STEPS = {"place": 200, "navigate": 80}
 CONSTANT = {"open_fridge": {"handle_in_base_z"}, "close_fridge": {"handle_in_base_z"}}
@@ -34,3 +35,14 @@ def test_no_element_of_an_observation_is_constant(skill):
     spread = np.ptp(np.concatenate(seen), axis=0)
     idle = {each.name for each, width in zip(env.skill.elements, spread, strict=True) if width < 1e-6}
     assert idle == CONSTANT.get(skill, set())
+
+
+@pytest.mark.parametrize("skill", STARTS)
+def test_what_a_skill_does_not_look_at_does_not_change_what_it_sees(skill):
+    """The executor scans once for all skills, as far as the one that looks farthest."""
+    env = make(skill, "set_table", lanes=6, episodes=64)
+    seen, _ = env.reset(seed=0)
+    known = env.world.sense(None, SCAN_RANGE, env.skill.needs_rivals)
+    np.testing.assert_array_equal(env.skill.observe(known, env.progress), seen)
+    assert known.scan.max() == SCAN_RANGE
+    assert (known.scan > 2.0).any()

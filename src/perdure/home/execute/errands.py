@@ -29,8 +29,7 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
     if step.skill != "navigate":
         return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
-    route = space.distances(cells)
-    return Errand(step.target, goal, link, toward, aim.point, route, front(episode, step.target, toward))
+    return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
 
 
 def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[str, float]) -> Aim:
@@ -58,13 +57,10 @@ def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[st
 
 
 def front(episode: Episode, target: int, skill: SkillName) -> tuple[float, float]:
-    """Which way the furniture faces that a skill is about: what the goal is on or in, the object, or the handle."""
-    apartment, container = episode.apartment(), episode.container(target)
+    """Which way the furniture faces that a target's goal is on or in (place), or that the target comes from."""
+    apartment = episode.apartment()
     where = episode.goals[target].receptacle if skill == "place" else episode.objects[target].receptacle
-    if container is not None and skill not in ("pick", "place"):
-        yaw = apartment.piece_of(container).pose.yaw
-    else:
-        yaw = apartment.piece(apartment.receptacle(where).piece).pose.yaw
+    yaw = apartment.piece(apartment.receptacle(where).piece).pose.yaw
     return math.cos(yaw), math.sin(yaw)
 
 

@@ -231,18 +231,10 @@ class Executor:
         up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
         speed = np.sqrt((speeds**2).sum(axis=2))
         active = np.array([len(each.done) if each.settling is None else len(each.plan) for each in everyone])
-        kept = (
-            facts.object_positions,
-            facts.held,
-            facts.drawer,
-            facts.fridge,
-            active,
-            sensors.base,
-            sensors.gripper,
-            up,
-            speed,
+        table = Recorder.table(
+            *(facts.object_positions, facts.held, facts.drawer, facts.fridge, active),
+            *(sensors.base, sensors.gripper, up, speed, sensors.contact_force),
         )
-        table = Recorder.table(*kept, sensors.contact_force)
         for row, each in enumerate(everyone):
             if each.settling is None:
                 each.reached = reached[row]

@@ -13,10 +13,10 @@ from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
     closeness,
+    facing,
     point,
     point_elements,
     proprioception,
-    unit,
 )
 from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.world import Sensors
@@ -32,7 +32,7 @@ RETRACTED = 0.15
 """How near the gripper point must be to rest in [m] (M3: looser than after pick and place)."""
 
 
-_FRONT = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axes {a}", "1", -1.0, 1.0) for a in "xy")
+_FACE = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axes {a}", "1", -1.0, 1.0) for a in "xy")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Articulated(Skill):
             Element("to_wanted", "wanted minus joint position", "m or rad"),
             Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
             Element("holding", "1 when the handle is held", "1", 0.0, 1.0),
-            *(_FRONT if self.knows_front else ()),
+            *(_FACE if self.knows_front else ()),
         )
 
     def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
@@ -81,7 +81,7 @@ class Articulated(Skill):
             holds_handle(sensors).astype(np.float64)[:, None],
         ]
         if self.knows_front:
-            columns.append(unit(sensors.turned_to_base(self.front(sensors))[:, :2]))
+            columns.append(facing(sensors, self.front(sensors)))
         return np.concatenate(columns, axis=1)
 
     def front(self, sensors: Sensors) -> FloatArray:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, WAY, proprioception, way
+from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of
-from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, STOP, Sensors
+from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -23,6 +23,8 @@ IntArray = NDArray[np.int64]
 NEAR, FACING = 0.1, 0.25
 """How near the region in [m] of way and how well turned in [rad] the robot must be (M3)."""
 DISTANCE_REWARD = 1.0
+FAR = 5.0
+"""Ways longer than this look alike, in [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Navigate(Skill):
 
     name = "navigate"
     base_speed = NAVIGATION_SPEED
+    scan_reach = SCAN_RANGE
     failures = ("none", "stopped elsewhere")
 
     @property
@@ -44,7 +47,9 @@ class Navigate(Skill):
             Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
             Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
-            *WAY,
+            Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
+            Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),
+            Element("way", "length of the planned way, up to 5 m", "m", 0.0, FAR),
             *SCAN,
         )
 
@@ -54,8 +59,10 @@ class Navigate(Skill):
         far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
         safe = np.maximum(far, 1e-9)
         holding = (sensors.held >= 0).astype(np.float64)
-        columns = np.stack([aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe, holding], axis=1)
-        return np.concatenate([*proprioception(sensors), columns, way(sensors), sensors.scan], axis=1)
+        ahead = sensors.in_base(sensors.waypoint)
+        columns = [aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe, holding]
+        columns += [ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)]
+        return np.concatenate([*proprioception(sensors), np.stack(columns, axis=1), sensors.scan], axis=1)
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""

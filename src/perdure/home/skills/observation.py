@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
-from perdure.home.skills.skill import FAR, SECTOR_DEPTH, Element, Progress, rest_distance
+from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
 from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
@@ -95,20 +95,12 @@ def reaching(sensors: Sensors, progress: Progress, force_limit: float) -> list[F
     """What reaching into furniture takes: how hard the arm pushes, and where the furniture is open. Shape (n, 4)."""
     contact = np.log1p(sensors.contact_force / CONTACT_SCALE)
     spent = np.minimum(progress.force_sum / force_limit, 1.0)
-    return [contact[:, None], spent[:, None], unit(sensors.turned_to_base(sensors.front)[:, :2])]
+    return [contact[:, None], spent[:, None], facing(sensors, sensors.front)]
 
 
-WAY: tuple[Element, ...] = (
-    Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
-    Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),
-    Element("way", "length of the planned way, up to 5 m", "m", 0.0, FAR),
-)
-
-
-def way(sensors: Sensors) -> FloatArray:
-    """The planned way to where the skill can be done, as `WAY` lists it. Shape (n, 3)."""
-    ahead = sensors.in_base(sensors.waypoint)
-    return np.stack([ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)], axis=1)
+def facing(sensors: Sensors, directions: FloatArray) -> FloatArray:
+    """Horizontal unit vectors of the room along the base's x and y. Shape (n, 3) -> (n, 2)."""
+    return unit(sensors.turned_to_base(directions)[:, :2])
 
 
 def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:

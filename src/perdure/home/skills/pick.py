@@ -19,16 +19,8 @@ from perdure.home.skills.observation import (
     proprioception,
     reaching,
 )
-from perdure.home.skills.skill import (
-    RETRACTED,
-    Element,
-    Progress,
-    Skill,
-    first_of,
-    invalid_grasp,
-    rest_distance,
-)
-from perdure.home.world import GRASP_RADIUS, GRIP, NEIGHBOURHOOD, RIVALS, Sensors
+from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
+from perdure.home.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
 from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
@@ -115,9 +107,7 @@ class Pick(Skill):
     def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
         """Pick never lets go (M3), and does not close the hand where it would take something else (OURS)."""
         masked = actions.copy()
-        others = np.minimum(sensors.rival_distance, np.where(sensors.handle_distance <= GRASP_RADIUS, 0.0, np.inf))
-        closes = norm(sensors.object - sensors.gripper) < others
-        masked[:, GRIP] = np.where(closes, np.maximum(masked[:, GRIP], 0.0), 0.0)
+        masked[:, GRIP] = np.where(sensors.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
         return masked
 
     def _remember(self, progress: Progress, sensors: Sensors) -> Progress:

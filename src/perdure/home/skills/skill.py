@@ -32,8 +32,6 @@ FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
 """Cost per newton by which the contact force rose, its cap per step, and the force in [N] that does not count (M3)."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 """How far what is held may be from the gripper point in [m] before the grasp is invalid: objects, handles (M3)."""
-FAR = 5.0
-"""Ways longer than this look alike, in [m]."""
 SECTOR_DEPTH = 1.0
 """From how far furniture begins to be felt in [m], counted from the base's rim (OURS)."""
 RETRACTED = 0.05
@@ -100,7 +98,8 @@ class Skill(ABC):
     arm_step: ClassVar[float] = ARM_STEP
     """What an arm action of 1 means in [rad] per step."""
     scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
-    """How far its observation looks around the base in [m]; 0 for not at all."""
+    """How far its observation looks around the base in [m]; 0 for not at all. What is farther must not change the
+    observation: an executor scans once for all skills, as far as the one that looks farthest."""
     needs_rivals: ClassVar[bool] = False
     slack: ClassVar[float] = SLACK
     """What every step costs."""

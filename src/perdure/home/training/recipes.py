@@ -28,8 +28,8 @@ class Recipe:
     log_std_init: float = -1.0
     log_std_end: float | None = None
     """Set where a policy that acts with its mean would otherwise wait for the noise to open or close its hand."""
-    gamma: float = 0.99
     log_std_fall: tuple[float, float] = (0.0, 0.6)
+    gamma: float = 0.99
     clutter: bool = False
     """Whether objects that are no targets are there in training: they cost time, and only pick must tell them apart."""
 
@@ -37,7 +37,7 @@ class Recipe:
 RECIPES: dict[str, Recipe] = {
     "place": Recipe(2_000_000),
     "pick": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9), clutter=True),
-    "open_drawer": Recipe(2_000_000, log_std_end=-2.0),
+    "open_drawer": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
     "close_drawer": Recipe(1_000_000),
     "open_fridge": Recipe(1_500_000),
     "close_fridge": Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),

@@ -72,7 +72,7 @@ class Surroundings:
         return Rivals(*self._around(numbers, targets, grippers), handle_distance)
 
     def _around(self, numbers: IntArray, targets: IntArray, grippers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        middles, rows = self._middles[numbers].copy(), np.arange(len(numbers))
+        middles, rows = self._middles[numbers], np.arange(len(numbers))
         known = (targets >= 0) & (targets < self._objects[numbers])
         target = np.where(known, targets, 0)
         at = np.where(known[:, None], middles[rows, target], 0.0)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Geodesic
 from perdure.home.tasks import SkillName
+from perdure.home.world.actions import GRASP_RADIUS
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -130,6 +131,13 @@ class Sensors:
         """Whether the gripper holds the errand's object. Shape (n,)."""
         holds: BoolArray = self.held == self.target
         return holds
+
+    @property
+    def grasp_is_right(self) -> BoolArray:
+        """Whether the magic grasp would take nothing but the errand's object (see `Lane.grasp`). Shape (n,)."""
+        nearer = norm(self.object - self.gripper) < self.rival_distance
+        right: BoolArray = nearer & (self.handle_distance > GRASP_RADIUS)
+        return right
 
     @property
     def object_to_goal(self) -> FloatArray:
