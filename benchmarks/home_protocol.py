@@ -45,6 +45,10 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
         "placements": len(placed),
         "in_goal_at_release_then_not": int((placed["in_goal_release"] & ~placed["stabilizing"]).sum()),
         "not_stable": int((~placed["stabilizing"]).sum()),
+        "kinds": {
+            row["kind"]: {"placements": row["placements"], "not_stable": row["failures"]}
+            for row in comparison.kinds[arm].iter_rows(named=True)
+        },
         "failed_at_a_placement": sum(row["count"] for row in unstable),
         "failed": len(comparison.episodes[arm]) - int(comparison.episodes[arm]["success"].sum()),
         "modes": {

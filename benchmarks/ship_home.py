@@ -93,10 +93,11 @@ def main(folder: Path, seeds: list[int]) -> None:
         scored = score(policy, task, skill)
         ships = scored["success"] >= WORTH_SHIPPING
         target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
-        target.unlink(missing_ok=True)
         if ships:
             target.parent.mkdir(parents=True, exist_ok=True)
             write_whole(target, (path / "policy.safetensors").read_bytes())
+        else:
+            target.unlink(missing_ok=True)
         scores[f"{task}/{skill}/seed-{seed}"] = {
             "command": policy.provenance["command"],
             "steps": total,

@@ -58,7 +58,7 @@ def main(args: list[str]) -> None:
     from perdure.home.execute import ExecutorOptions
     from perdure.home.outcomes import analyse
     from perdure.home.page import read_cast, write_page
-    from perdure.home.protocol import Protocol, choose_policies, run_protocol
+    from perdure.home.protocol import Protocol, run_protocol
     from perdure.home.world import SceneOptions
 
     chosen = policies(flags.policies)
@@ -68,14 +68,11 @@ def main(args: list[str]) -> None:
     protocol = Protocol(
         flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
     )
-    for train_seed in range(flags.train_seeds):  # a missing file is found out before anything runs
-        choose_policies(protocol.task, train_seed, protocol.policies, protocol.delta)
     command = shlex.join(["perdure", "home", "run", *args])
     total = flags.episodes * flags.train_seeds * flags.eval_seeds
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         bar = progress.add_task(f"{flags.task} {flags.place}", total=total)
-
         cores = flags.threads or len(os.sched_getaffinity(0))
         paths = run_protocol(protocol, flags.out, partial(progress.advance, bar), command, cores)
         progress.update(bar, completed=total)

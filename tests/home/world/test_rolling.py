@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from perdure.home.episodes import Placement, load_episodes
+from perdure.home.episodes import Placement
 from perdure.home.errors import HomeError
 from perdure.home.layouts import Pose
 from perdure.home.world import SceneOptions, World, build_scene
@@ -12,12 +12,10 @@ from perdure.home.world.scene import HABITAT_DRAG
 RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
 
 
-def rolled(**options):
+def rolled(empty_room, **options):
     """How far an apple rolls that is sent off over the floor of an empty room."""
-    apartment = load_episodes("set_table", "val").episodes[0].apartment()
-    bare = type(apartment)(apartment.macro, apartment.micro, apartment.seed, apartment.room, apartment.walls, ())
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
-    x, y = (float(each) for each in 0.5 * (low + high))
+    bare, middle, _ = empty_room
+    x, y = map(float, middle)
     apple = Placement("013_apple", (x, y, RADIUS), (1.0, 0.0, 0.0, 0.0), "floor")
     world = World(1)
     world.reset(0, build_scene(bare, [apple], options=SceneOptions(**options)), Pose(x - 1.5, y, np.pi))
@@ -29,15 +27,15 @@ def rolled(**options):
     return float(lane.object(0)[0][0]) - x
 
 
-def test_with_a_drag_alone_speed_decays_as_its_equation_says():
+def test_with_a_drag_alone_speed_decays_as_its_equation_says(empty_room):
     """Linear and angular damping at one rate slow a rolling ball at that rate: v(t) = v(0) exp(-c t)."""
     wanted = SPEED / HABITAT_DRAG * (1.0 - np.exp(-HABITAT_DRAG * SECONDS))
-    assert rolled(rolling="drag") == pytest.approx(wanted, rel=0.01)
+    assert rolled(empty_room, rolling="drag") == pytest.approx(wanted, rel=0.01)
 
 
-def test_with_friction_it_stops_after_a_hand():
+def test_with_friction_it_stops_after_a_hand(empty_room):
     """0.7 v^2 r / (mu g), the kinetic energy over the friction; the negative control of the drag."""
-    assert rolled() == pytest.approx(0.7 * SPEED**2 * RADIUS / (1.2e-3 * 9.81), rel=0.05)
+    assert rolled(empty_room) == pytest.approx(0.7 * SPEED**2 * RADIUS / (1.2e-3 * 9.81), rel=0.05)
 
 
 def test_an_unknown_way_of_rolling_is_refused():

@@ -180,13 +180,10 @@ def test_a_lane_that_blows_up_is_put_back_alone(episodes):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
-def test_the_scan_measures_a_wall(episodes, heading):
+def test_the_scan_measures_a_wall(empty_room, heading):
     """1.5 m before each of the four walls of an empty room, so that every direction of the room is looked at."""
-    apartment = episodes[0].apartment()
-    bare = type(apartment)(apartment.macro, apartment.micro, apartment.seed, apartment.room, apartment.walls, ())
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    bare, middle, half = empty_room
     forward = np.array([np.cos(heading), np.sin(heading)])
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     x, y = (float(v) for v in middle + forward * (np.abs(forward * half).sum() - 1.5))
     world = World(1)
     world.reset(0, build_scene(bare, []), Pose(x, y, heading))

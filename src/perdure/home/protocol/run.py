@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
-from threading import Thread
 
 from perdure.home.arms import ARMS
 from perdure.home.episodes import load_episodes
@@ -20,6 +14,7 @@ from perdure.home.errors import HomeError
 from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
 from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
+from perdure.home.protocol.processes import work_through
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks import SkillName, get_task
 from perdure.store import Store
@@ -27,7 +22,6 @@ from perdure.store import Store
 CHUNK = 10
 """Episodes in one unit of the store: what a killed run loses at most."""
 LOGS = "logs.parquet"
-_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 Told = Callable[[int], None]
 
 
@@ -132,93 +126,91 @@ def run_protocol(
         command: What asked for it; noted in the logs that are written now.
         processes: How many work side by side, each on one core; with 1 this process alone, on the cores of
             `ExecutorOptions.threads`. No result depends on it.
+
+    Raises:
+        HomeError: If a policy is missing, before anything is run.
     """
-    store, parts = Store(out), list(units(protocol))
-    missing = [unit for unit in parts if not store.done(unit.key(protocol), _config(protocol, unit))]
+    store, jobs = Store(out), list(_jobs(protocol, out, command))
+    missing = [job for job in jobs if not store.done(job.key, job.config)]
     if processes > 1 and len(missing) > 1:
-        alone = replace(protocol, options=replace(protocol.options, threads=1))
-        # A forked process would take over this one's threads in whatever state they are.
-        count = min(processes, len(missing))
-        with (
-            _one_thread_each(),
-            ProcessPoolExecutor(count, get_context("spawn"), _end_with, (os.getpid(),)) as pool,
-        ):
-            running = [pool.submit(_run, alone, unit, out, command) for unit in missing]
-            try:
-                for finished in as_completed(running):
-                    told(finished.result())
-            finally:
-                pool.shutdown(cancel_futures=True)
-    else:
-        for unit in missing:
-            told(_run(protocol, unit, out, command))
-    return [store.get(unit.key(protocol), _config(protocol, unit)) / LOGS for unit in parts]
+        missing = [job.on_one_core() for job in missing]
+    for episodes in work_through(_run, missing, processes):
+        told(episodes)
+    return [store.get(job.key, job.config) / LOGS for job in jobs]
 
 
-def _run(protocol: Protocol, unit: Unit, out: str | Path, command: str) -> int:
+@dataclass(frozen=True)
+class _Job:
+    """Everything that running one unit takes."""
+
+    protocol: Protocol
+    unit: Unit
+    policies: Mapping[SkillName, SkillPolicy]
+    out: str | Path
+    command: str
+
+    @property
+    def key(self) -> str:
+        """Its place in the store."""
+        return self.unit.key(self.protocol)
+
+    @property
+    def config(self) -> dict[str, object]:
+        """What the unit is: everything its logs depend on."""
+        protocol, unit, options = self.protocol, self.unit, self.protocol.options
+        return {
+            "task": protocol.task,
+            "split": protocol.split,
+            "place": protocol.place,
+            "train_seed": unit.train_seed,
+            "eval_seed": unit.eval_seed,
+            "episodes": [unit.first, unit.last],
+            "policies": {skill: each.sha256 or each.source for skill, each in self.policies.items()},
+            "jaws": options.jaws,
+            "physics_hz": options.scene.physics_hz,
+            "rolling": options.scene.rolling,
+            "settle_steps": options.settle_steps,
+            "mujoco": version("mujoco"),
+            "perdure": version("perdure"),
+        }
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """What the logs say about who acted."""
+        trained = str(self.unit.train_seed) if any(each.policy for each in self.policies.values()) else str(UNTRAINED)
+        names = {skill: each.name for skill, each in self.policies.items()}
+        return {
+            "arm": self.protocol.name,
+            "train_seed": trained,
+            "policies": json.dumps(names),
+            "command": self.command,
+        }
+
+    def on_one_core(self) -> _Job:
+        """The same work, for one process among several."""
+        return replace(self, protocol=replace(self.protocol, options=replace(self.protocol.options, threads=1)))
+
+
+def _jobs(protocol: Protocol, out: str | Path, command: str) -> Iterator[_Job]:
+    """All units; each training seed's policies are read once."""
+    policies = {
+        seed: choose_policies(protocol.task, seed, protocol.policies, protocol.delta)
+        for seed in range(protocol.train_seeds)
+    }
+    for unit in units(protocol):
+        yield _Job(protocol, unit, policies[unit.train_seed], out, command)
+
+
+def _run(job: _Job) -> int:
     """Runs and keeps one unit; how many episodes it has."""
-    policies = _policies(protocol, unit)
+    protocol, unit = job.protocol, job.unit
     executor = Executor(
         protocol.skills(),
-        make_actors(policies, protocol.arm),
+        make_actors(job.policies, protocol.arm),
         replace(protocol.options, eval_seed=unit.eval_seed),
     )
     episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]
     logs = sorted(executor.run(episodes), key=lambda log: log.episode.index)
-    with Store(out).write(unit.key(protocol), _config(protocol, unit)) as folder:
-        write_logs(folder / LOGS, logs, _notes(protocol, unit, policies) | {"command": command})
+    with Store(job.out).write(job.key, job.config) as folder:
+        write_logs(folder / LOGS, logs, job.notes)
     return len(logs)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes begun meanwhile do linear algebra on one thread: together they have the cores already."""
-    before = {name: os.environ.get(name) for name in _LIBRARIES}
-    os.environ.update(dict.fromkeys(_LIBRARIES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
-
-
-def _end_with(parent: int) -> None:
-    """In a new process: ends it when its parent is gone, however that ended."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
-
-
-def _policies(protocol: Protocol, unit: Unit) -> dict[SkillName, SkillPolicy]:
-    return choose_policies(protocol.task, unit.train_seed, protocol.policies, protocol.delta)
-
-
-def _notes(protocol: Protocol, unit: Unit, policies: Mapping[SkillName, SkillPolicy]) -> dict[str, str]:
-    """What the logs say about who acted."""
-    trained = str(unit.train_seed) if any(each.policy for each in policies.values()) else str(UNTRAINED)
-    names = {skill: each.name for skill, each in policies.items()}
-    return {"arm": protocol.name, "train_seed": trained, "policies": json.dumps(names)}
-
-
-def _config(protocol: Protocol, unit: Unit) -> dict[str, object]:
-    """What a unit is: everything its logs depend on."""
-    options, policies = protocol.options, _policies(protocol, unit)
-    return {
-        "task": protocol.task,
-        "split": protocol.split,
-        "place": protocol.place,
-        "train_seed": unit.train_seed,
-        "eval_seed": unit.eval_seed,
-        "episodes": [unit.first, unit.last],
-        "policies": {skill: each.sha256 or each.source for skill, each in policies.items()},
-        "jaws": options.jaws,
-        "physics_hz": options.scene.physics_hz,
-        "rolling": options.scene.rolling,
-        "settle_steps": options.settle_steps,
-        "mujoco": version("mujoco"),
-        "perdure": version("perdure"),
-    }
