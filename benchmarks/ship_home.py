@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from perdure.home.protocol import placing
 from perdure.home.protocol.policies import SHIPPED
 from perdure.home.training import RECIPES, evaluate_skill
 from perdure.policy import Policy, load_policy
@@ -36,7 +37,7 @@ EPISODES = 200
 
 
 def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
-    """(task, skill with its delta, seed, folder) of every finished run."""
+    """(task, name of the policy, seed, folder) of every finished run."""
     found = []
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
         named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
@@ -44,14 +45,17 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
             continue
         options = dict(pair.split("=", 1) for pair in named[1].split(","))
         delta = f"-delta-{options['delta']}" if "delta" in options else ""
-        found.append((options["task"], path.parent.name + delta, int(path.name.removeprefix("seed-")), path))
+        within = f"-in-{options['limited_to']}" if "limited_to" in options else ""
+        name = path.parent.name + delta + within
+        found.append((options["task"], name, int(path.name.removeprefix("seed-")), path))
     return found
 
 
-def score(policy: Policy, task: str, skill: str) -> dict[str, Any]:
+def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
     """From val starts, with clutter."""
-    name, _, delta = skill.partition("-delta-")
-    result = evaluate_skill(policy, name, EPISODES, task=task, **({"delta": int(delta)} if delta else {}))
+    options = placing(name.removeprefix("place-")).options if name.startswith("place-") else {}
+    skill = "place" if name.startswith("place-") else name
+    result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
     return {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
 
 

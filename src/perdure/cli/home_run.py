@@ -24,7 +24,8 @@ class HomeRun:
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
     place: str = "rl"
-    """How objects are let go: rl (the policy alone), stop, ik, ik+, or delta-N (trained to make objects stay)."""
+    """How objects are let go: rl (the policy alone), stop, ik, ik+, delta-N or delta-N-in-M (trained to make objects
+    stay for N steps, with 200 + N or M steps for it)."""
     split: str = "val"
     """val (new arrangements of known apartments) or eval (new apartments)."""
     episodes: int = 100
@@ -58,7 +59,7 @@ def main(args: list[str]) -> None:
     from perdure.home.execute import ExecutorOptions
     from perdure.home.outcomes import analyse
     from perdure.home.page import read_cast, write_page
-    from perdure.home.protocol import Protocol, run_protocol
+    from perdure.home.protocol import Protocol, choose_policies, run_protocol
     from perdure.home.world import SceneOptions
 
     chosen = policies(flags.policies)
@@ -68,6 +69,8 @@ def main(args: list[str]) -> None:
     protocol = Protocol(
         flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
     )
+    for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
+        choose_policies(protocol.task, train_seed, protocol.policies, protocol.placing)
     command = shlex.join(["perdure", "home", "run", *args])
     total = flags.episodes * flags.train_seeds * flags.eval_seeds
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

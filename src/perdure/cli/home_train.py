@@ -20,6 +20,8 @@ class HomeTrain:
     """The task whose objects and places it is learned on."""
     delta: int = 1
     """For place: how many steps the object must stay."""
+    limited_to: int | None = None
+    """For place: control steps it may last; 200, with delta 200 + delta, by default."""
     seeds: tuple[int, ...] = (0,)
     """Training seeds."""
     steps: int | None = None
@@ -42,6 +44,7 @@ def main(args: list[str]) -> None:
     from perdure.ppo.progress import progress_bar
 
     options = {"delta": flags.delta} if flags.delta != 1 else {}
+    options |= {"limited_to": flags.limited_to} if flags.limited_to is not None else {}
     with progress_bar(f"{flags.task} {flags.skill}", Console(stderr=True)) as watch:
         paths = train_skill(
             flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps, **options

@@ -38,7 +38,7 @@ class HomeVideo:
     seed: int = 0
     """Evaluation seed: draws where the robot starts."""
     place: tuple[str, ...] = ()
-    """Placing arms, side by side in one film: rl, stop, ik, ik+, delta-N; the oracle alone when there is none."""
+    """Placing arms, side by side in one film, as for `perdure home run`; the oracle alone when there is none."""
     policies: tuple[str, ...] = ()
     """With --place: SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
     train_seed: int = 0

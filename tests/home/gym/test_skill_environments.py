@@ -198,6 +198,8 @@ class TestNames:
         ({"targets": ()}, r"\(\)"),
         ({"skill": "pick", "delta": 30}, "delta"),
         ({"delta": 0}, "delta"),
+        ({"skill": "pick", "limited_to": 30}, "limited_to"),
+        ({"delta": 30, "limited_to": 29}, "29 steps"),
         ({"split": "test"}, "test"),
         ({"task": "lay_table"}, "lay_table"),
         ({"physics_hz": 100}, "100"),

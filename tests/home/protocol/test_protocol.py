@@ -9,7 +9,7 @@ from perdure.home.errors import HomeError
 from perdure.home.execute import ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
 from perdure.home.outcomes import read_logs, read_notes
-from perdure.home.protocol import Protocol, choose_policies, make_actors, run_protocol, units
+from perdure.home.protocol import Protocol, choose_policies, make_actors, placing, run_protocol, units
 from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.tasks import get_task
 from perdure.home.world import SceneOptions
@@ -81,6 +81,10 @@ def test_processes_side_by_side_write_the_same_logs(tmp_path, monkeypatch):
         ({"place": "drop"}, "rl, stop, ik, ik\\+"),
         ({"place": "delta-1"}, "2 or more"),
         ({"place": "delta-x"}, "2 or more"),
+        ({"place": "delta-"}, "2 or more"),
+        ({"place": "delta-5-in-"}, "number of steps"),
+        ({"place": "delta-50-in-49"}, "49 steps cannot last delta = 50"),
+        ({"place": "delta-50 in 200"}, "delta-N-in-M"),
         ({"episodes": 0}, "episodes"),
         ({"episodes": 101}, "episodes"),
         ({"train_seeds": 0}, "train_seeds"),
@@ -95,7 +99,18 @@ def test_wrong_protocols_are_refused(wrong, message):
 def test_delta_decides_how_long_place_waits():
     assert Protocol("set_table", "delta-50").skills()["place"].limit == 250
     assert Protocol("set_table", "rl").skills()["place"].limit == 200
-    assert Protocol("set_table", "delta-50").arm == "rl"
+    assert Protocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
+    assert Protocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
+    assert Protocol("set_table", "delta-50").placing.arm == "rl"
+    assert [placing(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
+        *("place", "place", "place-delta-50", "place-delta-50-in-200")
+    ]
+
+
+def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):
+    with pytest.raises(HomeError, match="delta-9999"):
+        run_protocol(Protocol("set_table", "delta-9999", episodes=1), tmp_path)
+    assert choose_policies("set_table", 0, {"place": "oracle"}, placing("delta-9999"))["place"].name == "oracle"
 
 
 def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):

@@ -46,6 +46,7 @@ def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
 
 def test_delta_lengthens_the_horizon():
     assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
+    assert skill_config("place", "set_table", delta=30, limited_to=200).protocol.horizon.longest == 200
     with pytest.raises(HomeError, match="reset_arm"):
         skill_config("reset_arm", "set_table")
 
@@ -54,5 +55,7 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
         "perdure.home.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', episodes=2)"
     )
-    command = recipes._command("place", "set_table", 2000, {"delta": 30})
-    assert command.format(seed=3) == "perdure home train place --task set_table --seeds 3 --delta 30 --steps 2000"
+    command = recipes._command("place", "set_table", 2000, {"delta": 30, "limited_to": 200})
+    assert command.format(seed=3) == (
+        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --steps 2000"
+    )

@@ -27,6 +27,8 @@ class LessonOptions:
     """Targets of the task it is about (or the only one), drawn uniformly; all that the skill is used for when None."""
     delta: int = 1
     """For place: how many steps the object must stay."""
+    limited_to: int | None = None
+    """For place: control steps it may last; 200, with delta 200 + delta, when None."""
     clutter: bool = False
     """Whether objects that are no targets are there."""
     physics_hz: int = PHYSICS_HZ
@@ -39,6 +41,8 @@ class LessonOptions:
             raise HomeError(f"there is no environment for the skill {self.skill!r}; there are {', '.join(STARTS)}")
         if self.delta != 1 and self.skill != "place":
             raise HomeError(f"delta is about place; {self.skill} has none, so it must stay 1, not {self.delta}")
+        if self.limited_to is not None and self.skill != "place":
+            raise HomeError(f"limited_to is about place; {self.skill} has none, so it must be None")
         if self.episodes is not None and self.episodes < 1:
             raise HomeError(f"episodes must be at least 1, not {self.episodes}")
         split_apartments(self.split)
@@ -63,7 +67,8 @@ class LessonOptions:
 
     def make_skill(self) -> Skill:
         """The skill."""
-        return get_skill(self.skill, delta=self.delta) if self.skill == "place" else get_skill(self.skill)
+        given = {"delta": self.delta, "limited_to": self.limited_to} if self.skill == "place" else {}
+        return get_skill(self.skill, **given)
 
     def load(self) -> tuple[Episode, ...]:
         """The episodes among which is drawn."""

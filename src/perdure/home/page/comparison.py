@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -108,9 +109,8 @@ def ordered(arms: set[str]) -> list[str]:
     """The policy alone, then what was trained to make objects stay, the hand-overs, whatever else there is."""
 
     def place(arm: str) -> tuple[int, int, str]:
-        delta = arm.removeprefix("delta-")
-        if arm.startswith("delta-") and delta.isdigit():
-            return 1, int(delta), arm
+        if delta := re.match(r"delta-(\d+)", arm):
+            return 1, int(delta[1]), arm
         return (2 * ARMS.index(arm), 0, arm) if arm in ARMS else (2 * len(ARMS), 0, arm)
 
     return sorted(arms, key=place)

@@ -2,10 +2,22 @@
 
 Contents:
     Protocol, run_protocol, units     episodes x training seeds x evaluation seeds
+    placing                           what `--place` asks for
     choose_policies, make_actors      who acts in which skill
 """
 
+from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import choose_policies, make_actors, shipped_policy
 from perdure.home.protocol.run import LOGS, Protocol, run_protocol, units
 
-__all__ = ["LOGS", "Protocol", "choose_policies", "make_actors", "run_protocol", "shipped_policy", "units"]
+__all__ = [
+    "LOGS",
+    "Placing",
+    "Protocol",
+    "choose_policies",
+    "make_actors",
+    "placing",
+    "run_protocol",
+    "shipped_policy",
+    "units",
+]

@@ -11,12 +11,13 @@ from perdure.home.arms import make_arm
 from perdure.home.errors import HomeError
 from perdure.home.execute import Actor, Learned, Scripted
 from perdure.home.oracle import Oracle
+from perdure.home.protocol.placing import Placing, placing
 from perdure.home.skills import SKILLS
 from perdure.home.tasks import SkillName, get_task
 from perdure.policy import Policy, load_policy
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
-"""Policies that come with the package: TASK/SKILL[-delta-N]/seed-K.safetensors."""
+"""Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `Placing.policy`."""
 ORACLE = "oracle"
 
 
@@ -41,15 +42,14 @@ class SkillPolicy:
         return f"{where} (SHA-256 {self.sha256[:8]})"
 
 
-def shipped_policy(task: str, skill: str, train_seed: int, delta: int = 1) -> Path | None:
-    """The shipped policy of a skill, None when there is none."""
-    name = skill if delta == 1 else f"{skill}-delta-{delta}"
-    path = SHIPPED / task / name / f"seed-{train_seed}.safetensors"
+def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
+    """A shipped policy by its name, None when there is none."""
+    path = SHIPPED / task / policy / f"seed-{train_seed}.safetensors"
     return path if path.exists() else None
 
 
 def choose_policies(
-    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, delta: int = 1
+    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: Placing | None = None
 ) -> dict[SkillName, SkillPolicy]:
     """What acts in each skill of a task.
 
@@ -57,12 +57,13 @@ def choose_policies(
         task: Name of the task.
         train_seed: Which of the training seeds; `{seed}` in a path stands for it.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
-        delta: Which place policy: the one trained to make objects stay for so many steps.
+        how: Which place policy is needed; the benchmark's when None.
 
     Raises:
-        HomeError: If a skill is unknown or its file is missing.
+        HomeError: If a skill is unknown, its file is missing, or no policy was trained for what `how` asks: the oracle
+            does not stand in for one, for it would pass for a result of that training.
     """
-    chosen = dict(chosen or {})
+    chosen, how = dict(chosen or {}), how or placing("rl")
     unknown = chosen.keys() - SKILLS.keys()
     if unknown:
         raise HomeError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
@@ -73,7 +74,12 @@ def choose_policies(
         named = chosen.get(skill)
         path: Path | None
         if named is None:
-            path = shipped_policy(task, skill, train_seed, delta if skill == "place" else 1)
+            path = shipped_policy(task, how.policy if skill == "place" else skill, train_seed)
+            if path is None and skill == "place" and how.policy != "place":
+                raise HomeError(
+                    f"no policy is shipped for {how.name} on {task} (training seed {train_seed}): "
+                    f"train one (perdure home train place) and name it: --policies place=FILE"
+                )
         else:
             path = None if named == ORACLE else Path(named.format(seed=train_seed))
         if path is not None and not path.exists():

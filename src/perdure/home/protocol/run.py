@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from perdure.home.arms import ARMS
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
+from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
 from perdure.home.protocol.processes import work_through
 from perdure.home.skills import Skill, get_skill
@@ -31,7 +31,7 @@ class Protocol:
 
     task: str
     place: str = "rl"
-    """`rl`, `stop`, `ik`, `ik+`, or `delta-N`: the policy alone, trained to make objects stay for N steps."""
+    """See `placing`."""
     split: str = "val"
     episodes: int = 100
     train_seeds: int = 1
@@ -48,26 +48,12 @@ class Protocol:
                 raise HomeError(f"{name} must be 1{'' if most is None else f' to {most}'} or more, not {value}")
         if self.eval_seeds < 1:
             raise HomeError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
-        _ = self.arm, self.delta
+        _ = self.placing
 
     @property
-    def arm(self) -> str:
-        """The arm around the policy: `rl` for `delta-N`."""
-        if self.place.startswith("delta-"):
-            return "rl"
-        if self.place not in ARMS:
-            raise HomeError(f"place must be one of {', '.join(ARMS)} or delta-N, not {self.place!r}")
-        return self.place
-
-    @property
-    def delta(self) -> int:
-        """For how many steps a placed object must stay before place stops; 1 is the benchmark's rule."""
-        text = self.place.removeprefix("delta-")
-        if not self.place.startswith("delta-"):
-            return 1
-        if not text.isdigit() or int(text) < 2:
-            raise HomeError(f"the number in delta-N must be 2 or more, not {text!r}")
-        return int(text)
+    def placing(self) -> Placing:
+        """What `place` means."""
+        return placing(self.place)
 
     @property
     def name(self) -> str:
@@ -85,7 +71,7 @@ class Protocol:
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""
         names: set[str] = {step.skill for step in get_task(self.task).skills}
-        return {name: get_skill(name, **({"delta": self.delta} if name == "place" else {})) for name in names}
+        return {name: get_skill(name, **(self.placing.options if name == "place" else {})) for name in names}
 
 
 @dataclass(frozen=True)
@@ -194,7 +180,7 @@ class _Job:
 def _jobs(protocol: Protocol, out: str | Path, command: str) -> Iterator[_Job]:
     """All units; each training seed's policies are read once."""
     policies = {
-        seed: choose_policies(protocol.task, seed, protocol.policies, protocol.delta)
+        seed: choose_policies(protocol.task, seed, protocol.policies, protocol.placing)
         for seed in range(protocol.train_seeds)
     }
     for unit in units(protocol):
@@ -206,7 +192,7 @@ def _run(job: _Job) -> int:
     protocol, unit = job.protocol, job.unit
     executor = Executor(
         protocol.skills(),
-        make_actors(job.policies, protocol.arm),
+        make_actors(job.policies, protocol.placing.arm),
         replace(protocol.options, eval_seed=unit.eval_seed),
     )
     episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]

@@ -45,6 +45,8 @@ RECIPES: dict[str, Recipe] = {
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
 HIDDEN = (256, 256)
+PLACING = ("delta", "limited_to")
+"""Options of place that the command line has, too."""
 
 
 def skill_task(skill: str, task: str, **options: object) -> str:
@@ -65,7 +67,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
     size = world.spec.observation_size
     world.close()
     config = method_config("ppo", task, size)
-    limit = get_skill(skill, **({"delta": options["delta"]} if "delta" in options else {})).limit
+    limit = get_skill(skill, **{name: options[name] for name in PLACING if name in options}).limit
     protocol = replace(
         config.protocol, horizon=Fixed(limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
     )
@@ -121,9 +123,11 @@ def train_skill(
 
 def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
     """What makes a seed's policy again: of the command line where that has the options, else a call."""
-    if options.keys() <= {"delta"}:
+    if options.keys() <= set(PLACING):
         steps = {} if total_steps is None else {"steps": total_steps}
         flags = {"task": task, "seeds": "{seed}", **options, **steps}
-        return f"perdure home train {skill} " + " ".join(f"--{name} {value}" for name, value in flags.items())
+        return f"perdure home train {skill} " + " ".join(
+            f"--{name.replace('_', '-')} {value}" for name, value in flags.items()
+        )
     given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **options}.items())
     return f"perdure.home.training.train_skill({skill!r}, {task!r}, ({{seed}},), OUT{given})"

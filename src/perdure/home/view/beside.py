@@ -52,7 +52,7 @@ def make_take(task: str, place: str, train_seed: int = 0, policies: Mapping[str,
 
     Args:
         task: Name of the task.
-        place: `rl`, `stop`, `ik`, `ik+` or `delta-N`, as in `Protocol`.
+        place: See `perdure.home.protocol.placing`.
         train_seed: Of the shipped policies.
         policies: Skill to file or "oracle", see `choose_policies`: else shipped policies, else the oracle.
 
@@ -60,9 +60,9 @@ def make_take(task: str, place: str, train_seed: int = 0, policies: Mapping[str,
         HomeError: If the arm, a skill or a file is none.
     """
     protocol = Protocol(task, place, episodes=1)
-    chosen = choose_policies(task, train_seed, policies, protocol.delta)
-    words = WORDS.get(place, f"trained to make objects stay for {protocol.delta} steps")
-    return Take(f"{place}: {words}", caption(chosen), make_actors(chosen, protocol.arm), protocol.skills())
+    chosen = choose_policies(task, train_seed, policies, protocol.placing)
+    words = WORDS.get(place, f"trained to make objects stay for {protocol.placing.delta} steps")
+    return Take(f"{place}: {words}", caption(chosen), make_actors(chosen, protocol.placing.arm), protocol.skills())
 
 
 def caption(chosen: Mapping[SkillName, SkillPolicy]) -> str:
