@@ -42,7 +42,7 @@ class HomeRun:
     """What stops objects that roll: rolling friction, or a drag as in Habitat, which has no rolling friction."""
     physics_hz: int = 120
     """Physics steps per second."""
-    lanes: int = 16
+    lanes: int = 50
     """Episodes side by side. Results do not depend on it."""
     threads: int | None = None
     """Cores to use; all by default. Results do not depend on it."""

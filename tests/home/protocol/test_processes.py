@@ -17,37 +17,41 @@ import os, sys, time
 from pathlib import Path
 from perdure.home.protocol.processes import work_through
 
-def work(path):
+def work(path, told):
     Path(path).write_text(str(os.getpid()))
     time.sleep(120)
 
 if __name__ == "__main__":
-    list(work_through(work, sys.argv[1:], 2))
+    work_through(work, sys.argv[1:], 2, print)
 """
 
 
-def square(number):
-    return number * number, os.getpid(), os.environ.get("OPENBLAS_NUM_THREADS")
+def leave_a_mark(path, told):
+    told(1)
+    path.write_text(f"{os.getpid()} {os.environ.get('OPENBLAS_NUM_THREADS')}")
+    told(2)
 
 
-def refuse(number):
+def refuse(number, told):
     raise ValueError(f"not {number}")
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_every_job_is_done_once(processes, monkeypatch):
+def test_every_job_is_done_and_told_of_once(tmp_path, processes, monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    results = list(work_through(square, range(5), processes))
-    assert sorted(number for number, _, _ in results) == [0, 1, 4, 9, 16]
-    assert {os.getpid() == who for _, who, _ in results} == {processes == 1}
-    assert {threads for _, _, threads in results} == {"1" if processes > 1 else "7"}
+    jobs, told = [tmp_path / str(number) for number in range(5)], []
+    work_through(leave_a_mark, jobs, processes, told.append)
+    assert sorted(told) == [1] * 5 + [2] * 5
+    marks = [job.read_text().split() for job in jobs]
+    assert {int(who) == os.getpid() for who, _ in marks} == {processes == 1}
+    assert {threads for _, threads in marks} == {"1" if processes > 1 else "7"}
     assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_failure_reaches_the_caller(processes):
     with pytest.raises(ValueError, match="not 3"):
-        list(work_through(refuse, [3, 3], processes))
+        work_through(refuse, [3, 3], processes, print)
 
 
 @pytest.mark.parametrize("to_all", [False, True], ids=["killed", "Ctrl-C"])

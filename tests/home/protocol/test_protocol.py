@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from perdure.home.arms import Ik
+from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
-from perdure.home.execute import ExecutorOptions, Scripted
+from perdure.home.execute import Executor, ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
 from perdure.home.outcomes import read_logs, read_notes
 from perdure.home.protocol import Protocol, choose_policies, make_actors, placing, run_protocol, units
@@ -131,3 +133,20 @@ def test_a_shipped_policy_is_named_by_its_place_and_its_content():
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
     assert SkillPolicy("mine.safetensors", "0123456789", object()).name == "mine.safetensors (SHA-256 01234567)"
     assert SkillPolicy("oracle", "", None).name == "oracle"
+
+
+@pytest.mark.verify
+def test_learned_policies_act_alike_whoever_runs_beside_them():
+    """Seeing is shared between lanes, so that neighbours could show in the last bit of what a policy sees."""
+    protocol, episodes = Protocol("set_table"), load_episodes("set_table", "val").episodes[:5]
+    actors = make_actors(choose_policies("set_table", 0), "rl")
+
+    def run(lanes):
+        executor = Executor(protocol.skills(), actors, ExecutorOptions(lanes=lanes, settle_steps=2))
+        return {log.episode.index: log for log in executor.run(episodes)}
+
+    alone, together = run(1), run(5)
+    for index, log in alone.items():
+        assert together[index].skills == log.skills
+        for name in ("base", "gripper", "object_speed", "contact_force"):
+            assert np.array_equal(getattr(together[index], name), getattr(log, name)), (index, name)

@@ -287,3 +287,21 @@ def test_inverse_kinematics_and_the_lane_agree_on_where_the_gripper_is(episodes)
         0, build_scene(episodes[0].apartment(), []), start_pose(episodes[0].apartment(), episodes[0], 0), found.arm
     )
     assert np.allclose(world.sense().gripper_in_base[0], (0.7, 0.1, 0.9), atol=1e-3)
+
+
+def test_the_scan_knows_the_present_only_not_when_one_looked_before(episodes):
+    """A door that opens bit by bit, seen all the way and seen once: the same furniture, the same ranges."""
+    scene = episode_scene(episodes[0])
+    fridge = scene.apartment.piece_of("top_door").pose
+    x, y = fridge.to_room(np.array([1.6, 0.0]))
+    watched, once = World(1), World(1)
+    for world in (watched, once):
+        world.reset(0, scene, Pose(float(x), float(y), fridge.yaw + np.pi))
+    door = scene.link_qpos[scene.links.index("top_door")]
+    seen = []
+    for angle in np.linspace(0.0, 1.2, 250):
+        for world in (watched, once):
+            world.lane(0).qpos[door] = angle
+        seen.append(watched.sense(scan_reach=SCAN_RANGE).scan[0])
+        assert len(seen) % 50 or np.array_equal(seen[-1], once.sense(scan_reach=SCAN_RANGE).scan[0])
+    assert not np.array_equal(seen[0], seen[-1])  # the door is in view

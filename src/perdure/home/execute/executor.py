@@ -42,8 +42,8 @@ class ExecutorOptions:
 
     eval_seed: int = 0
     """Draws where the robot starts."""
-    lanes: int = 16
-    """Episodes that run at the same time."""
+    lanes: int = 50
+    """Episodes that run at the same time: the more, the less each costs."""
     threads: int | None = None
     """Threads that step them; the cores this process may use when None."""
     jaws: Jaws = "never"

@@ -6,43 +6,58 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import get_context
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Job = TypeVar("Job")
-Result = TypeVar("Result")
+Told = Callable[[int], None]
 
 _LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_POLL = 0.1
+"""Seconds between two looks at what the processes tell."""
 
 
-def work_through(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -> Iterator[Result]:
-    """Results of all jobs, each as soon as it is there.
+def work_through(work: Callable[[Job, Told], None], jobs: Sequence[Job], processes: int, told: Told) -> None:
+    """Does all jobs.
 
     The processes are new ones (a forked one would take over this one's threads in whatever state they are), do linear
     algebra on one thread, end silently at Ctrl-C, and within a second when this one is killed.
 
     Args:
-        work: Called with one job; a function at the top of a module, so that another process finds it.
+        work: Called with one job and with whom to tell how much of it is done; a function at the top of a module, so
+            that another process finds it.
         jobs: What is handed to it; must be picklable.
         processes: How many work side by side; with 1, or a single job, this process works alone.
+        told: Called in this process with what the others tell.
     """
     if processes < 2 or len(jobs) < 2:
-        yield from map(work, jobs)
+        for job in jobs:
+            work(job, told)
         return
-    count = min(processes, len(jobs))
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(count, get_context("spawn"), _end_with, (os.getpid(),)) as pool,
-    ):
-        running = [pool.submit(work, job) for job in jobs]
+    count, spawn = min(processes, len(jobs)), get_context("spawn")
+    news = spawn.SimpleQueue()
+    with _one_thread_each(), ProcessPoolExecutor(count, spawn, _begin, (os.getpid(), news)) as pool:
+        running = {pool.submit(_elsewhere, work, job) for job in jobs}
         try:
-            for finished in as_completed(running):
-                yield finished.result()
+            while running:
+                done, running = wait(running, _POLL, FIRST_COMPLETED)
+                while not news.empty():
+                    told(news.get())
+                for finished in done:
+                    finished.result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+_news: Any = None
+"""In a process that works: where it tells how far it is."""
+
+
+def _elsewhere(work: Callable[[Job, Told], None], job: Job) -> None:
+    work(job, _news.put)
 
 
 @contextmanager
@@ -57,8 +72,10 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
-def _end_with(parent: int) -> None:
+def _begin(parent: int, news: Any) -> None:
     """In a new process: ends it when its parent is gone, however that ended."""
+    global _news
+    _news = news
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own handler would print where it was
 
     def watch() -> None:

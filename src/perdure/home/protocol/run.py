@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -14,15 +14,14 @@ from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
 from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
-from perdure.home.protocol.processes import work_through
+from perdure.home.protocol.processes import Told, work_through
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks import SkillName, get_task
 from perdure.store import Store
 
-CHUNK = 10
-"""Episodes in one unit of the store: what a killed run loses at most."""
+CHUNK = 50
+"""Episodes in one unit of the store: what a killed run loses at most (about a minute), and what runs side by side."""
 LOGS = "logs.parquet"
-Told = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def run_protocol(
     Args:
         protocol: What to run.
         out: Folder of the store. The same call goes on where a killed one stopped.
-        told: Called with the number of episodes that were run, as soon as they are kept.
+        told: Called with 1 whenever an episode has ended.
         command: What asked for it; noted in the logs that are written now.
         processes: How many work side by side, each on one core; with 1 this process alone, on the cores of
             `ExecutorOptions.threads`. No result depends on it.
@@ -120,8 +119,7 @@ def run_protocol(
     missing = [job for job in jobs if not store.done(job.key, job.config)]
     if processes > 1 and len(missing) > 1:
         missing = [job.on_one_core() for job in missing]
-    for episodes in work_through(_run, missing, processes):
-        told(episodes)
+    work_through(_run, missing, processes, told)
     return [store.get(job.key, job.config) / LOGS for job in jobs]
 
 
@@ -187,8 +185,8 @@ def _jobs(protocol: Protocol, out: str | Path, command: str) -> Iterator[_Job]:
         yield _Job(protocol, unit, policies[unit.train_seed], out, command)
 
 
-def _run(job: _Job) -> int:
-    """Runs and keeps one unit; how many episodes it has."""
+def _run(job: _Job, told: Told) -> None:
+    """Runs and keeps one unit."""
     protocol, unit = job.protocol, job.unit
     executor = Executor(
         protocol.skills(),
@@ -196,7 +194,10 @@ def _run(job: _Job) -> int:
         replace(protocol.options, eval_seed=unit.eval_seed),
     )
     episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]
-    logs = sorted(executor.run(episodes), key=lambda log: log.episode.index)
+    logs = []
+    for log in executor.run(episodes):
+        logs.append(log)
+        told(1)
+    logs.sort(key=lambda log: log.episode.index)
     with Store(job.out).write(job.key, job.config) as folder:
         write_logs(folder / LOGS, logs, job.notes)
-    return len(logs)
