@@ -57,6 +57,8 @@ def test_nothing_is_picked_by_grasping_16_cm_above_it():
 @pytest.mark.parametrize("delta", [1, 90])
 def test_an_object_let_go_above_its_goal_is_placed_when_the_gripper_is_back_and_delta_steps_have_passed(delta):
     env = prepared("place", "tidy_house", of_goal, carry_errand, delta=delta, held=0, above=0.12, targets=0)
+    for _ in range(on):
+        env.step(action(forward=pull))
     info = env.step(action(grip=-1.0))[-1]
     assert info["reward_terms"]["release"].tolist() == [1.0]
     assert not info["success"][0]
@@ -74,8 +76,12 @@ def test_an_object_let_go_16_cm_above_its_goal_is_a_wrong_drop():
     assert info["failure"].tolist() == ["wrong drop"]
 
 
-@pytest.mark.parametrize(("skill", "q", "pull"), [("open_drawer", 0.0, -0.2), ("close_drawer", 0.45, 0.2)])
-def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull):
+@pytest.mark.parametrize(
+    ("skill", "q", "pull", "on"),
+    [("open_drawer", 0.0, -0.2, 0), ("open_drawer", 0.0, -0.2, 60), ("close_drawer", 0.45, 0.2, 0)],
+    ids=["open", "open to the stop", "close"],
+)
+def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull, on):
     def errand(episode, target):
         link = episode.container(target)
         point = handle(episode.apartment(), link, q)
@@ -91,6 +97,8 @@ def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull)
     info = env.step(action(grip=1.0))[-1]
     assert info["reward_terms"]["grasp"].tolist() == [1.0]
     steps_until(env, lambda env: action(forward=pull), lambda env: bool(env.skill.there(env.sensors.link_position)[0]))
+    for _ in range(on):
+        env.step(action(forward=pull))
     info = env.step(action(grip=-1.0))[-1]
     assert info["reward_terms"]["release"].tolist() == [1.0]
     assert not info["success"][0]

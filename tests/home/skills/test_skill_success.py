@@ -82,7 +82,7 @@ def test_pick_does_not_succeed_when_one_condition_is_off(off):
 HALF_PI = np.pi / 2.0
 RANGES = [
     (OpenDrawer, 0.401, 0.499, 0.399),
-    (OpenDrawer, 0.401, 0.499, 0.501),
+    (OpenDrawer, 0.401, 0.504, 0.506),
     (CloseDrawer, 0.0, 0.049, 0.051),
     (OpenFridge, HALF_PI - 0.149, 2.3, HALF_PI - 0.151),
     (CloseFridge, 0.0, 0.149, 0.151),

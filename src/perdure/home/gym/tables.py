@@ -53,7 +53,7 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
 }
 """Terms of the reward by skill, without those that all skills have."""
 _JOINT: Mapping[str, str] = {
-    "open_drawer": "the drawer is within 0.05 m of 0.45 m",
+    "open_drawer": "the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)",
     "close_drawer": "the drawer is within 0.05 m of 0",
     "open_fridge": "the door is at pi/2 - 0.15 rad or beyond",
     "close_fridge": "the door is within 0.15 rad of 0",
