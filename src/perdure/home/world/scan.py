@@ -21,8 +21,8 @@ SCAN_RANGE = 5.0
 SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
 """Of the beams, from straight ahead to the left."""
 NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)
-STALE = 0.01
-"""So far a drawer or door may have moved in [m] or [rad] before its footprint is looked up again."""
+NOTCH = 0.01
+"""Drawers and doors count as open by multiples of it in [m] or [rad]: a footprint is looked up at each, not always."""
 
 
 class Outlines:
@@ -44,12 +44,14 @@ class Outlines:
             apartment: What it shows.
             positions: Of its drawers and doors in the order of its articulations. Shape (links,).
         """
+        # Rounded, not compared with the last look: else what is seen would depend on when one looked before.
+        positions = np.round(positions / NOTCH) * NOTCH
         known = self._apartments[lane]
         if known is not apartment:
             static = static_footprints(apartment)
             self._put(lane, 0, static)
             self._apartments[lane], self._static[lane] = apartment, len(static)
-        elif not (np.abs(positions - self._positions[lane]) > STALE).any():
+        elif np.array_equal(positions, self._positions[lane]):
             return
         self._positions[lane] = positions
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
