@@ -31,6 +31,27 @@ def test_place_does_not_succeed_when_one_condition_is_off(off):
     assert not succeeds(Place(), HELD, change(PLACED, **off))
 
 
+@pytest.mark.parametrize(
+    ("steps", "lacking"),
+    [
+        ([HELD], ["not let go", "object not in its goal", "object not long enough in its goal"]),
+        ([PLACED], ["object not long enough in its goal"]),
+        ([PLACED, PLACED], []),
+        (
+            [PLACED, change(PLACED, object=[1.0, 0.5, 0.8])],
+            ["object not in its goal", "object not long enough in its goal"],
+        ),
+        ([PLACED, change(PLACED, **gripper_off(0.06))], ["gripper not at rest"]),
+    ],
+)
+def test_place_says_what_it_lacks_and_lacks_nothing_exactly_when_it_succeeds(steps, lacking):
+    skill = Place(delta=2)
+    moments = [HELD, *steps]
+    progress = course(skill, *moments)
+    assert [what for what, so in skill.lacks(moments[-1], progress).items() if so[0]] == lacking
+    assert succeeds(skill, *moments) == (not lacking)
+
+
 @pytest.mark.parametrize("delta", [1, 2, 30])
 def test_place_succeeds_after_delta_steps_and_not_one_step_earlier(delta):
     skill = Place(delta=delta)

@@ -113,6 +113,15 @@ class Place(Skill):
         reached: BoolArray = (progress.lasting >= self.delta) & (rest_distance(sensors) <= RETRACTED)
         return reached
 
+    def lacks(self, sensors: Sensors, progress: Progress) -> Mapping[str, BoolArray]:
+        """See `Skill.lacks`."""
+        return {
+            "not let go": ~progress.released,
+            "object not in its goal": progress.lasting < 1,
+            "object not long enough in its goal": progress.lasting < self.delta,
+            "gripper not at rest": rest_distance(sensors) > RETRACTED,
+        }
+
     def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
         """A wrong drop is a first release outside the goal region."""
         just = progress.released & (progress.lasting == 0) & ~progress.reached

@@ -130,6 +130,10 @@ class Skill(ABC):
     def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
         """Whether the skill has reached its end. Shape (n,)."""
 
+    def lacks(self, sensors: Sensors, progress: Progress) -> Mapping[str, BoolArray]:
+        """What success still lacks, in words, most basic first; some is true where `success` is false. Each of (n,)."""
+        return {}
+
     @abstractmethod
     def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
         """Whether the executor goes on to the next skill: M3's stop rules, time-outs are its own affair. Shape (n,)."""

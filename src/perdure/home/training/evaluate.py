@@ -24,7 +24,7 @@ class SkillScore:
     steps: NDArray[np.int64]
     """How long each lasted. Shape (episodes,)."""
     failures: Counter[str]
-    """How the others ended: a failure's name, "time-out" or "diverged"."""
+    """How the others ended: a failure's name, "diverged", or "time-out" with what was lacking, where the skill says."""
 
     @property
     def rate(self) -> float:
@@ -73,10 +73,16 @@ def evaluate_skill(
                 steps.append(int(elapsed[lane]))
                 if not success[-1]:
                     label = "diverged" if info["diverged"][lane] else str(info["failure"][lane])
-                    failures["time-out" if label == "none" else label] += 1
+                    failures[_time_out(env, lane) if label == "none" else label] += 1
             if over.any():
                 observations, _ = env.reset(options={"reset_mask": over})
                 elapsed[over] = 0
     finally:
         env.close()
     return SkillScore(np.array(success), np.array(steps), failures)
+
+
+def _time_out(env: HomeSkillVectorEnv, lane: int) -> str:
+    row = np.array([lane])
+    lacking = env.skill.lacks(env.sensors[row], env.progress[row])
+    return ", ".join(["time-out", *[what for what, is_so in lacking.items() if is_so[0]][:1]])
