@@ -57,8 +57,6 @@ def test_nothing_is_picked_by_grasping_16_cm_above_it():
 @pytest.mark.parametrize("delta", [1, 90])
 def test_an_object_let_go_above_its_goal_is_placed_when_the_gripper_is_back_and_delta_steps_have_passed(delta):
     env = prepared("place", "tidy_house", of_goal, carry_errand, delta=delta, held=0, above=0.12, targets=0)
-    for _ in range(on):
-        env.step(action(forward=pull))
     info = env.step(action(grip=-1.0))[-1]
     assert info["reward_terms"]["release"].tolist() == [1.0]
     assert not info["success"][0]

@@ -1,5 +1,7 @@
 """One hand-built log for each mechanism, and the same log a hair on the other side of the threshold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from home_stories import RUN, Story, good
@@ -71,6 +73,13 @@ def test_an_object_that_slides_off_the_edge_and_tumbles_down_did_not_tip():
 def test_an_object_that_falls_over_while_it_leaves_tipped():
     story = Story().go(0).slide(0, (0.16, 0.0, 0.0), 4, tilt=30.0).slide(0, (0.1, 0.0, -0.05), 6, tilt=60.0)
     assert latched_label(story.rest((1, 2))) == ("pick_1", "tipped", 0)
+
+
+def test_an_apple_rolls_and_a_can_tips():
+    record = record_of(placed_and_gone(then={"tilt": 90.0}).log(), RUN)
+    apple = replace(record.targets[0], kind="013_apple")
+    assert label(record, "latched").mechanism == "tipped"
+    assert label(replace(record, targets=(apple, *record.targets[1:])), "latched").mechanism == "rolled"
 
 
 def test_an_object_let_go_beside_its_goal_was_not_brought_there():

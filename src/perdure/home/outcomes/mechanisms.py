@@ -36,8 +36,8 @@ For a placement, blamed or counted as not goal-stabilizing:
 | 13 | otherwise | rolled |
 
 It "left" at the first step out of its goal after the last one in it. It "fell over" when its tilt changed by more than
-`FELL_OVER` before it left or within half a second after, but not while it was falling off its support. A box that
-slides "rolled" too.
+`FELL_OVER` before it left or within half a second after, but not while it was falling off its support; a ball has no
+upright to fall from. A box that slides "rolled" too.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.objects import KINDS
 from perdure.home.outcomes.counting import handled
 from perdure.home.outcomes.records import EpisodeRecord, Release, Run
 from perdure.home.tasks import AT, SOMETHING_ELSE, Predicate
@@ -226,6 +227,9 @@ def _robot_near(release: Release, first: int, last: int) -> bool:
 
 def _fell_over(record: EpisodeRecord, release: Release, first: int, left: int) -> bool:
     """Whether the object fell over between a step, counted from the release, and half a second after it left."""
+    kind = KINDS.get(record.targets[release.target].kind)
+    if kind is not None and kind.shape == "sphere":
+        return False
     track = release.track.thin
     last = min(release.step + left + _rest_steps(record), int(track.step[-1]))
     rows = track.rows(release.step + first, last)

@@ -73,7 +73,7 @@ def evaluate_skill(
                 steps.append(int(elapsed[lane]))
                 if not success[-1]:
                     label = "diverged" if info["diverged"][lane] else str(info["failure"][lane])
-                    failures[_time_out(env, lane) if label == "none" else label] += 1
+                    failures[_time_out(env, int(lane)) if label == "none" else label] += 1
             if over.any():
                 observations, _ = env.reset(options={"reset_mask": over})
                 elapsed[over] = 0
