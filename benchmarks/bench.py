@@ -186,10 +186,10 @@ def cases() -> dict[str, Callable[[], Figure]]:
         (
             "scene",
             "0",
-            "full SetTable scene while the oracle manipulates (30 Hz control, physics step 4.2 ms), one core",
+            "full SetTable scene while the oracle manipulates (30 Hz control, physics step 8.3 ms), one core",
         ),
         ("place", "0", "the place skill's environment, resets included (the same steps), one core"),
-        ("tasks", "0,1", "SetTable plans, 24 episodes at once, whoever acts included (the same steps), two cores"),
+        ("tasks", "0,1", "perdure home run set_table, 100 episodes from start to end (the same steps), two cores"),
     ):
         table[f"home.{what}.vs_fetch_env"] = lambda what=what, cores=cores, how=how: home(
             what, cores, f"{how}, against {peer}"
