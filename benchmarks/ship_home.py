@@ -32,7 +32,7 @@ SCORES = HERE / "home_skills.json"
 PICTURE = HERE.parent / "docs" / "images" / "home-learning.png"
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better."""
-PLACES_WORTH_SHIPPING = 0.80
+PLACES_WORTH_SHIPPING = 0.75
 """Of a policy that places: how it lets go is what the arms are compared by."""
 BINS = 40
 EPISODES = 400

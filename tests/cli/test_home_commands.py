@@ -12,7 +12,7 @@ def succeeded(process):
     return process.stdout
 
 
-COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyse")
+COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyse", "failures")
 
 
 def test_help_lists_every_command(perdure, tmp_path):

@@ -15,6 +15,7 @@ USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home train SKILL                   learn a skill
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
   perdure home analyse LOGS --out PAGE       stages, failure modes, what stayed; with --out as a page
+  perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
 
 Each command explains its options with --help.
 """
@@ -28,6 +29,7 @@ COMMANDS = {
     "train": "home_train",
     "run": "home_run",
     "analyse": "home_analyse",
+    "failures": "home_failures",
 }
 """Command to the module of this package that carries it out; loaded only when it is asked for."""
 

@@ -1,0 +1,155 @@
+"""Failed episodes of logs, run again as they were run when they were logged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode, load_episodes
+from perdure.home.errors import HomeError
+from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
+from perdure.home.outcomes import Counting, EpisodeRecord, Label, episode_hash, label, read_logs, record_of
+from perdure.home.outcomes.files import check_distinct
+from perdure.home.protocol import Protocol
+from perdure.home.tasks import SETTLE_STEPS
+from perdure.home.view.beside import Take
+from perdure.home.world import PHYSICS_HZ, Jaws, SceneOptions, World
+from perdure.home.world.scene import Rolling
+from perdure.store import Store, StoreError
+
+FloatArray = NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def read_arm(arm: str) -> tuple[str, ExecutorOptions]:
+    """`place` and the world's settings that `Protocol.name` made this arm's name of; HomeError when it made none."""
+    place = arm.partition(" ")[0]
+    for jaws, rolling in product(get_args(Jaws), get_args(Rolling)):
+        options = ExecutorOptions(lanes=1, threads=1, jaws=jaws, scene=SceneOptions(rolling=rolling))
+        try:
+            name = Protocol("set_table", place, options=options).name
+        except HomeError:
+            break
+        if name == arm:
+            return place, options
+    raise HomeError(
+        f"episodes of {arm!r} cannot be run again: an arm of this package is rl, stop, ik, ik+, delta-N or "
+        f"delta-N-in-M, then jaws-apart and drag where they were chosen"
+    )
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A failed episode of some logs."""
+
+    record: EpisodeRecord
+    counting: Counting
+    label: Label
+    physics_hz: int
+    """Physics steps per second it was run with."""
+
+    @cached_property
+    def episode(self) -> Episode:
+        """What was run; HomeError when this package has another episode, or none, under its number."""
+        record = self.record
+        episode = load_episodes(record.task, record.split)[record.index]
+        if episode_hash(episode) != record.episode_hash:
+            raise HomeError(f"{record.name} is not the episode that this package has under that number")
+        return episode
+
+    @property
+    def cast(self) -> tuple[str, str, int]:
+        """Task, `place` and training seed: who acted, see `make_take`; HomeError for another simulator's arm."""
+        return self.record.task, read_arm(self.record.arm)[0], self.record.train_seed
+
+    @property
+    def options(self) -> ExecutorOptions:
+        """How it was run."""
+        record, options = self.record, read_arm(self.record.arm)[1]
+        settle = SETTLE_STEPS if record.diverged else record.length - record.steps
+        scene = replace(options.scene, physics_hz=self.physics_hz)
+        return replace(options, eval_seed=record.eval_seed, settle_steps=settle, scene=scene)
+
+    def words(self, found: Label | None) -> str:
+        """A label of this episode, such as `place_1, rolled, 013_apple`."""
+        if found is None:
+            return "no failure"
+        return f"{found.stage}, {found.mechanism}, {self.record.targets[found.target].kind}"
+
+    @property
+    def line(self) -> str:
+        """Which episode, and its label."""
+        record, words = self.record, self.words(self.label)
+        seeds = f"training seed {record.train_seed}, evaluation seed {record.eval_seed}"
+        return f"{record.task}, {record.split}, {record.arm}, {seeds}, {record.index:03d}, {words}"
+
+    @property
+    def file_name(self) -> str:
+        """Such as `set_table-val-ik-drag-train-0-eval-0-003.png`."""
+        record, arm = self.record, self.record.arm.replace("+", "-plus").replace(" ", "-")
+        seeds = f"train-{record.train_seed}-eval-{record.eval_seed}"
+        return f"{record.task}-{record.split}-{arm}-{seeds}-{record.index:03d}.png"
+
+
+def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -> list[Failure]:
+    """The failed episodes of files of logs, in the order of `EpisodeRecord.key`.
+
+    Raises:
+        HomeError: A file is none of logs, an episode is there twice, or is not one that can be run again here.
+    """
+    logs = [(record, _physics_hz(Path(path))) for path in paths for record in read_logs(path)]
+    check_distinct([record for record, _ in logs], "the logs")
+    labelled = [(record, label(record, counting), physics_hz) for record, physics_hz in logs]
+    failures = [Failure(record, counting, found, hz) for record, found, hz in labelled if found is not None]
+    for failure in failures:
+        _ = failure.options
+    return sorted(failures, key=lambda failure: failure.record.key)
+
+
+def draw(failures: Sequence[Failure], count: int, seed: int) -> list[Failure]:
+    """So many of them at random, each once; all of them when there are fewer. The same seed draws the same ones."""
+    for name, value, least in (("count", count, 1), ("seed", seed, 0)):
+        if value < least:
+            raise HomeError(f"{name} must be {least} or more, not {value}")
+    return [failures[int(k)] for k in np.random.default_rng(seed).permutation(len(failures))[:count]]
+
+
+def _physics_hz(path: Path) -> int:
+    """From the store's record beside a file of logs; the usual rate where there is none."""
+    folder = path.resolve().parent
+    try:
+        return int(Store(folder.parent).config(folder.name).get("physics_hz", PHYSICS_HZ))
+    except StoreError:
+        return PHYSICS_HZ
+
+
+@dataclass(frozen=True)
+class Replay:
+    """An episode that was run again."""
+
+    log: EpisodeLog
+    record: EpisodeRecord
+    label: Label | None
+    """Why it failed this time, None when it succeeded."""
+    states: FloatArray
+    """MuJoCo's `qpos` after every step. Shape (steps + settling time, nq)."""
+
+
+def run_again(failure: Failure, take: Take) -> Replay:
+    """Runs an episode as it was run when it was logged, `take` acting in it."""
+    states: list[FloatArray] = []
+
+    def watch(world: World, episodes: Mapping[int, Episode]) -> None:
+        states.append(world.lane(0).qpos.copy())
+
+    (log,) = Executor(take.skills, take.actors, failure.options).run([failure.episode], watch)
+    record = record_of(log, {"arm": failure.record.arm, "train_seed": str(failure.record.train_seed)})
+    return Replay(log, record, label(record, failure.counting), np.array(states))
