@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -43,6 +43,10 @@ class HomeVideo:
     """With --place: SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
     train_seed: int = 0
     """With --place: which of the shipped policies."""
+    jaws: Literal["never", "apart"] = "never"
+    """As for `perdure home run`."""
+    rolling: Literal["friction", "drag"] = "friction"
+    """As for `perdure home run`."""
 
 
 def main(args: list[str]) -> None:
@@ -53,7 +57,7 @@ def main(args: list[str]) -> None:
     from perdure.home.view import FilmOptions, contact_sheet, film_beside, film_episode, make_take, save_picture
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
-    options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, flags.seed)
+    options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, flags.seed, flags.jaws, flags.rolling)
     if flags.place:
         chosen = policies(flags.policies)
         takes = [make_take(flags.task, place, flags.train_seed, chosen) for place in flags.place]

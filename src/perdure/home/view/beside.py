@@ -100,7 +100,7 @@ def film_beside(
         for take, reel in zip(takes, reels, strict=True):
             with ExitStack() as studio:
                 crew = Crew(episode, options, reel, studio, watch)
-                logs.append(perform(episode, crew.after_step, options.seed, take.actors, take.skills))
+                logs.append(perform(episode, crew.after_step, options.executor, take.actors, take.skills))
         for number in range(max(map(len, reels))):
             film.add(_side_by_side([_half(*each, number) for each in zip(takes, reels, strict=True)]))
     return logs

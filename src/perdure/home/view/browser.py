@@ -8,9 +8,10 @@ from typing import Any
 
 from perdure.home.episodes import Episode
 from perdure.home.errors import HomeError
+from perdure.home.execute import ExecutorOptions
 from perdure.home.view.narrate import Narrator
 from perdure.home.view.perform import perform
-from perdure.home.world import CONTROL_HZ, World
+from perdure.home.world import CONTROL_HZ, Lane, World
 
 
 def serve_episode(
@@ -47,7 +48,7 @@ def serve_episode(
         shown = 0
         while rounds is None or shown < rounds:
             server.scene.reset()
-            perform(episode, _Broadcast(mjviser, server, speed, tell), seed)
+            perform(episode, _Broadcast(mjviser, server, speed, tell), ExecutorOptions(eval_seed=seed))
             shown += 1
     finally:
         server.stop()
@@ -61,12 +62,11 @@ class _Broadcast:
         self._scene: Any = None
         self._due, self._words = 0.0, ""
 
-    def __call__(self, world: World, narrator: Narrator) -> bool:
-        lane = world.lane(0)
+    def __call__(self, world: World, double: Lane, narrator: Narrator) -> bool:
         if self._scene is None:
-            self._scene = self._mjviser.ViserMujocoScene(self._server, lane.model, num_envs=1)
+            self._scene = self._mjviser.ViserMujocoScene(self._server, double.model, num_envs=1)
             self._due = time.monotonic()
-        self._scene.update_from_mjdata(lane.data)
+        self._scene.update_from_mjdata(double.data)
         told = narrator.tell()
         if told.words != self._words:
             self._words = told.words

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from perdure.home.episodes import Episode
 from perdure.home.errors import HomeError
-from perdure.home.execute.log import EpisodeLog
+from perdure.home.execute import EpisodeLog, ExecutorOptions
 from perdure.home.view.cameras import Shot, check_camera
 from perdure.home.view.files import Film, open_film
 from perdure.home.view.follow import Follower
@@ -22,7 +22,7 @@ from perdure.home.view.narrate import Narrator
 from perdure.home.view.perform import focus, perform
 from perdure.home.view.studio import Studio
 from perdure.home.view.words import write_strip
-from perdure.home.world import CONTROL_HZ, World
+from perdure.home.world import CONTROL_HZ, Jaws, Lane, Rolling, SceneOptions, World
 
 Picture = NDArray[np.uint8]
 Watch = Callable[[float], None]
@@ -41,6 +41,9 @@ class FilmOptions:
     """Simulated time after which it ends, if the episode is not over before."""
     seed: int = 0
     """Evaluation seed: draws where the robot starts."""
+    jaws: Jaws = "never"
+    rolling: Rolling = "friction"
+    """This and `jaws`: see `SceneOptions` and `ExecutorOptions`."""
 
     def __post_init__(self) -> None:
         """Numbers that make no film raise HomeError."""
@@ -51,6 +54,11 @@ class FilmOptions:
             raise HomeError(f"a film must last longer than 0 s, not {self.seconds}")
         if any(side % 2 for side in self.size):
             raise HomeError(f"width and height of a film must be even, not {self.size[0]} x {self.size[1]}")
+
+    @property
+    def executor(self) -> ExecutorOptions:
+        """How the episode is run."""
+        return ExecutorOptions(eval_seed=self.seed, jaws=self.jaws, scene=SceneOptions(rolling=self.rolling))
 
 
 def film_episode(
@@ -70,7 +78,7 @@ def film_episode(
     options = options or FilmOptions()
     with open_film(path) as film, ExitStack() as stack:
         crew = Crew(episode, options, film, stack, watch)
-        return perform(episode, crew.after_step, options.seed)
+        return perform(episode, crew.after_step, options.executor)
 
 
 class Crew:
@@ -83,10 +91,10 @@ class Crew:
         self._operator: _Operator | None = None
         self._pictures = self._steps = 0
 
-    def after_step(self, world: World, narrator: Narrator) -> bool:
+    def after_step(self, world: World, double: Lane, narrator: Narrator) -> bool:
         """An `Audience`: stays until the film is long enough."""
         if self._operator is None:
-            self._operator = self._stack.enter_context(_Operator(world, self._options))
+            self._operator = self._stack.enter_context(_Operator(double, self._options))
         self._steps += 1
         now = self._steps / CONTROL_HZ
         while self._pictures * self._film.pace * self._options.speed <= now:
@@ -99,8 +107,8 @@ class Crew:
 class _Operator(Studio):
     """A studio whose camera knows what the robot is about."""
 
-    def __init__(self, world: World, options: FilmOptions) -> None:
-        super().__init__(world.lane(0), options.size)
+    def __init__(self, lane: Lane, options: FilmOptions) -> None:
+        super().__init__(lane, options.size)
         self._options_, self._follower = options, Follower(self.lane)
 
     def picture(self, world: World, narrator: Narrator, seconds: float) -> Picture:
@@ -133,15 +141,15 @@ def contact_sheet(
     with ExitStack() as stack:
         operators: list[_Operator] = []
 
-        def after_step(world: World, narrator: Narrator) -> bool:
+        def after_step(world: World, double: Lane, narrator: Narrator) -> bool:
             told = narrator.tell()
             if sum(done for _, done in told.stages) > len(pictures):
                 if not operators:
-                    operators.append(stack.enter_context(_Operator(world, options)))
+                    operators.append(stack.enter_context(_Operator(double, options)))
                 pictures.append(operators[0].picture(world, narrator, math.inf))
             return told.seconds < options.seconds
 
-        log = perform(episode, after_step, options.seed)
+        log = perform(episode, after_step, options.executor)
     if not pictures:
         raise HomeError(f"the oracle reached no stage of {episode.name}: there is nothing to show")
     return tile(pictures, columns), log

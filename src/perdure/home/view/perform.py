@@ -1,25 +1,32 @@
-"""One episode before an audience: a film camera or a browser. The oracle acts unless others are named."""
+"""One episode before an audience: a film camera or a browser. The oracle acts unless others are named.
+
+It takes the course that it takes in the protocol. What is only seen would change the last bits of the physics, and with
+them the course; so the audience looks at a double, which has looks and is put where everything is after each step.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.episodes import Episode
+from perdure.home.episodes import Episode, start_pose
 from perdure.home.execute.actor import Actor, Scripted
 from perdure.home.execute.executor import Executor, ExecutorOptions
 from perdure.home.execute.log import EpisodeLog
 from perdure.home.oracle import Oracle
 from perdure.home.skills import Skill, get_skill
 from perdure.home.view.narrate import Narrator
-from perdure.home.world import SceneOptions, World
+from perdure.home.world import Lane, World, episode_scene
 
 FloatArray = NDArray[np.float64]
 
-Audience = Callable[[World, Narrator], bool]
-"""Called after every control step; the episode ends early when it returns False."""
+Audience = Callable[[World, Lane, Narrator], bool]
+"""Called after every control step with the world, a double of its lane that has looks, and what is told.
+
+The episode ends early when it returns False."""
 
 AFTERWARDS = 45
 """Control steps that are shown after the plan has ended."""
@@ -32,16 +39,16 @@ class _EnoughError(Exception):
 def perform(
     episode: Episode,
     audience: Audience,
-    seed: int = 0,
+    options: ExecutorOptions | None = None,
     actors: Mapping[str, Actor] | None = None,
     skills: Mapping[str, Skill] | None = None,
 ) -> EpisodeLog | None:
-    """Runs one episode with everything that can be seen in it.
+    """Runs one episode and shows it.
 
     Args:
         episode: Which one.
         audience: Who watches.
-        seed: Evaluation seed: draws where the robot starts.
+        options: Evaluation seed and settings of the world; the rest is chosen here.
         actors: Who acts in which skill; the oracle in all of them when None.
         skills: The skills they act in; those of the benchmark when None.
 
@@ -52,13 +59,17 @@ def perform(
     oracle = Oracle()
     cast: Mapping[str, Actor] = actors or {n: Scripted() if n == "reset_arm" else oracle for n in names}
     narrator = Narrator(episode)
-    options = ExecutorOptions(
-        eval_seed=seed, lanes=1, threads=1, scene=SceneOptions(looks=True), settle_steps=AFTERWARDS
-    )
+    options = replace(options or ExecutorOptions(), lanes=1, threads=1, settle_steps=AFTERWARDS)
+    scene = episode_scene(episode, replace(options.scene, looks=True))
+    stage = World(1, threads=1)
+    stage.reset(0, scene, start_pose(scene.apartment, episode, options.eval_seed))
+    double = stage.lane(0)
 
     def watch(world: World, episodes: Mapping[int, Episode]) -> None:
         narrator.after_step(world)
-        if not audience(world, narrator):
+        double.qpos[:] = world.lane(0).qpos
+        double.forward()
+        if not audience(world, double, narrator):
             raise _EnoughError
 
     executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.hear(cast), options)
@@ -66,6 +77,8 @@ def perform(
         return next(iter(executor.run([episode], watch)))
     except _EnoughError:
         return None
+    finally:
+        stage.close()
 
 
 def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:

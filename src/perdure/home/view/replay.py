@@ -21,8 +21,7 @@ from perdure.home.outcomes.files import check_distinct
 from perdure.home.protocol import Protocol
 from perdure.home.tasks import SETTLE_STEPS
 from perdure.home.view.beside import Take
-from perdure.home.world import PHYSICS_HZ, Jaws, SceneOptions, World
-from perdure.home.world.scene import Rolling
+from perdure.home.world import PHYSICS_HZ, Jaws, Rolling, SceneOptions, World
 from perdure.store import Store, StoreError
 
 FloatArray = NDArray[np.float64]
