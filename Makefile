@@ -7,9 +7,11 @@ DEMO_SEEDS  ?= 2
 DEMO_CLOCKS ?= constant:0 constant:500
 DEMO_OUT    ?= demo
 
-# And at home: how many episodes of SetTable, and the ways to let go of what is placed.
-DEMO_EPISODES ?= 4
+# And at home: how many episodes of SetTable, the ways to let go of what is placed, and what stops an apple that rolls
+# (drag, as in Habitat: there the hand-over shows; friction is the usual setting).
+DEMO_EPISODES ?= 8
 DEMO_PLACES   ?= rl ik
+DEMO_ROLLING  ?= drag
 
 # Test processes, and what else pytest should be told: make test PYTEST="-k clock"
 PROCESSES ?= 2
@@ -62,7 +64,8 @@ demo: setup ## Carry the shipped policies far beyond their horizon, set the tabl
 	rm -rf $(DEMO_OUT)/set_table/runs; \
 	for place in $(DEMO_PLACES); do \
 		set -x; \
-		$(BIN)/perdure home run set_table --place $$place --episodes $(DEMO_EPISODES) \
+		$(BIN)/perdure home run set_table --place $$place --rolling $(DEMO_ROLLING) \
+			--episodes $(DEMO_EPISODES) \
 			--out $(DEMO_OUT)/set_table/runs >/dev/null; \
 		{ set +x; } 2>/dev/null; \
 	done; \

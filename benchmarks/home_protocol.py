@@ -13,6 +13,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import polars as pl
+
 from perdure.home.outcomes import COUNTINGS, analyse
 from perdure.home.page import read_cast
 from perdure.home.page.comparison import Comparison, comparisons
@@ -46,7 +49,11 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
         "in_goal_at_release_then_not": int((placed["in_goal_release"] & ~placed["stabilizing"]).sum()),
         "not_stable": int((~placed["stabilizing"]).sum()),
         "kinds": {
-            row["kind"]: {"placements": row["placements"], "not_stable": row["failures"]}
+            row["kind"]: {
+                "placements": row["placements"],
+                "not_stable": row["failures"],
+                "median_at_release": released(placed.filter(kind=row["kind"])),
+            }
             for row in comparison.kinds[arm].iter_rows(named=True)
         },
         "failed_at_a_placement": sum(row["count"] for row in unstable),
@@ -56,6 +63,12 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
             for row in comparison.modes[arm].filter(counting="stabilizing").iter_rows(named=True)
         },
     }
+
+
+def released(placements: pl.DataFrame) -> dict[str, float]:
+    """Medians of how objects were let go: height and offset in [m], speeds in [m/s], tilt in [deg]."""
+    columns = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
+    return {name: round(float(np.median(placements[name].to_numpy())), 3) for name in columns}
 
 
 def share(success: dict[str, float]) -> str:

@@ -25,7 +25,9 @@ STAY = 1.5
 PATIENCE = 0.5
 """How long the camera keeps a wish before it looks around for a better one, in [s]."""
 INERTIA = 0.6
-"""Time constant of its motion in [s]."""
+"""Time constant in [s] of its way around what it looks at ..."""
+TRACKING = 0.12
+"""... and with it: at 3 m/s, four times faster than life, the robot is 1.4 m ahead of the picture's middle."""
 
 
 class Follower:
@@ -68,7 +70,7 @@ class Follower:
         change = aim - self._now
         change[0] = (change[0] + np.pi) % (2.0 * np.pi) - np.pi
         self._now = self._now + share * change
-        self._middle = self._middle + share * (middle - self._middle)
+        self._middle = self._middle + (1.0 - np.exp(-seconds / TRACKING)) * (middle - self._middle)
         return Shot(self._middle + self._now[2] * _unit(*self._now[:2]), self._middle)
 
     def _robot(self) -> tuple[FloatArray, FloatArray]:
