@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -22,6 +23,8 @@ class HomeTrain:
     """For place: how many steps the object must stay."""
     limited_to: int | None = None
     """For place: control steps it may last; 200, with delta 200 + delta, by default."""
+    rolling: Literal["friction", "drag"] = "friction"
+    """What stops objects that roll, as for `perdure home run`."""
     seeds: tuple[int, ...] = (0,)
     """Training seeds."""
     steps: int | None = None
@@ -39,12 +42,12 @@ def main(args: list[str]) -> None:
     flags = parse(HomeTrain, args, "home train")
     from rich.console import Console
 
-    from perdure.home.training import evaluate_skill, train_skill
+    from perdure.home.training import FLAGS, evaluate_skill, train_skill
     from perdure.policy import load_policy
     from perdure.ppo.progress import progress_bar
 
-    options = {"delta": flags.delta} if flags.delta != 1 else {}
-    options |= {"limited_to": flags.limited_to} if flags.limited_to is not None else {}
+    usual = HomeTrain(flags.skill)
+    options = {name: value for name in FLAGS if (value := getattr(flags, name)) != getattr(usual, name)}
     with progress_bar(f"{flags.task} {flags.skill}", Console(stderr=True)) as watch:
         paths = train_skill(
             flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps, **options

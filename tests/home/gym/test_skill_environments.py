@@ -200,6 +200,7 @@ class TestNames:
         ({"delta": 0}, "delta"),
         ({"skill": "pick", "limited_to": 30}, "limited_to"),
         ({"delta": 30, "limited_to": 29}, "29 steps"),
+        ({"rolling": "ice"}, "ice"),
         ({"split": "test"}, "test"),
         ({"task": "lay_table"}, "lay_table"),
         ({"physics_hz": 100}, "100"),

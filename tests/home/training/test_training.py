@@ -55,7 +55,7 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
         "perdure.home.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', episodes=2)"
     )
-    command = recipes._command("place", "set_table", 2000, {"delta": 30, "limited_to": 200})
+    command = recipes._command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
     assert command.format(seed=3) == (
-        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --steps 2000"
+        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --rolling drag --steps 2000"
     )

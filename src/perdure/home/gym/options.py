@@ -12,7 +12,7 @@ from perdure.home.layouts import split_apartments
 from perdure.home.skills import Skill, get_skill
 from perdure.home.starts import STARTS, train_pool
 from perdure.home.tasks import get_task
-from perdure.home.world import PHYSICS_HZ, SceneOptions
+from perdure.home.world import PHYSICS_HZ, Rolling, SceneOptions
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class LessonOptions:
     clutter: bool = False
     """Whether objects that are no targets are there."""
     physics_hz: int = PHYSICS_HZ
+    rolling: Rolling = "friction"
+    """What stops objects that roll, see `SceneOptions`."""
     episodes: int | None = None
     """How many episodes are used; 64 of `train` (one per apartment), all published ones when None."""
 
@@ -63,7 +65,7 @@ class LessonOptions:
     @property
     def scene(self) -> SceneOptions:
         """How scenes are built, up to the target."""
-        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter)
+        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
 
     def make_skill(self) -> Skill:
         """The skill."""

@@ -46,7 +46,9 @@ RECIPES: dict[str, Recipe] = {
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
 HIDDEN = (256, 256)
 PLACING = ("delta", "limited_to")
-"""Options of place that the command line has, too."""
+"""Options of place that change its limit."""
+FLAGS = (*PLACING, "rolling")
+"""Options that the command line has, too."""
 
 
 def skill_task(skill: str, task: str, **options: object) -> str:
@@ -123,7 +125,7 @@ def train_skill(
 
 def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
     """What makes a seed's policy again: of the command line where that has the options, else a call."""
-    if options.keys() <= set(PLACING):
+    if options.keys() <= set(FLAGS):
         steps = {} if total_steps is None else {"steps": total_steps}
         flags = {"task": task, "seeds": "{seed}", **options, **steps}
         return f"perdure home train {skill} " + " ".join(
