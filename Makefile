@@ -9,7 +9,7 @@ DEMO_OUT    ?= demo
 
 # And at home: how many episodes of SetTable, the ways to let go of what is placed, and what stops an apple that rolls
 # (drag, as in Habitat: there the hand-over shows; friction is the usual setting).
-DEMO_EPISODES ?= 8
+DEMO_EPISODES ?= 6
 DEMO_PLACES   ?= rl ik
 DEMO_ROLLING  ?= drag
 
