@@ -150,9 +150,9 @@ class TestFigures:
         assert figure(page_of(two_arms(), tmp_path), "modes-latched") is not None
 
     def test_arms_come_in_the_order_of_what_they_add(self, tmp_path):
-        names = ["zebra", "ik+", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
+        names = ["rl drag", "zebra", "ik+", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
-        expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra"]
+        expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
         assert [each["arm"] for each in table(page, "Success")] == expected
 
 

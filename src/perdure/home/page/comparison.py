@@ -106,12 +106,16 @@ def comparisons(analysis: Analysis) -> tuple[Comparison, ...]:
 
 
 def ordered(arms: set[str]) -> list[str]:
-    """The policy alone, then what was trained to make objects stay, the hand-overs, whatever else there is."""
+    """The policy alone, then what was trained to make objects stay, the hand-overs, whatever else there is.
 
-    def place(arm: str) -> tuple[int, int, str]:
-        if delta := re.match(r"delta-(\d+)", arm):
-            return 1, int(delta[1]), arm
-        return (2 * ARMS.index(arm), 0, arm) if arm in ARMS else (2 * len(ARMS), 0, arm)
+    What differs from the usual world, as in `ik drag`, comes after all that does not.
+    """
+
+    def place(arm: str) -> tuple[str, int, int, str]:
+        name, _, world = arm.partition(" ")
+        if delta := re.match(r"delta-(\d+)", name):
+            return world, 1, int(delta[1]), name
+        return world, 2 * (ARMS.index(name) if name in ARMS else len(ARMS)), 0, name
 
     return sorted(arms, key=place)
 
