@@ -101,7 +101,7 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
         (("{logs}", "{logs}"), "twice"),
-        (("{foreign}",), "episodes of 'TP+SRL' cannot be run again"),
+        (("{foreign}",), "'TP+SRL' is no arm of this package"),
         (("{changed}",), "is not the episode that this package has"),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from perdure.cli.parse import check_folder, parse
+from perdure.cli.parse import check_folder, log_files, parse
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,10 @@ class HomeAnalyse:
 def main(args: list[str]) -> None:
     """``perdure home analyse``."""
     flags = parse(HomeAnalyse, args, "home analyse")
-    from perdure.home.errors import HomeError
     from perdure.home.outcomes import analyse
     from perdure.home.page import read_cast, write_page
 
-    paths = [path for given in flags.logs for path in (sorted(given.rglob("*.parquet")) if given.is_dir() else [given])]
-    if not paths:
-        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, flags.logs)) or 'nothing'}")
+    paths = log_files(flags.logs)
     if flags.out is not None:
         check_folder(flags.out)
     records, cast = read_cast(paths)

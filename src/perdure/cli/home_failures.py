@@ -9,7 +9,7 @@ from typing import Literal
 
 import tyro
 
-from perdure.cli.parse import check_folder, parse, policies
+from perdure.cli.parse import check_folder, log_files, parse, policies
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,12 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """``perdure home failures``."""
     flags = parse(HomeFailures, args, "home failures")
-    from perdure.home.errors import HomeError
     from perdure.home.view import draw, failure_sheet, make_take, read_failures, run_again, save_picture
     from perdure.home.view.gl import open_context
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
-    paths = [path for given in flags.logs for path in (sorted(given.rglob("*.parquet")) if given.is_dir() else [given])]
-    if not paths:
-        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, flags.logs)) or 'nothing'}")
+    paths = log_files(flags.logs)
     drawn = draw(read_failures(paths, flags.counting), flags.count, flags.seed)
     if not drawn:
         print(f"no episode of these logs failed ({flags.counting})")

@@ -44,6 +44,16 @@ def check_folder(path: Path) -> None:
             return
 
 
+def log_files(given: tuple[Path, ...]) -> list[Path]:
+    """Files of logs, as `perdure home` takes them: files, and folders that hold some; HomeError when there are none."""
+    from perdure.home.errors import HomeError
+
+    paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
+    if not paths:
+        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
+    return paths
+
+
 def policies(written: tuple[str, ...]) -> dict[str, str]:
     """SKILL=FILE or SKILL=oracle, as `perdure home` takes them, to a mapping; HomeError for anything else.
 

@@ -1,27 +1,23 @@
-"""Failed episodes once more: which moments are shown, that a replay is what was logged, names that are read back."""
+"""Failed episodes once more: which moments are shown, and that a replay is what was logged."""
 
 import sys
 from dataclasses import replace
-from functools import cache
-from itertools import product
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
-from perdure.home.episodes import load_episodes, start_pose
+from perdure.home.episodes import start_pose
 from perdure.home.errors import HomeError
 from perdure.home.execute import ExecutorOptions
 from perdure.home.outcomes import label, read_logs, record_of, write_records
 from perdure.home.protocol import Protocol, run_protocol
 from perdure.home.skills import SKILLS
 from perdure.home.tasks import LIMITS, SOMETHING_ELSE
-from perdure.home.view import Replay, draw, failure_sheet, make_take, read_arm, read_failures, run_again
+from perdure.home.view import Replay, draw, failure_sheet, make_take, read_failures, run_again
 from perdure.home.view.failures import COLUMNS
 from perdure.home.view.moments import PICTURES, condition_of, moments
-from perdure.home.world import Jaws, SceneOptions, World, episode_scene
-from perdure.home.world.scene import Rolling
+from perdure.home.world import SceneOptions, World, episode_scene
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "outcomes"))
 from home_stories import RUN, Story
@@ -141,29 +137,6 @@ def test_a_drawer_that_comes_open_again_is_shown_where_it_does():
     assert (min(taken), max(taken), len(taken)) == (130, 279, PICTURES)
 
 
-@pytest.fixture
-def read_once(monkeypatch):
-    """Episodes are read from disk once, however many protocols are made."""
-    monkeypatch.setattr("perdure.home.protocol.run.load_episodes", cache(load_episodes))
-
-
-def test_names_of_arms_are_read_back(read_once):
-    places = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
-    names = set()
-    for place, jaws, rolling in product(places, get_args(Jaws), get_args(Rolling)):
-        options = ExecutorOptions(lanes=1, threads=1, jaws=jaws, scene=SceneOptions(rolling=rolling))
-        names.add(Protocol("tidy_house", place, options=options).name)
-        assert read_arm(Protocol("tidy_house", place, options=options).name) == (place, options)
-    assert len(names) == len(places) * len(get_args(Jaws)) * len(get_args(Rolling))
-
-
-@pytest.mark.parametrize("arm", ["TP+SRL", "throw drag", "ik drag jaws-apart", "ik friction", "ik  drag", "ik ", ""])
-def test_other_names_are_refused(read_once, arm):
-    with pytest.raises(HomeError, match=r"cannot be run again: .* rl, stop, ik, ik\+") as refused:
-        read_arm(arm)
-    assert repr(arm) in str(refused.value)
-
-
 def test_a_draw_is_the_same_again_and_takes_nothing_twice():
     drawn = draw(range(50), 10, seed=3)
     assert drawn == draw(range(50), 10, seed=3)
@@ -197,12 +170,6 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     assert replay.record.events == failure.record.events
     assert replay.record.runs == failure.record.runs
     assert len(replay.states) == failure.record.length
-
-
-def test_the_rate_of_the_physics_is_the_usual_one_where_no_record_says_otherwise(hurried, tmp_path):
-    write_records(tmp_path / "logs.parquet", read_logs(hurried[0]), {"arm": "stop jaws-apart drag"})
-    (failure,) = read_failures([tmp_path / "logs.parquet"], "latched")
-    assert failure.options.scene.physics_hz == 120
 
 
 def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):

@@ -3,9 +3,11 @@
 Contents:
     Protocol, run_protocol, units     episodes x training seeds x evaluation seeds
     placing                           what `--place` asks for
+    arm_name, read_arm                how logs call an arm, and back
     choose_policies, make_actors      who acts in which skill
 """
 
+from perdure.home.protocol.naming import arm_name, read_arm
 from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import choose_policies, make_actors, shipped_policy
 from perdure.home.protocol.run import LOGS, Protocol, run_protocol, units
@@ -14,9 +16,11 @@ __all__ = [
     "LOGS",
     "Placing",
     "Protocol",
+    "arm_name",
     "choose_policies",
     "make_actors",
     "placing",
+    "read_arm",
     "run_protocol",
     "shipped_policy",
     "units",

@@ -12,6 +12,7 @@ from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
+from perdure.home.protocol.naming import arm_name
 from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
 from perdure.home.protocol.processes import Told, work_through
@@ -56,11 +57,8 @@ class Protocol:
 
     @property
     def name(self) -> str:
-        """How logs and figures call it: `place`, and what differs from the usual world, such as `ik jaws-apart`."""
-        options = self.options
-        unusual = [f"jaws-{options.jaws}"] if options.jaws != "never" else []
-        unusual += [options.scene.rolling] if options.scene.rolling != "friction" else []
-        return " ".join([self.place, *unusual])
+        """How logs and figures call it, see `arm_name`."""
+        return arm_name(self.place, self.options)
 
     @property
     def folder(self) -> str:

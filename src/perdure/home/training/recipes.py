@@ -9,7 +9,7 @@ from pathlib import Path
 from perdure.envs import make_world
 from perdure.home.errors import HomeError
 from perdure.home.gym import env_id
-from perdure.home.skills import get_skill
+from perdure.home.gym.options import checked_options
 from perdure.horizon import Fixed
 from perdure.ppo import PPOConfig, method_config
 from perdure.ppo.runs import Report, TrainRun, train
@@ -45,9 +45,7 @@ RECIPES: dict[str, Recipe] = {
 }
 """OURS; M3 trains each skill for 100 million steps from images, state is far quicker."""
 HIDDEN = (256, 256)
-PLACING = ("delta", "limited_to")
-"""Options of place that change its limit."""
-FLAGS = (*PLACING, "rolling")
+FLAGS = ("delta", "limited_to", "rolling")
 """Options that the command line has, too."""
 
 
@@ -69,7 +67,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
     size = world.spec.observation_size
     world.close()
     config = method_config("ppo", task, size)
-    limit = get_skill(skill, **{name: options[name] for name in PLACING if name in options}).limit
+    limit = checked_options({"skill": skill, "task": task, **options}).make_skill().limit
     protocol = replace(
         config.protocol, horizon=Fixed(limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
     )

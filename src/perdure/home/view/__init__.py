@@ -17,7 +17,7 @@ from perdure.home.view.failures import failure_sheet
 from perdure.home.view.files import save_picture
 from perdure.home.view.film import FilmOptions, contact_sheet, film_episode
 from perdure.home.view.marks import goal_marks
-from perdure.home.view.replay import Failure, Replay, draw, read_arm, read_failures, run_again
+from perdure.home.view.replay import Failure, Replay, draw, read_failures, run_again
 from perdure.home.view.studio import Studio, render_lane
 
 __all__ = [
@@ -33,7 +33,6 @@ __all__ = [
     "film_episode",
     "goal_marks",
     "make_take",
-    "read_arm",
     "read_failures",
     "render_lane",
     "run_again",

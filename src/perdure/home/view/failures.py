@@ -1,7 +1,6 @@
 """Sheets of eight pictures that show what the label of a failed episode is about, so that it can be checked by eye.
 
-The pictures are taken of the states that a replay went through, in a scene with looks. The replay itself has none: what
-is only seen changes the last bits of the physics, and with them the course of an episode.
+The pictures are taken of a double, put into the states that a replay went through.
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.episodes import start_pose
 from perdure.home.outcomes import Label, placement
 from perdure.home.outcomes.counting import stage_steps
 from perdure.home.outcomes.mechanisms import in_goal_since, release_offset, tilt
 from perdure.home.tasks import Predicate
 from perdure.home.view.cameras import Shot
+from perdure.home.view.double import Double
 from perdure.home.view.film import tile
 from perdure.home.view.follow import Follower
 from perdure.home.view.marks import goal_marks
@@ -27,7 +26,7 @@ from perdure.home.view.narrate import Narrator, Told
 from perdure.home.view.replay import Failure, Replay
 from perdure.home.view.studio import Studio
 from perdure.home.view.words import write_strip, write_title
-from perdure.home.world import CONTROL_HZ, Lane, SceneOptions, World, episode_scene
+from perdure.home.world import CONTROL_HZ
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -61,26 +60,18 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     taken = moments(replay, found, condition)
     views = [_view(replay, found, condition, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
-    world, scene = World(1, 1), episode_scene(episode, SceneOptions(looks=True))
-    world.reset(0, scene, start_pose(scene.apartment, episode, failure.record.eval_seed))
-    lane, mark = world.lane(0), goal_marks(episode)[found.target]
-    with Studio(lane, SIZE) as studio:
-        shots = _Camera(lane).shots(states, [points for points, _ in views], found.target)
+    mark = goal_marks(episode)[found.target]
+    with Double(episode, failure.record.eval_seed) as double, Studio(double.lane, SIZE) as studio:
+        shots = _Camera(double).shots(states, [points for points, _ in views], found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
-            _put(lane, state)
+            double.put(state)
             told = _tell(replay, step, note or measure)
             pictures.append(write_strip(studio.take(shot, [mark]), told, 1.0))
-    world.close()
     title = f"{record.task} {record.split} {record.index:03d}, {record.arm}: {failure.words(replay.label)}"
     caption = _caption(replay, found, condition)
     if replay.label != failure.label:
         caption = f"the logs have another label for it: {failure.words(failure.label)}"
     return write_title(tile(pictures, COLUMNS), title, caption)
-
-
-def _put(lane: Lane, state: FloatArray) -> None:
-    lane.qpos[:] = state
-    lane.forward()
 
 
 def _view(replay: Replay, found: Label, condition: Predicate | None, step: int) -> tuple[FloatArray, str]:
@@ -140,6 +131,10 @@ def _caption(replay: Replay, found: Label, condition: Predicate | None) -> str:
 class _Camera(Follower):
     """Looks from one direction in all pictures of a sheet, the one from which most is seen."""
 
+    def __init__(self, double: Double) -> None:
+        super().__init__(double.lane)
+        self._double = double
+
     def shots(self, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
         """One for each state.
 
@@ -151,7 +146,7 @@ class _Camera(Follower):
         scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
         framings = []
         for state, pair in zip(states, points, strict=True):
-            _put(self._lane, state)
+            self._double.put(state)
             middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
             framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
             eyes = [middle + framings[-1][1] * unit(*direction) for direction in DIRECTIONS]

@@ -1,7 +1,6 @@
 """One episode before an audience: a film camera or a browser. The oracle acts unless others are named.
 
-It takes the course that it takes in the protocol. What is only seen would change the last bits of the physics, and with
-them the course; so the audience looks at a double, which has looks and is put where everything is after each step.
+It takes the course that it takes in the protocol: the audience looks at a double, see there why.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.episodes import Episode, start_pose
+from perdure.home.episodes import Episode
 from perdure.home.execute.actor import Actor, Scripted
 from perdure.home.execute.executor import Executor, ExecutorOptions
 from perdure.home.execute.log import EpisodeLog
 from perdure.home.oracle import Oracle
 from perdure.home.skills import Skill, get_skill
+from perdure.home.view.double import Double
 from perdure.home.view.narrate import Narrator
-from perdure.home.world import Lane, World, episode_scene
+from perdure.home.world import Lane, World
 
 FloatArray = NDArray[np.float64]
 
@@ -60,25 +60,19 @@ def perform(
     cast: Mapping[str, Actor] = actors or {n: Scripted() if n == "reset_arm" else oracle for n in names}
     narrator = Narrator(episode)
     options = replace(options or ExecutorOptions(), lanes=1, threads=1, settle_steps=AFTERWARDS)
-    scene = episode_scene(episode, replace(options.scene, looks=True))
-    stage = World(1, threads=1)
-    stage.reset(0, scene, start_pose(scene.apartment, episode, options.eval_seed))
-    double = stage.lane(0)
 
     def watch(world: World, episodes: Mapping[int, Episode]) -> None:
         narrator.after_step(world)
-        double.qpos[:] = world.lane(0).qpos
-        double.forward()
-        if not audience(world, double, narrator):
+        double.put(world.lane(0).qpos)
+        if not audience(world, double.lane, narrator):
             raise _EnoughError
 
     executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.hear(cast), options)
-    try:
-        return next(iter(executor.run([episode], watch)))
-    except _EnoughError:
-        return None
-    finally:
-        stage.close()
+    with Double(episode, options.eval_seed) as double:
+        try:
+            return next(iter(executor.run([episode], watch)))
+        except _EnoughError:
+            return None
 
 
 def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:

@@ -5,10 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import product
-from pathlib import Path
-from typing import get_args
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,31 +15,12 @@ from perdure.home.errors import HomeError
 from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
 from perdure.home.outcomes import Counting, EpisodeRecord, Label, episode_hash, label, read_logs, record_of
 from perdure.home.outcomes.files import check_distinct
-from perdure.home.protocol import Protocol
+from perdure.home.protocol import read_arm
 from perdure.home.tasks import SETTLE_STEPS
 from perdure.home.view.beside import Take
-from perdure.home.world import PHYSICS_HZ, Jaws, Rolling, SceneOptions, World
-from perdure.store import Store, StoreError
+from perdure.home.world import World
 
 FloatArray = NDArray[np.float64]
-
-
-@lru_cache(maxsize=64)
-def read_arm(arm: str) -> tuple[str, ExecutorOptions]:
-    """`place` and the world's settings that `Protocol.name` made this arm's name of; HomeError when it made none."""
-    place = arm.partition(" ")[0]
-    for jaws, rolling in product(get_args(Jaws), get_args(Rolling)):
-        options = ExecutorOptions(lanes=1, threads=1, jaws=jaws, scene=SceneOptions(rolling=rolling))
-        try:
-            name = Protocol("set_table", place, options=options).name
-        except HomeError:
-            break
-        if name == arm:
-            return place, options
-    raise HomeError(
-        f"episodes of {arm!r} cannot be run again: an arm of this package is rl, stop, ik, ik+, delta-N or "
-        f"delta-N-in-M, then jaws-apart and drag where they were chosen"
-    )
 
 
 @dataclass(frozen=True)
@@ -52,8 +30,6 @@ class Failure:
     record: EpisodeRecord
     counting: Counting
     label: Label
-    physics_hz: int
-    """Physics steps per second it was run with."""
 
     @cached_property
     def episode(self) -> Episode:
@@ -74,8 +50,7 @@ class Failure:
         """How it was run."""
         record, options = self.record, read_arm(self.record.arm)[1]
         settle = SETTLE_STEPS if record.diverged else record.length - record.steps
-        scene = replace(options.scene, physics_hz=self.physics_hz)
-        return replace(options, eval_seed=record.eval_seed, settle_steps=settle, scene=scene)
+        return replace(options, eval_seed=record.eval_seed, settle_steps=settle, lanes=1, threads=1)
 
     def words(self, found: Label | None) -> str:
         """A label of this episode, such as `place_1, rolled, 013_apple`."""
@@ -104,10 +79,10 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     Raises:
         HomeError: A file is none of logs, an episode is there twice, or is not one that can be run again here.
     """
-    logs = [(record, _physics_hz(Path(path))) for path in paths for record in read_logs(path)]
-    check_distinct([record for record, _ in logs], "the logs")
-    labelled = [(record, label(record, counting), physics_hz) for record, physics_hz in logs]
-    failures = [Failure(record, counting, found, hz) for record, found, hz in labelled if found is not None]
+    records = [record for path in paths for record in read_logs(path)]
+    check_distinct(records, "the logs")
+    labelled = [(record, label(record, counting)) for record in records]
+    failures = [Failure(record, counting, found) for record, found in labelled if found is not None]
     for failure in failures:
         _ = failure.options
     return sorted(failures, key=lambda failure: failure.record.key)
@@ -119,15 +94,6 @@ def draw(failures: Sequence[Failure], count: int, seed: int) -> list[Failure]:
         if value < least:
             raise HomeError(f"{name} must be {least} or more, not {value}")
     return [failures[int(k)] for k in np.random.default_rng(seed).permutation(len(failures))[:count]]
-
-
-def _physics_hz(path: Path) -> int:
-    """From the store's record beside a file of logs; the usual rate where there is none."""
-    folder = path.resolve().parent
-    try:
-        return int(Store(folder.parent).config(folder.name).get("physics_hz", PHYSICS_HZ))
-    except StoreError:
-        return PHYSICS_HZ
 
 
 @dataclass(frozen=True)
