@@ -31,6 +31,7 @@ class Ghost:
 
         self._mujoco = mujoco
         self.lane = lane
+        lane.search_all()  # where the ghost goes there may be what the robot cannot reach from here
         self._data: Any = mujoco.MjData(lane.model)
         self._data.qpos[:] = lane.qpos
         self._start: FloatArray = np.array(lane.qpos)

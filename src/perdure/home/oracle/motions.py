@@ -93,7 +93,12 @@ def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: C
             if until():
                 return
             yield view.action(arm=arm_step(view.arm, goal))
-    for _ in range(settle):
+    yield from settled(view, settle)
+
+
+def settled(view: View, steps: int = 10) -> Motion:
+    """Waits up to some steps until the arm is where its servos were told to be."""
+    for _ in range(steps):
         if np.abs(view.sensors.arm[0] - view.arm).max() < ARRIVED_RAD:
             return
         yield view.action()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, together, turn_and_go, unjam
+from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, settled, together, turn_and_go, unjam
 from perdure.home.oracle.placing import ReachPlan, plan_from_here, plan_reach
 from perdure.home.oracle.wishes import pick_wishes, wishes_aside
 from perdure.home.world import GRASP, GRASP_RADIUS
@@ -80,6 +80,7 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
         yield from drive
         yield from arm
     if plan.entry != plan.base:  # in over a shelf, then down
+        yield from settled(view)
         yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base), until)
     yield from move_arm(view, list(plan.poses[1:]), until=until)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
 FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 FINE_CHECKS = 600
 """What is tried in a fridge, where centimetres decide, when none of those is free."""
+FAR_BACK = 0.6
+"""How far the robot stands back, in [m], when nearer its arm would meet the edge of a shelf while it is raised."""
 CLOSE = 0.01
 """How far from the wanted point a pose may leave the gripper in [m]."""
 
@@ -154,10 +156,17 @@ def plan_from_here(
     found = [plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)]
     if found[0] is None or not found[0].free:
         found.append(plan_reach(ghost, ahead(base, point, FARTHER_AHEAD, TURNS), wishes, firm))
-    if ghost.in_fridge(point) and not any(plan is not None and plan.free for plan in found):
-        finer = ahead(base, point, FINE_AHEAD, FINE_TURNS)
-        found.append(plan_reach(ghost, finer, [*wishes, *others()], firm, FINE_CHECKS))
+    if ghost.in_fridge(point) and not _any_free(found):
+        finer, wishes = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*wishes, *others()]
+        found.append(plan_reach(ghost, finer, wishes, firm, FINE_CHECKS))
+        if not _any_free(found):
+            farther = [replace(wish, back=FAR_BACK) for wish in wishes]
+            found.append(plan_reach(ghost, finer, farther, firm, FINE_CHECKS))
     return min((plan for plan in found if plan is not None), key=lambda plan: plan.cost, default=None)
+
+
+def _any_free(plans: Iterable[ReachPlan | None]) -> bool:
+    return any(plan is not None and plan.free for plan in plans)
 
 
 def _behind(stand: Pose, back: float) -> Pose:

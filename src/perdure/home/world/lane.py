@@ -63,7 +63,7 @@ class Lane:
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
         """
         self._mujoco.mj_resetData(self.model, self.data)
-        self._search_all()
+        self.search_all()
         self.release(part=False)
         for number in tuple(self._parting):
             self._collide(number, True)
@@ -208,7 +208,7 @@ class Lane:
         expected = 1 + (self.held >= 0) + (self.held_link >= 0)
         if self.data.ntree_awake > expected:
             if self._looked_from is not None:
-                self._search_all()
+                self.search_all()
             return
         x, y = self.robot[:2].tolist()
         if self._looked_from is not None:
@@ -222,7 +222,8 @@ class Lane:
         self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
         self._looked_from = x, y
 
-    def _search_all(self) -> None:
+    def search_all(self) -> None:
+        """Looks for contacts everywhere again, until the robot has moved; for whoever asks about other places."""
         nearby = self.scene.nearby
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity
