@@ -20,8 +20,10 @@ Motion = Generator[FloatArray, None, None]
 
 PATIENCE = 15
 """Steps in which a robot must move to count as moving."""
-CREEP = 0.02
+CREEP = 0.04
 """So little in that time, in [m] (0.3 m for a radian), is no motion."""
+TRIES = 3
+"""How often a robot that got stuck on its way tries on before it gives the way up."""
 JAMMED_RAD = 0.25
 """Lag of a joint in [rad] beyond which the arm is jammed."""
 AHEAD = 6
@@ -135,15 +137,18 @@ def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
         if direction and abs(error) > 0.3:
             error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
         yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
-        if stuck.after(view.base):
+        if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
             direction = -float(np.sign(error)) if stuck.count > 1 else 0.0
 
 
 def follow(view: View, points: FloatArray) -> Motion:
-    """Drives along close way points: always towards the one a little ahead; backs off where it gets stuck."""
+    """Drives along close way points: always towards the one a little ahead; backs off where it gets stuck.
+
+    Ends before the last one where it got stuck again and again.
+    """
     stuck = Stuck()
-    here = 0
+    here = backed = 0
     for _ in range(450):
         now = np.array([view.base.x, view.base.y])
         away = np.linalg.norm(points[here : here + 12] - now, axis=1)
@@ -161,7 +166,9 @@ def follow(view: View, points: FloatArray) -> Motion:
         yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
         if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
-            here = max(here - 4, 0)
+            here, backed = max(here - 4, 0), backed + 1
+            if backed > TRIES:
+                return
 
 
 def unjam(view: View) -> Motion:

@@ -35,6 +35,8 @@ ARM_LOW, ARM_REACH = 0.7, 0.75
 """Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
 CLOSENESS = 0.06
 """How many metres of distance a unit of `arm_cost` is worth when a standing place is chosen."""
+ELSEWHERE = 0.3
+"""How far from a standing place that could not be reached the next one must be, in [m]."""
 PLACES = 10
 """Standing places that are tried."""
 STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
@@ -49,12 +51,20 @@ def navigate(view: View, errand: Errand, toward: SkillName) -> Motion:
     aim = np.array(errand.aim)
     cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
     stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
-    plan = _plan(view, errand, toward, stands)
-    stand = stands[0] if plan is None else plan.base
-    cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
-    way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
-    yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
+    while stands:
+        plan = _plan(view, errand, toward, stands)
+        stand = stands[0] if plan is None else plan.base
+        cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
+        way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
+        yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
+        if _apart(view.base, stand) < ELSEWHERE:
+            break
+        stands = [other for other in stands if _apart(other, stand) > ELSEWHERE]  # it cannot be reached
     yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return float(np.hypot(one.x - other.x, one.y - other.y))
 
 
 @lru_cache(maxsize=64)

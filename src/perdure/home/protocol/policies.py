@@ -19,6 +19,8 @@ from perdure.policy import Policy, load_policy
 SHIPPED = Path(__file__).parent.parent / "shipped"
 """Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `Placing.policy`."""
 ORACLE = "oracle"
+LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}
+"""Skills that are learned on one task for all of them: their state does not tell one task from another."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,11 @@ class SkillPolicy:
 
 
 def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
-    """A shipped policy by its name, None when there is none."""
-    path = SHIPPED / task / policy / f"seed-{train_seed}.safetensors"
-    return path if path.exists() else None
+    """A shipped policy by its name, the task's own before one that was learned for all; None when there is none."""
+    paths = [
+        SHIPPED / each / policy / f"seed-{train_seed}.safetensors" for each in (task, LEARNED_ON.get(policy, task))
+    ]
+    return next((path for path in paths if path.exists()), None)
 
 
 def choose_policies(
