@@ -19,7 +19,8 @@ import numpy as np
 import polars as pl
 
 from perdure.home.protocol import placing
-from perdure.home.protocol.policies import SHIPPED
+from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy
+from perdure.home.tasks import TASKS
 from perdure.home.training import RECIPES, evaluate_skill
 from perdure.policy import Policy, load_policy
 from perdure.report.charts import Axis, Chart, Series
@@ -29,7 +30,7 @@ from perdure.store import write_whole
 
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
-PICTURE = HERE.parent / "docs" / "images" / "home-learning.png"
+IMAGES = HERE.parent / "docs" / "images"
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
 how it lets go is what the arms are compared by."""
@@ -71,23 +72,35 @@ def curve(path: Path, total: int) -> list[float | None]:
     return [float(returns[which == part].mean()) if (which == part).any() else None for part in range(BINS)]
 
 
-def draw(scores: dict[str, dict[str, Any]]) -> None:
-    """The picture of all of them."""
+def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
+    """The picture of a task's policies."""
     series = []
-    for number, (name, entry) in enumerate(scores.items()):
+    learned = {name: entry for name, entry in scores.items() if name.startswith(f"{task}/") and "curve" in entry}
+    for number, (name, entry) in enumerate(learned.items()):
         points = [(k, value) for k, value in enumerate(entry["curve"]) if value is not None]
         steps = (np.array([k for k, _ in points]) + 0.5) * entry["steps"] / BINS
-        label = f"{name} ({100 * entry['success']:.0f} %)"
+        label = f"{name.removeprefix(f'{task}/')} ({100 * entry['success']:.0f} %)"
         series.append(Series(label, steps, np.array([value for _, value in points]), category(number)))
     chart = Chart(
-        "home-learning",
-        "How the skills of the home are learned (in brackets: success on val starts)",
+        f"home-learning-{task}",
+        f"How the skills of {task} are learned (in brackets: success on val starts)",
         Axis("environment steps"),
         Axis("training return of an episode"),
         tuple(series),
         wide=True,
     )
-    write_whole(PICTURE, render_png(chart))
+    write_whole(IMAGES / f"home-learning-{task}.png", render_png(chart))
+
+
+def lent(scores: dict[str, dict[str, Any]]) -> None:
+    """How well policies that are learned on one task for all do on the others."""
+    for skill, home in LEARNED_ON.items():
+        for task in TASKS:
+            name = f"{task}/{skill}/seed-0"
+            path = shipped_policy(task, skill, 0)
+            if task == home or path is None or path.parent.parent.name == task or name in scores:
+                continue
+            scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
 
 
 def main(folder: Path, seeds: list[int]) -> None:
@@ -113,13 +126,21 @@ def main(folder: Path, seeds: list[int]) -> None:
             **scored,
             "curve": curve(path, total),
         }
-        write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
+        _write(scores)
+    lent(scores)
+    _write(scores)
     print("| policy | steps | success on val starts | how the others ended | shipped |\n|---|---|---|---|---|")
     for name, entry in sorted(scores.items()):
         ways = ", ".join(f"{way} {count}" for way, count in entry["failures"].items()) or "-"
         shipped = "yes" if entry["shipped"] else "no"
-        print(f"| {name} | {entry['steps']:,} | {entry['success']:.3f} of {entry['episodes']} | {ways} | {shipped} |")
-    draw(dict(sorted(scores.items())))
+        steps = f"{entry['steps']:,}" if "steps" in entry else f"as on {entry['learned_on']}"
+        print(f"| {name} | {steps} | {entry['success']:.3f} of {entry['episodes']} | {ways} | {shipped} |")
+    for task in {name.split("/")[0] for name in scores}:
+        draw(task, dict(sorted(scores.items())))
+
+
+def _write(scores: dict[str, dict[str, Any]]) -> None:
+    write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 A matrix product may add its terms in another order when the number of rows changes, and in another order for some rows
 of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another trajectory. So
-rows are packed into tiles of a fixed size, the last one filled up with zeros. Each layer's tile is the largest for
-which this machine's matrix product gives a row the same result wherever in the tile it lies.
+rows are packed into tiles of a fixed size, the last one filled up with zeros, and multiplied on one thread. Each
+layer's tile is the largest for which this machine's matrix product gives a row the same result wherever in the tile it
+lies.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyError
+from perdure.policy.one_thread import one_thread
 
 TILES = (16, 8, 4, 2, 1)
 """Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
@@ -49,7 +51,8 @@ class Perceptron:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._rectify = activation == "relu"
         self._check(name)
-        self._tiles = [_largest_fair_tile(weight) for weight, _ in self._layers]
+        with one_thread():
+            self._tiles = [_largest_fair_tile(weight) for weight, _ in self._layers]
 
     def _check(self, name: str) -> None:
         if not self._layers:
@@ -79,6 +82,11 @@ class Perceptron:
         rows = len(inputs)
         hidden = np.zeros((-(-rows // TILES[0]) * TILES[0], self.input_size), np.float32)
         hidden[:rows] = inputs
+        with one_thread():
+            hidden = self._pass(hidden)
+        return hidden.reshape(-1, hidden.shape[-1])[:rows]
+
+    def _pass(self, hidden: Float32Array) -> Float32Array:
         for layer, ((weight, bias), tile) in enumerate(zip(self._layers, self._tiles, strict=True)):
             hidden = hidden.reshape(-1, tile, len(weight)) @ weight
             hidden += bias
@@ -87,7 +95,7 @@ class Perceptron:
                     np.maximum(hidden, 0.0, out=hidden)
                 else:
                     np.tanh(hidden, out=hidden)
-        return hidden.reshape(-1, hidden.shape[-1])[:rows]
+        return hidden
 
 
 def _largest_fair_tile(weight: Float32Array) -> int:

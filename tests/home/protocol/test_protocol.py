@@ -128,6 +128,16 @@ def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
         choose_policies("set_table", 3, {"place": str(tmp_path / "missing-{seed}.safetensors")})
 
 
+def test_navigation_is_learned_on_one_task_for_all():
+    names = {
+        task: choose_policies(task, 0)["navigate"].name for task in ("set_table", "tidy_house", "prepare_groceries")
+    }
+    assert names["tidy_house"] == names["prepare_groceries"] == names["set_table"]
+    assert names["set_table"].startswith("shipped set_table/navigate/seed-0")
+    assert choose_policies("tidy_house", 0, {"navigate": "oracle"})["navigate"].name == "oracle"
+    assert choose_policies("tidy_house", 9999)["navigate"].name == "oracle"
+
+
 def test_a_shipped_policy_is_named_by_its_place_and_its_content():
     shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789", object())
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
