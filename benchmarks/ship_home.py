@@ -39,21 +39,24 @@ EPISODES = 400
 
 
 def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
-    """(task, name of the policy, seed, folder) of every finished run."""
-    found = []
+    """(task, name of the policy, seed, folder) of every finished run.
+
+    Of two of the same policy the one learned in our usual world counts, before one learned with Habitat's drag.
+    """
+    found: dict[tuple[str, str, int], tuple[bool, Path]] = {}
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
         named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
         if named is None or path.parent.name not in RECIPES:
             continue
         options = dict(pair.split("=", 1) for pair in named[1].split(","))
-        if "rolling" in options:  # learned for a comparison, not for the usual world
-            continue
         name = path.parent.name
         if "delta" in options:
             within = f"-in-{options['limited_to']}" if "limited_to" in options else ""
             name = placing(f"delta-{options['delta']}{within}").policy
-        found.append((options["task"], name, int(path.name.removeprefix("seed-")), path))
-    return found
+        key, elsewhere = (options["task"], name, int(path.name.removeprefix("seed-"))), "rolling" in options
+        if key not in found or found[key][0] > elsewhere:
+            found[key] = elsewhere, path
+    return [(*key, path) for key, (_, path) in found.items()]
 
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
