@@ -64,10 +64,11 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
 
 
-def test_processes_side_by_side_write_the_same_logs(tmp_path, monkeypatch):
+@pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
+def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.protocol.run.CHUNK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
-    protocol = Protocol("set_table", episodes=2, policies=ORACLES, options=options)
+    protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
     told = []
     alone = run_protocol(protocol, tmp_path / "alone")
     together = run_protocol(protocol, tmp_path / "together", told.append, processes=2)
