@@ -126,7 +126,13 @@ def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
     with pytest.raises(HomeError, match="juggle"):
         choose_policies("set_table", 0, {"juggle": "oracle"})
     with pytest.raises(HomeError, match="missing-3"):
-        choose_policies("set_table", 3, {"place": str(tmp_path / "missing-{seed}.safetensors")})
+        choose_policies("set_table", 3, {**ORACLES, "place": str(tmp_path / "missing-{seed}.safetensors")})
+
+
+def test_the_oracle_does_not_stand_in_for_another_training_seed():
+    with pytest.raises(HomeError, match="training seed 9999 is shipped for navigate on tidy_house"):
+        choose_policies("tidy_house", 9999)
+    assert choose_policies("tidy_house", 9999, ORACLES)["pick"].name == "oracle"
 
 
 def test_navigation_is_learned_on_one_task_for_all():
@@ -136,7 +142,6 @@ def test_navigation_is_learned_on_one_task_for_all():
     assert names["tidy_house"] == names["prepare_groceries"] == names["set_table"]
     assert names["set_table"].startswith("shipped set_table/navigate/seed-0")
     assert choose_policies("tidy_house", 0, {"navigate": "oracle"})["navigate"].name == "oracle"
-    assert choose_policies("tidy_house", 9999)["navigate"].name == "oracle"
 
 
 def test_a_shipped_policy_is_named_by_its_place_and_its_content():

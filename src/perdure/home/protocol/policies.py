@@ -46,10 +46,18 @@ class SkillPolicy:
 
 def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
     """A shipped policy by its name, the task's own before one that was learned for all; None when there is none."""
-    paths = [
-        SHIPPED / each / policy / f"seed-{train_seed}.safetensors" for each in (task, LEARNED_ON.get(policy, task))
-    ]
+    paths = [folder / f"seed-{train_seed}.safetensors" for folder in _folders(task, policy)]
     return next((path for path in paths if path.exists()), None)
+
+
+def shipped_seeds(task: str, policy: str) -> list[int]:
+    """The training seeds of which a policy is shipped."""
+    paths = [path for folder in _folders(task, policy) for path in folder.glob("seed-*.safetensors")]
+    return sorted({int(path.stem.removeprefix("seed-")) for path in paths})
+
+
+def _folders(task: str, policy: str) -> list[Path]:
+    return [SHIPPED / each / policy for each in dict.fromkeys((task, LEARNED_ON.get(policy, task)))]
 
 
 def choose_policies(
@@ -64,8 +72,9 @@ def choose_policies(
         how: Which place policy is needed; the benchmark's when None.
 
     Raises:
-        HomeError: If a skill is unknown, its file is missing, or no policy was trained for what `how` asks: the oracle
-            does not stand in for one, for it would pass for a result of that training.
+        HomeError: If a skill is unknown, its file is missing, there is no policy of this training seed though there is
+            one of another, or none was trained for what `how` asks: the oracle does not stand in for one that should
+            be there, for it would pass for a result of that training.
     """
     chosen, how = dict(chosen or {}), how or placing("rl")
     unknown = chosen.keys() - SKILLS.keys()
@@ -78,7 +87,14 @@ def choose_policies(
         named = chosen.get(skill)
         path: Path | None
         if named is None:
-            path = shipped_policy(task, how.policy if skill == "place" else skill, train_seed)
+            policy = how.policy if skill == "place" else skill
+            path, seeds = shipped_policy(task, policy, train_seed), shipped_seeds(task, policy)
+            if path is None and seeds:
+                raise HomeError(
+                    f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there is "
+                    f"{', '.join(map(str, seeds))}): train one (perdure home train {skill} --task {task} --seeds "
+                    f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
+                )
             if path is None and skill == "place" and how.policy != "place":
                 raise HomeError(
                     f"no policy is shipped for {how.name} on {task} (training seed {train_seed}): "
