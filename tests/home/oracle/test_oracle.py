@@ -7,6 +7,7 @@ from perdure.home.episodes import load_episodes
 from perdure.home.execute import Executor, ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
 from perdure.home.oracle.inverse_many import reach_many
+from perdure.home.oracle.motions import unwound
 from perdure.home.robot import gripper_pose
 from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
 from perdure.home.skills import get_skill
@@ -51,3 +52,17 @@ def test_many_inverse_kinematics_reach_what_forward_kinematics_made():
 def test_a_point_out_of_reach_is_told_by_its_distance():
     _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), False, np.array(REST_ARM))
     assert way[0] > 1.0
+
+
+def test_rolls_go_the_shorter_way_round():
+    pose = np.array([0.3, -0.5, 3.0, 1.0, 0.1, -1.0, 0.067])
+    now = np.array([0.3, -0.5, -3.0, 1.0, 0.1 + 4.0 * np.pi, -1.0, 0.067 - 2.0 * np.pi])
+    same = unwound(pose, now)
+    assert np.abs(same - now).max() < np.pi
+    assert np.allclose(np.mod(same - pose + 1.0, 2.0 * np.pi), 1.0)
+    position, axes = gripper_pose(TORSO_HEIGHT, pose)
+    same_position, same_axes = gripper_pose(TORSO_HEIGHT, same)
+    assert np.allclose(position, same_position)
+    assert np.allclose(axes, same_axes)
+    elbow = now + np.array([0.0, 0.0, 0.0, 7.0, 0.0, 0.0, 0.0])
+    assert unwound(pose, elbow)[3] == pose[3]

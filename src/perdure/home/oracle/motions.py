@@ -88,14 +88,22 @@ def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
 def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = never) -> Motion:
     """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
 
-    Ends early as soon as `until` holds.
+    Rolls go the shorter way round. Ends early as soon as `until` holds.
     """
-    for goal in poses:
+    for pose in poses:
+        goal = unwound(pose, view.arm)
         while np.abs(goal - view.arm).max() > 1e-9:
             if until():
                 return
             yield view.action(arm=arm_step(view.arm, goal))
     yield from settled(view, settle)
+
+
+def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
+    """The same arm pose, its rolls (they turn without end) within half a turn of where they are now. Shape (7,)."""
+    turns = np.where(np.isinf(ARM_HIGH), np.round((now - pose) / (2.0 * np.pi)), 0.0)
+    same: FloatArray = pose + 2.0 * np.pi * turns
+    return same
 
 
 def settled(view: View, steps: int = 10) -> Motion:

@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
 from perdure.home.oracle.ghost import Ghost
-from perdure.home.oracle.motions import Motion, View, move_arm, never, rest_arm, settled, together, turn_and_go, unjam
+from perdure.home.oracle.motions import (
+    Motion,
+    View,
+    move_arm,
+    never,
+    rest_arm,
+    settled,
+    together,
+    turn_and_go,
+    unjam,
+    unwound,
+)
 from perdure.home.oracle.placing import ReachPlan, plan_from_here, plan_reach
 from perdure.home.oracle.wishes import pick_wishes, wishes_aside
 from perdure.home.world import GRASP, GRASP_RADIUS
@@ -90,7 +101,7 @@ def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
     ghost, now, end = Ghost(view.lane), view.base, plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
-        if ghost.path_depth(stand, view.arm, plan.poses[0], points=4) > 0.0:
+        if ghost.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
             return False
     return True
 
