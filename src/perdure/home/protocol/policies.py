@@ -11,6 +11,7 @@ from perdure.home.arms import make_arm
 from perdure.home.errors import HomeError
 from perdure.home.execute import Actor, Learned, Scripted
 from perdure.home.oracle import Oracle
+from perdure.home.outcomes import UNTRAINED
 from perdure.home.protocol.placing import Placing, placing
 from perdure.home.skills import SKILLS
 from perdure.home.tasks import SkillName, get_task
@@ -67,7 +68,7 @@ def choose_policies(
 
     Args:
         task: Name of the task.
-        train_seed: Which of the training seeds; `{seed}` in a path stands for it.
+        train_seed: Which of the training seeds; `{seed}` in a path stands for it. UNTRAINED where nobody is learned.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
         how: Which place policy is needed; the benchmark's when None.
 
@@ -89,7 +90,7 @@ def choose_policies(
         if named is None:
             policy = how.policy if skill == "place" else skill
             path, seeds = shipped_policy(task, policy, train_seed), shipped_seeds(task, policy)
-            if path is None and seeds:
+            if path is None and seeds and train_seed != UNTRAINED:
                 raise HomeError(
                     f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there is "
                     f"{', '.join(map(str, seeds))}): train one (perdure home train {skill} --task {task} --seeds "
