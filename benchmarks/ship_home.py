@@ -95,13 +95,15 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
     write_whole(IMAGES / f"home-learning-{task}.png", render_png(chart))
 
 
-def lent(scores: dict[str, dict[str, Any]]) -> None:
-    """How well policies that are learned on one task for all do on the others."""
+def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
+    """How well policies that are learned on one task for all do on the others; `renewed` are (task, skill)."""
     for skill, home in LEARNED_ON.items():
         for task in TASKS:
             name = f"{task}/{skill}/seed-0"
             path = shipped_policy(task, skill, 0)
-            if task == home or path is None or path.parent.parent.name == task or name in scores:
+            if task == home or path is None or path.parent.parent.name == task:
+                continue
+            if name in scores and (home, skill) not in renewed:
                 continue
             scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
 
@@ -109,6 +111,7 @@ def lent(scores: dict[str, dict[str, Any]]) -> None:
 def main(folder: Path, seeds: list[int]) -> None:
     """Takes over, scores, draws, prints."""
     scores = json.loads(SCORES.read_text()) if SCORES.exists() else {}
+    renewed = set()
     for task, skill, seed, path in runs(folder):
         if seeds and seed not in seeds:
             continue
@@ -117,6 +120,7 @@ def main(folder: Path, seeds: list[int]) -> None:
         scored = score(policy, task, skill)
         ships = skill.startswith("place") or scored["success"] >= WORTH_SHIPPING
         target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
+        renewed.add((task, skill))
         if ships:
             target.parent.mkdir(parents=True, exist_ok=True)
             write_whole(target, (path / "policy.safetensors").read_bytes())
@@ -130,7 +134,7 @@ def main(folder: Path, seeds: list[int]) -> None:
             "curve": curve(path, total),
         }
         _write(scores)
-    lent(scores)
+    lent(scores, renewed)
     _write(scores)
     print("| policy | steps | success on val starts | how the others ended | shipped |\n|---|---|---|---|---|")
     for name, entry in sorted(scores.items()):

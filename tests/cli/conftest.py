@@ -10,10 +10,10 @@ import pytest
 from perdure.envs import make_world
 from perdure.horizon import Constant, Fixed, HorizonProtocol, Linear
 from perdure.policy import Normalizer, Policy, TaskInfo, save_policy
+from perdure.policy.one_thread import ONE_THREAD
 
 TASK = "InvertedPendulum-v4"
 OTHER_TASK = "Hopper-v3"
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def make_policy(task, timed, seed=0):

@@ -1,3 +1,5 @@
+"""Policies multiply on one thread, whatever the process is set to."""
+
 import os
 import subprocess
 import sys
@@ -10,7 +12,6 @@ ACTS = """
 import hashlib
 import numpy as np
 from perdure.policy.network import Perceptron
-from perdure.policy.one_thread import one_thread
 
 rng = np.random.default_rng(0)
 sizes = (50, 256, 256, 11)

@@ -22,12 +22,11 @@ from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import ExtrapolationResult
 from perdure.policy import Policy, check_fit, load_policy
+from perdure.policy.one_thread import ONE_THREAD
 from perdure.store import Store, config_digest
 
 if TYPE_CHECKING:
     import polars as pl
-
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Watcher = Callable[[int, int], None]
 """Called with (lane steps made or no longer needed, lane steps in all)."""

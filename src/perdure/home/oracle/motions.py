@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.layouts import Pose
-from perdure.home.robot.data import ARM_HIGH, ARM_LOW, TORSO_HEIGHT
+from perdure.home.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
 from perdure.home.robot.kinematics import pose_and_jacobian
 from perdure.home.skills import rest_error
 from perdure.home.world import ACTION_SIZE, ARM, ARM_STEP, CONTROL_HZ, FORWARD, GRIP, LEAVE, TURN, Lane, Sensors, World
@@ -101,8 +101,9 @@ def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: C
 
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
     """The same arm pose, its rolls (they turn without end) within half a turn of where they are now. Shape (7,)."""
-    turns = np.where(np.isinf(ARM_HIGH), np.round((now - pose) / (2.0 * np.pi)), 0.0)
-    same: FloatArray = pose + 2.0 * np.pi * turns
+    same = pose.copy()
+    for joint in ROLLS:
+        same[joint] += 2.0 * np.pi * np.round((now[joint] - pose[joint]) / (2.0 * np.pi))
     return same
 
 
@@ -116,7 +117,7 @@ def settled(view: View, steps: int = 10) -> Motion:
 
 def rest_arm(view: View) -> Motion:
     """The arm back to its pose of rest, rolls the shorter way round."""
-    yield from move_arm(view, [view.arm + rest_error(view.sensors.arm_target)[0]], settle=15)
+    yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
 
 
 def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:

@@ -12,10 +12,11 @@ from multiprocessing import get_context
 from threading import Thread
 from typing import Any, TypeVar
 
+from perdure.policy.one_thread import ONE_THREAD
+
 Job = TypeVar("Job")
 Told = Callable[[int], None]
 
-_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _POLL = 0.1
 """Seconds between two looks at what the processes tell."""
 
@@ -63,8 +64,8 @@ def _elsewhere(work: Callable[[Job, Told], None], job: Job) -> None:
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Processes begun meanwhile use one thread each: together they have the cores already."""
-    before = {name: os.environ.get(name) for name in _LIBRARIES}
-    os.environ.update(dict.fromkeys(_LIBRARIES, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:

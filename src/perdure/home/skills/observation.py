@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION
+from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
 from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
@@ -30,7 +30,7 @@ def unit(axes: FloatArray) -> FloatArray:
 def wound(arm: FloatArray) -> FloatArray:
     """Arm angles, those of joints without end brought into [-pi, pi)."""
     result = arm.copy()
-    for column in (2, 4, 6):
+    for column in ROLLS:
         result[:, column] = np.mod(result[:, column] + np.pi, 2.0 * np.pi) - np.pi
     return result
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import REST_ARM
+from perdure.home.robot.data import REST_ARM, ROLLS
 from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill
 from perdure.home.world import ACTION_SIZE, ARM, Sensors
@@ -63,6 +63,6 @@ class ResetArm(Skill):
 def rest_error(arm: FloatArray) -> FloatArray:
     """From joint angles to rest; rolls go the shorter way round. Shape (n, 7)."""
     error = np.asarray(REST_ARM) - arm
-    for column in (2, 4, 6):
+    for column in ROLLS:
         error[:, column] = np.mod(error[:, column] + np.pi, 2.0 * np.pi) - np.pi
     return error
