@@ -1,6 +1,6 @@
 """Our side of the benchmarks, run as a process of its own so that it can be pinned to cores: prints one JSON line.
 
-python benchmarks/measure.py train TASK SEEDS ITERATIONS THREADS
+python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES
 python benchmarks/measure.py evaluate TASK LANES STEPS
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -16,23 +17,30 @@ import numpy as np
 from perdure.envs import Step, make_world
 
 
-def train(task: str, seeds: int, iterations: int, threads: int) -> dict[str, float]:
-    """Environment steps a second, all seeds together, from the end of the second iteration on."""
-    from perdure.ppo import method_config
-    from perdure.ppo.segment import SegmentRunner
-    from perdure.ppo.state import start_state
+def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
+    """Environment steps a second, all processes together, from the end of each seed's second iteration on.
+
+    A number of seeds that the processes share evenly keeps each of them busy beside the others.
+    """
+    from perdure.ppo import TrainRun, method_config, train
 
     world = make_world(task, [0])
-    spec = world.spec
+    size = world.spec.observation_size
     world.close()
-    config = method_config("ppo", task, spec.observation_size)
+    config = method_config("ppo", task, size)
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
-    states = [start_state(seed, spec, config) for seed in range(seeds)]
-    marks: list[tuple[int, float]] = []
-    SegmentRunner(task, config, threads).run(states, lambda step, _: marks.append((step, time.perf_counter())))
-    (first, began), (last, ended) = marks[1], marks[-1]
-    return {"steps_per_second": (last - first) * seeds / (ended - began)}
+    marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
+    with tempfile.TemporaryDirectory() as out:
+        train(
+            TrainRun(task, "ppo", config, tuple(marks)),
+            out,
+            processes,
+            lambda report: marks[report.seed].append((report.step, time.perf_counter())),
+            processes,
+        )
+    rates = [(last - first) / (ended - began) for (_, (first, began), *_, (last, ended)) in marks.values()]
+    return {"steps_per_second": float(np.mean(rates)) * processes}
 
 
 class Recording:

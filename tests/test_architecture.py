@@ -17,12 +17,13 @@ ROOT = Path(perdure.__file__).parent
 ALLOWED = {
     "horizon": set(),
     "store": set(),
+    "processes": set(),
     "report": {"store"},
     "envs": {"horizon"},
     "policy": {"horizon", "envs", "store"},
-    "ppo": {"horizon", "envs", "policy", "store"},
-    "extrapolate": {"horizon", "envs", "policy", "ppo", "report", "store"},
-    "home": {"horizon", "envs", "policy", "ppo", "report", "store"},
+    "ppo": {"horizon", "envs", "policy", "processes", "store"},
+    "extrapolate": {"horizon", "envs", "policy", "ppo", "processes", "report", "store"},
+    "home": {"horizon", "envs", "policy", "ppo", "processes", "report", "store"},
     "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "store"},
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
     "__main__": {"cli"},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import polars as pl
 import pytest
 from hypothesis import given
@@ -92,7 +94,7 @@ def test_an_evaluation_killed_between_groups_goes_on_and_gives_the_table_of_one_
 
 
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module.sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(ExtrapolationError, match="worker"):
         extrapolate(evaluation, tmp_path, processes=1)
     assert Store(tmp_path).keys("groups") == ()

@@ -44,7 +44,7 @@ def rollout():
         statistics = state.statistics._replace(observations=observe(CONFIG, state.statistics.observations, lanes))
         draws = draw(jax.random.key(3), world.spec.action_size, config=CONFIG)
         collect = jax.jit(make_collect(trace(slot), world.spec, CONFIG))
-        _, (last,), (written,) = collect(slot.handle, ((lanes, statistics),), (state.params,), (draws,))
+        _, last, written = collect(slot.handle, (lanes, statistics), state.params, draws)
         result = jax.tree.map(np.asarray, finish(last, written, config=CONFIG))
         written = jax.tree.map(np.asarray, written)
     slot.clear()

@@ -83,7 +83,7 @@ def collected(recording, settings):
         collect = jax.jit(make_collect(world, spec, settings))
         draws = draw(jax.random.key(0), 3, config=settings)
         params = params_of(recording, "before")
-        _, (last,), (trace,) = collect(jnp.zeros(()), ((lanes, statistics),), (params,), (draws,))
+        _, last, trace = collect(jnp.zeros(()), (lanes, statistics), params, draws)
         return finish(last, trace, config=settings)
 
 

@@ -21,6 +21,7 @@ from perdure.ppo import CheckpointError, PPOConfig, TrainRun, train
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
+from perdure.processes import WorkerError
 from perdure.store import StoreError
 
 TASK = "InvertedPendulum-v4"
@@ -86,11 +87,35 @@ def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_sa
     assert files(tmp_path, 1) == files(solo, 1)
 
 
-def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path):
-    train(run(0, 1, 2), tmp_path, threads=2)
+@pytest.mark.parametrize("processes", [None, 1, 2])
+def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, processes):
+    told = []
+    train(run(0, 1, 2), tmp_path, threads=2, processes=processes, watch=told.append)
+    assert {report.seed for report in told} == {0, 1, 2}
+    shares = [report.share for report in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
     assert files(tmp_path, 1) == files(solo, 1)
     policies = {files(tmp_path, seed)["policy.safetensors"] for seed in (0, 1, 2)}
     assert len(policies) == 3, "seeds must differ, or their equality proves nothing"
+
+
+def test_seeds_in_processes_whose_run_is_killed_go_on_from_where_they_were(solo, tmp_path):
+    with pytest.raises(Killed):
+        train(run(1, 2), tmp_path, threads=2, processes=2, watch=die_at(SEGMENT + 64))
+    assert not (tmp_path / run(1).key(1)).exists()
+    train(run(1, 2), tmp_path, threads=2, processes=2)
+    assert files(tmp_path, 1) == files(solo, 1)
+
+
+def test_a_process_that_fails_says_why_and_leaves_no_run(tmp_path):
+    import gymnasium
+
+    gymnasium.register("OnlyHere-v0", "gymnasium.envs.classic_control.pendulum:PendulumEnv", max_episode_steps=50)
+    only_here = TrainRun("gymnasium:OnlyHere-v0", "geometric", TINY, (0,))
+    with pytest.raises(WorkerError, match="OnlyHere"):
+        train(only_here, tmp_path, processes=1)
+    assert not (tmp_path / only_here.key(0)).exists()
 
 
 def test_a_finished_run_is_not_touched_again(solo):
@@ -137,7 +162,7 @@ def chain(runner, spec):
     """The states after 0, 1, 2, 3 segments of a run that never left memory."""
     states = [start_state(5, spec, TINY)]
     for _ in range(3):
-        states += runner.run([copy(states[-1])], lambda step, mean: None)
+        states.append(runner.run(copy(states[-1]), lambda step, mean: None))
     return states
 
 
@@ -150,7 +175,7 @@ class TestCheckpointFiles:
     def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, tmp_path):
         for before, expected in pairwise(chain[1:]):
             save_checkpoint(before, tmp_path / "c")
-            (state,) = runner.run([load_checkpoint(tmp_path / "c")], lambda step, mean: None)
+            state = runner.run(load_checkpoint(tmp_path / "c"), lambda step, mean: None)
             assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):
@@ -175,23 +200,24 @@ protocol = HorizonProtocol(None, Uniform(20, 60), "truncated", gamma=0.99, norma
 config = PPOConfig(protocol=protocol, n_steps=256, batch_size=64, hidden_sizes=(16,),
                    segment_steps=1024, total_steps=4096)
 run = TrainRun("Hopper-v3", "ppo", config, (0, 1))
-train(run, sys.argv[1], watch=lambda report: print(report.step, flush=True))
+train(run, sys.argv[1], processes=int(sys.argv[2]) or None, watch=lambda report: print(report.step, flush=True))
 """
 
 
 @pytest.mark.verify
-def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_the_same_bytes(tmp_path):
+@pytest.mark.parametrize("processes", ["0", "2"])
+def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_the_same_bytes(tmp_path, processes):
     command = [sys.executable, "-c", SCRIPT]
-    subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, str(tmp_path / "whole"), "0"], check=True, stdout=subprocess.DEVNULL)
     for step in (512, 2560):
-        process = subprocess.Popen([*command, str(tmp_path / "killed")], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen([*command, str(tmp_path / "killed"), processes], stdout=subprocess.PIPE, text=True)
         for line in process.stdout:
             if int(line) >= step:
                 os.kill(process.pid, signal.SIGKILL)
                 break
         process.stdout.close()
         assert process.wait() == -signal.SIGKILL
-    subprocess.run([*command, str(tmp_path / "killed")], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, str(tmp_path / "killed"), processes], check=True, stdout=subprocess.DEVNULL)
     for seed in (0, 1):
         whole, killed = (tmp_path / name / f"Hopper-v3/ppo/seed-{seed}" for name in ("whole", "killed"))
         for name in LEFT_BEHIND:

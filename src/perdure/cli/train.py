@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -71,7 +72,8 @@ def _train(flags: Train) -> None:
             for watcher in watchers:
                 watcher(report)
 
-        paths = train_run(run_, flags.out, flags.threads, watch)
+        cores = len(os.sched_getaffinity(0)) if flags.threads is None else flags.threads
+        paths = train_run(run_, flags.out, cores, watch, processes=min(cores, len(flags.seeds)))
     for path in paths:
         print(path)
 

@@ -29,6 +29,9 @@ FAR = 6.0
 """Standard deviations from the first observation, in some component, that count as far away."""
 NEAR = 1.0
 """Standard deviations from the first observation, in every component, that count as next to it."""
+SMALLEST_JUMP = 0.99 * (FAR - NEAR) ** 2
+"""A snap back moves some component by FAR - NEAR deviations at least (here squared, and rounding allowed for): a cheap
+first look."""
 
 
 class DivergenceWatch:
@@ -44,8 +47,7 @@ class DivergenceWatch:
         self._first = first_observations.copy()
         # A component that never varied in training says nothing about distance.
         self._scale = np.where(scale > 1e-6, scale, np.inf)
-        # A snap back moves some component by this much (squared), at least: a cheap first look.
-        self._smallest_jump = np.square((FAR - NEAR) * self._scale.min(axis=1))
+        self._per_deviation = 1.0 / self._scale
         self._largest = np.zeros(len(first_observations))
 
     def diverged(self, moment: Moment) -> NDArray[np.bool_]:
@@ -59,7 +61,8 @@ class DivergenceWatch:
             # The first reward has nothing to be compared with.
             bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
             change = after - moment.before
-            suspects = np.flatnonzero(np.einsum("ij,ij->i", change, change) > self._smallest_jump[lanes])
+            change *= self._per_deviation[lanes]
+            suspects = np.flatnonzero(np.einsum("ij,ij->i", change, change) > SMALLEST_JUMP)
             if len(suspects):
                 bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))

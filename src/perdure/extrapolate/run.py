@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import queue
-import subprocess
-import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +18,7 @@ from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import ExtrapolationResult
 from perdure.policy import Policy, check_fit, load_policy
-from perdure.policy.one_thread import ONE_THREAD
+from perdure.processes import WorkerError, WorkerProcess
 from perdure.store import Store, config_digest
 
 if TYPE_CHECKING:
@@ -78,16 +74,17 @@ def extrapolate(
     progress = _Progress([len(group.lanes) for group in groups], evaluation.steps, watch)
 
     free: queue.SimpleQueue[int] = queue.SimpleQueue()
+    cores = sorted(os.sched_getaffinity(0))
     for place in range(workers):
-        free.put(place)
+        free.put(cores[place % len(cores)])
 
     def work(number: int) -> None:
         if not store.done(groups[number].key):
-            place = free.get()
+            core = free.get()
             try:
-                _run_worker(groups[number], evaluation, labels, store, place, lambda *now: progress.moved(number, *now))
+                _run_worker(groups[number], evaluation, labels, store, core, lambda *now: progress.moved(number, *now))
             finally:
-                free.put(place)
+                free.put(core)
         progress.finished(number)
 
     with ThreadPoolExecutor(workers) as pool:
@@ -154,7 +151,7 @@ def _run_worker(
     evaluation: Extrapolation,
     labels: Sequence[str],
     store: Store,
-    place: int,
+    core: int,
     moved: Callable[[int, int], None],
 ) -> None:
     job = {
@@ -162,34 +159,16 @@ def _run_worker(
         "labels": list(labels),
         "lanes": [[lane.policy, _clock_json(lane), lane.eval_seed] for lane in group.lanes],
         "steps": evaluation.steps,
-        "place": place,
         "store": str(store.root),
         "key": group.key,
         "config": group.config,
     }
-    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
-        json.dump(job, file)
-        file.flush()
-        words = [sys.executable, "-m", "perdure.extrapolate.worker", file.name]
-        environment = {**os.environ, **ONE_THREAD}
-        with subprocess.Popen(
-            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
-        ) as process:
-            errors: list[str] = []
-            # Both pipes are read, or a full one would stop the worker.
-            reader = threading.Thread(target=lambda: errors.extend(process.stderr or ()))
-            reader.start()
-            try:
-                for line in process.stdout or ():
-                    step, living = line.split()
-                    moved(int(step), int(living))
-            except BaseException:
-                process.kill()
-                raise
-            reader.join()
-        if process.returncode:
-            last = errors[-1].strip() if errors else f"exit code {process.returncode}"
-            raise ExtrapolationError(f"a worker process failed: {last}")
+    with WorkerProcess("perdure.extrapolate.worker", [core]) as worker:
+        try:
+            for step, living in worker.ask(job):
+                moved(step, living)
+        except WorkerError as error:
+            raise ExtrapolationError(f"a worker process failed: {error}") from None
 
 
 class _Progress:

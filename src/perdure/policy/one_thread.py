@@ -7,9 +7,6 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of a process whose libraries shall multiply on one thread from their first import on."""
-
 
 @contextmanager
 def one_thread() -> Iterator[None]:

@@ -6,8 +6,9 @@
 | `networks.py`, `normalizer.py` | policy and value network; running normalisation |
 | `rollout.py` | collecting experience inside one compiled loop |
 | `advantages.py`, `learner.py`, `update.py` | what a rollout is worth; minibatches; loss and Adam |
-| `segment.py`, `state.py`, `checkpoint.py` | a run as a chain of segments that survives kill -9 |
+| `segment.py`, `state.py`, `checkpoint.py`, `chain.py` | a run as a chain of segments that survives kill -9 |
 | `runs.py`, `export.py` | training runs, and the files they leave |
+| `spread.py`, `worker.py` | seeds spread over processes |
 | `progress.py`, `tensorboard.py` | watching a run |
 | `errors.py` | `ConfigError`, `CheckpointError` |
 """

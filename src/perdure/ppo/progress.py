@@ -32,9 +32,9 @@ def progress_bar(title: str, console: Console) -> Iterator[Watcher]:
         def watch(report: Report) -> None:
             bar.update(
                 task,
-                total=report.steps,
-                completed=report.step,
-                rate=rate.text(report.step * len(report.seeds)),
+                total=1.0,
+                completed=report.share,
+                rate=rate.text(report.seed, report.step),
                 mean="-" if math.isnan(report.mean_return) else f"{report.mean_return:,.0f}",
             )
 
@@ -42,14 +42,18 @@ def progress_bar(title: str, console: Console) -> Iterator[Watcher]:
 
 
 class _Rate:
-    """Steps a second over the whole of this process' run, compilation apart: the first report starts the clock."""
+    """Steps a second over the whole of this process' run, compilation apart: a seed's first report starts its clock."""
 
     def __init__(self) -> None:
-        self._first: tuple[int, float] | None = None
+        self._first: dict[int, int] = {}
+        self._now: dict[int, int] = {}
+        self._began = 0.0
 
-    def text(self, steps: int) -> str:
+    def text(self, seed: int, step: int) -> str:
         now = time.perf_counter()
-        if self._first is None or steps < self._first[0]:
-            self._first = (steps, now)
-            return "compiled"
-        return f"{(steps - self._first[0]) / max(now - self._first[1], 1e-9):,.0f} steps/s"
+        if not self._first:
+            self._began = now
+        self._first.setdefault(seed, step)
+        self._now[seed] = step
+        made = sum(self._now.values()) - sum(self._first.values())
+        return f"{made / max(now - self._began, 1e-9):,.0f} steps/s" if made else "compiled"

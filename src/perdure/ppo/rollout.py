@@ -1,9 +1,5 @@
 """Collecting experience: n_steps of every environment as one compiled program.
 
-Several seeds may share one program and one pool of environments, to share the cost of handing work to the pool's
-threads. Each seed's arithmetic is written out by itself on its own rows, so that a seed trained beside others is bit
-for bit the seed trained alone.
-
 The loop does only what the next action depends on, in few large arrays, because each array costs the compiled loop
 about a microsecond a step. Everything else is computed for the whole rollout afterwards.
 """
@@ -11,7 +7,7 @@ about a microsecond a step. Everything else is computed for the whole rollout af
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -151,47 +147,36 @@ Seed = tuple[Lanes, Statistics]
 
 def make_collect(
     world: TracedWorld, spec: TaskSpec, config: PPOConfig
-) -> Callable[..., tuple[Handle, tuple[Seed, ...], tuple[Trace, ...]]]:
-    """The loop over ``config.n_steps`` steps of some seeds' environments; to be compiled under x64.
+) -> Callable[[Handle, Seed, Params, Draws], tuple[Handle, Seed, Trace]]:
+    """The loop over ``config.n_steps`` steps of a seed's environments; to be compiled under x64.
 
-    It takes (handle, seeds, params, draws), each but the handle a tuple with one entry for a seed, and gives the
-    handle, where the seeds stand, and what it wrote down. ``finish`` makes experience of that.
+    It gives the handle, where the seed stands, and what it wrote down. ``finish`` makes experience of that.
     """
     low, high = jnp.asarray(spec.action_low), jnp.asarray(spec.action_high)
-    n_envs = config.n_envs
 
-    def collect(
-        handle: Handle, start: tuple[Seed, ...], params: tuple[Params, ...], draws: tuple[Draws, ...]
-    ) -> tuple[Handle, tuple[Seed, ...], tuple[Trace, ...]]:
-        seeds = range(len(start))
-
-        def step(carry: tuple[Handle, Any], draw: tuple[Draws, ...]) -> tuple[tuple[Handle, Any], Any]:
+    def collect(handle: Handle, start: Seed, params: Params, draws: Draws) -> tuple[Handle, Seed, Trace]:
+        def step(carry: tuple[Handle, Seed], draw: Draws) -> tuple[tuple[Handle, Seed], Trace]:
             handle, before = carry
-            acted = [_act(config, params[i], before[i], draw[i]) for i in seeds]
-            sent = jnp.concatenate([actions for _, actions in acted]).astype(jnp.float64)
-            handle, stepped = world.step(handle, jnp.clip(sent, low, high))
-            rows = [_rows(stepped, i, n_envs) for i in seeds]
-            counters = [_count(config, before[i][0], rows[i].rewards) for i in seeds]
-            done = jnp.concatenate([_ends(rows[i], counters[i]).done for i in seeds])
+            lanes, statistics = before
+            acted = _act(config, params, before, draw)
+            handle, stepped = world.step(handle, jnp.clip(acted[1].astype(jnp.float64), low, high))
+            counters = _count(config, lanes, stepped.rewards)
+            done = _ends(stepped, counters).done
             # Resets leave the program, so they are paid for only when an episode ends.
             fresh = jax.lax.cond(
                 done.any(),
                 lambda: jnp.where(done[:, None], world.reset(done), stepped.observations),
                 lambda: stepped.observations,
             )
-            after, traces = [], []
-            for i in seeds:
-                mine = slice(i * n_envs, (i + 1) * n_envs)
-                horizons = config.protocol.horizon.from_uniform(draw[i].horizon)
-                now = Lanes(fresh[mine], jnp.where(done[mine], _restart(horizons), counters[i]))
-                seen = before[i][1]
-                seen = Statistics(observe(config, seen.observations, now), merge(seen.returns, counters[i][2][:, None]))
-                after.append((now, seen))
-                traces.append(_trace(acted[i], rows[i], counters[i], seen))
-            return (handle, tuple(after)), tuple(traces)
+            horizons = config.protocol.horizon.from_uniform(draw.horizon)
+            now = Lanes(fresh, jnp.where(done, _restart(horizons), counters))
+            seen = Statistics(
+                observe(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
+            )
+            return (handle, (now, seen)), _trace(acted, stepped, counters, seen)
 
-        (handle, last), traces = jax.lax.scan(step, (handle, start), draws)
-        return handle, last, traces
+        (handle, last), traced = jax.lax.scan(step, (handle, start), draws)
+        return handle, last, traced
 
     return collect
 
@@ -231,10 +216,6 @@ def _act(
     inputs = _inputs(config, *before)
     mean = forward(params, "policy", inputs, config.activation)
     return inputs, mean + jnp.exp(params["log_std"]) * draw.noise
-
-
-def _rows(step: TracedStep, seed: int, n_envs: int) -> TracedStep:
-    return TracedStep(*(x[seed * n_envs : (seed + 1) * n_envs] for x in step))
 
 
 def _count(config: PPOConfig, lanes: Lanes, rewards: jax.Array) -> jax.Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -13,15 +13,16 @@ from typing import Any
 
 from perdure.envs import TaskSpec, make_world
 from perdure.policy import save_policy
-from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
+from perdure.ppo.chain import CHECKPOINT, carry_on, reached
+from perdure.ppo.checkpoint import load_checkpoint
 from perdure.ppo.config import PPOConfig
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.export import export_policy, write_curves
 from perdure.ppo.segment import SegmentRunner
-from perdure.ppo.state import SeedState, start_state
+from perdure.ppo.spread import Told, carry_all
+from perdure.ppo.state import SeedState
 from perdure.store import Store, write_whole
 
-CHECKPOINT = "checkpoint.safetensors"
 POLICY = "policy.safetensors"
 
 
@@ -58,21 +59,27 @@ class TrainRun:
 class Report:
     """What a watcher is told after every iteration."""
 
-    seeds: tuple[int, ...]
-    """Seeds that moved."""
+    seed: int
+    """Who moved."""
     step: int
-    """Environment steps each of them has behind it."""
+    """Environment steps it has behind it."""
     steps: int
-    """Environment steps each of them will have in all."""
+    """Environment steps it will have in all."""
     mean_return: float
-    """Mean undiscounted return of their last 20 training episodes; nan before the first has ended."""
+    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
+    share: float
+    """How much of this call's work is done, all seeds together, from 0 to 1."""
 
 
 Watcher = Callable[[Report], None]
 
 
 def train(
-    run: TrainRun, out: str | Path, threads: int | None = None, watch: Watcher = lambda report: None
+    run: TrainRun,
+    out: str | Path,
+    threads: int | None = None,
+    watch: Watcher = lambda report: None,
+    processes: int | None = None,
 ) -> list[Path]:
     """Trains every seed that is not finished, and returns the policy files in the order of the seeds.
 
@@ -84,15 +91,21 @@ def train(
         out: The folder of the store that keeps the runs.
         threads: Cores to use; all of them by default. Results do not depend on it.
         watch: Called after every iteration.
+        processes: Processes to spread the seeds over, each on cores of its own: faster, also for one seed, but blind to
+            environments that only this process has registered (name those "gymnasium:module:Env-v0"). By default this
+            process does all the work, one seed after the other. Results do not depend on it.
 
     Raises:
         ConfigError: If the run makes no sense.
         StoreError: If the folder already holds a run of the same name with other settings.
         UnknownTask: If there is no such task.
+        WorkerError: If one of the processes failed.
     """
-    if threads is not None and threads < 1:
-        raise ConfigError(f"threads must be at least 1, got {threads}")
+    for name, value in (("threads", threads), ("processes", processes)):
+        if value is not None and value < 1:
+            raise ConfigError(f"{name} must be at least 1, got {value}")
     store = Store(out)
+    threads = threads or len(os.sched_getaffinity(0))
     spec = _task_spec(run.task)
     with ExitStack() as stack:
         folders = {
@@ -101,10 +114,13 @@ def train(
             if not store.done(run.key(seed), run.identity(seed))
         }
         if folders:
-            states = [_resume(seed, folder, spec, run.config) for seed, folder in folders.items()]
-            runner = SegmentRunner(run.task, run.config, threads or len(os.sched_getaffinity(0)))
-            for state in _train_all(runner, states, folders, watch):
-                _finish(run, spec, state, folders[state.seed])
+            told = _Told(run.config, folders, watch)
+            if processes is None:
+                _carry_here(run, folders, threads, told)
+            else:
+                carry_all(run.task, run.config, folders, processes, threads, told)
+            for folder in folders.values():
+                _finish(run, spec, load_checkpoint(folder / CHECKPOINT), folder)
     return [store.get(run.key(seed)) / POLICY for seed in run.seeds]
 
 
@@ -115,29 +131,30 @@ def _task_spec(task: str) -> TaskSpec:
     return spec
 
 
-def _resume(seed: int, folder: Path, spec: TaskSpec, config: PPOConfig) -> SeedState:
-    checkpoint = folder / CHECKPOINT
-    return load_checkpoint(checkpoint) if checkpoint.exists() else start_state(seed, spec, config)
-
-
-def _train_all(
-    runner: SegmentRunner, states: Sequence[SeedState], folders: dict[int, Path], watch: Watcher
-) -> list[SeedState]:
+def _carry_here(run: TrainRun, folders: Mapping[int, Path], threads: int, told: Told) -> None:
     """Carries all seeds to the end. Those furthest behind go first, so that after a kill they meet again."""
-    current = {state.seed: state for state in states}
-    config = runner.config
-    total = config.iterations * config.rollout_size
-    while (segment := min(state.segment for state in current.values())) < config.segments:
-        group = [state for state in current.values() if state.segment == segment]
-        seeds = tuple(state.seed for state in group)
-        for state in runner.run(group, partial(_tell, watch, seeds, total)):
-            save_checkpoint(state, folders[state.seed] / CHECKPOINT)
-            current[state.seed] = state
-    return list(current.values())
+    runner = SegmentRunner(run.task, run.config, threads)
+    behind = {seed: reached(folder) for seed, folder in folders.items()}
+    while (segment := min(behind.values())) < run.config.segments:
+        seed = min(seed for seed in behind if behind[seed] == segment)
+        carry_on(runner, seed, folders[seed], partial(told, seed))
+        behind[seed] += 1
 
 
-def _tell(watch: Watcher, seeds: tuple[int, ...], total: int, step: int, mean_return: float) -> None:
-    watch(Report(seeds, step, total, mean_return))
+class _Told:
+    """Makes reports of what seeds tell."""
+
+    def __init__(self, config: PPOConfig, folders: Mapping[int, Path], watch: Watcher) -> None:
+        self._steps, self._watch = config.iterations * config.rollout_size, watch
+        size = config.segment_iterations * config.rollout_size
+        self._began = {seed: min(reached(folder) * size, self._steps) for seed, folder in folders.items()}
+        self._now = dict(self._began)
+
+    def __call__(self, seed: int, step: int, mean_return: float) -> None:
+        self._now[seed] = step
+        made = sum(self._now.values()) - sum(self._began.values())
+        work = self._steps * len(self._now) - sum(self._began.values())
+        self._watch(Report(seed, step, self._steps, mean_return, made / work))
 
 
 def _finish(run: TrainRun, spec: TaskSpec, state: SeedState, folder: Path) -> None:

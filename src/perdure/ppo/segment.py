@@ -1,4 +1,4 @@
-"""One segment of training: fresh environments, a fixed number of iterations, several seeds side by side.
+"""One segment of training: fresh environments, a fixed number of iterations.
 
 A run is a chain of segments. Each one builds its environments from (seed, segment) alone and cuts running episodes as
 the end of a rollout does, because an engine's inner state and random generator cannot be saved. So a run that was
@@ -8,8 +8,7 @@ killed and a run that was not are the same run.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -55,7 +54,17 @@ class SegmentRunner:
     """Compiled programs for one task and configuration, kept from segment to segment where that is possible."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
+        """Looks what the task is like.
+
+        Args:
+            task: As `make_world` takes it.
+            config: How it is learned.
+            threads: Threads that step the environments; results do not depend on it.
+        """
         self.task, self.config, self.threads = task, config, threads
+        world = make_world(task, [0])
+        self.spec = world.spec
+        world.close()
         self._slot = WorldSlot()
         self._collect: Callable[..., Any] | None = None
         self._draw = jax.jit(partial(_draw, config=config), static_argnums=2, compiler_options=COMPILER_OPTIONS)
@@ -63,92 +72,65 @@ class SegmentRunner:
         self._prepare = jax.jit(partial(_prepare, config=config), compiler_options=COMPILER_OPTIONS)
         self._epoch = jax.jit(partial(epoch, config=config), compiler_options=COMPILER_OPTIONS, donate_argnums=(0, 1))
 
-    def run(self, states: Sequence[SeedState], progress: Progress) -> list[SeedState]:
-        """Carries seeds that stand at the same segment through that segment.
+    def run(self, state: SeedState, progress: Progress) -> SeedState:
+        """Carries a seed through its next segment.
 
-        Weights and optimiser state of ``states`` are used up: their memory becomes that of the states returned.
+        Weights and optimiser state of ``state`` are used up: their memory becomes that of the state returned.
         """
-        config, segment = self.config, states[0].segment
-        first = segment * config.segment_iterations
+        config = self.config
+        first = state.segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)
-        seeds = [s for state in states for s in lane_seeds(state.seed, segment, config.n_envs)]
+        seeds = lane_seeds(state.seed, state.segment, config.n_envs)
         world = make_world(self.task, seeds, threads=min(self.threads, len(seeds)))
         try:
-            with ThreadPoolExecutor(self.threads) as workers:
-                handle, states, lanes = self._start(world, states)
-                for iteration in range(first, last):
-                    handle, rollouts = self._roll_out(handle, states, lanes, iteration)
-                    lanes = tuple(rollout.lanes for rollout in rollouts)
-                    states = self._learn(states, rollouts, iteration, workers)
-                    progress((iteration + 1) * config.rollout_size, _recent_return(states))
+            handle, state, lanes = self._start(world, state)
+            for iteration in range(first, last):
+                handle, rollout = self._roll_out(handle, state, lanes, iteration)
+                lanes = rollout.lanes
+                state = self._learn(state, rollout, iteration)
+                progress((iteration + 1) * config.rollout_size, _recent_return(state))
         finally:
             self._slot.clear()
             world.close()
-        return [dataclasses.replace(state, segment=segment + 1) for state in states]
+        return dataclasses.replace(state, segment=state.segment + 1)
 
-    def _start(self, world: World, states: Sequence[SeedState]) -> tuple[Handle, list[SeedState], tuple[Lanes, ...]]:
-        n = self.config.n_envs
+    def _start(self, world: World, state: SeedState) -> tuple[Handle, SeedState, Lanes]:
         observations = world.reset()
-        started, lanes = [], []
         with jax.enable_x64(True):
             self._slot.fill(world)
             # EnvPool writes its pool's address into the program: one made for an earlier pool would step that one. So
             # this loop is compiled again for every segment, and everything else is kept out of it.
             collect = make_collect(trace(self._slot), world.spec, self.config)
             self._collect = jax.jit(collect, compiler_options=COMPILER_OPTIONS)
-            for i, state in enumerate(states):
-                uniform = jax.random.uniform(stream(state.seed, RESET_STREAM, state.segment), (n,), jnp.float64)
-                lane = start_lanes(self.config, jnp.asarray(observations[i * n : (i + 1) * n]), uniform)
-                moments = observe(self.config, state.statistics.observations, lane)
-                started.append(dataclasses.replace(state, statistics=state.statistics._replace(observations=moments)))
-                lanes.append(lane)
-        return self._slot.handle, started, tuple(lanes)
+            key = stream(state.seed, RESET_STREAM, state.segment)
+            lanes = start_lanes(
+                self.config, jnp.asarray(observations), jax.random.uniform(key, (self.config.n_envs,), jnp.float64)
+            )
+            moments = observe(self.config, state.statistics.observations, lanes)
+        started = dataclasses.replace(state, statistics=state.statistics._replace(observations=moments))
+        return self._slot.handle, started, lanes
 
-    def _roll_out(
-        self, handle: Handle, states: Sequence[SeedState], lanes: tuple[Lanes, ...], iteration: int
-    ) -> tuple[Handle, tuple[SeedRollout, ...]]:
+    def _roll_out(self, handle: Handle, state: SeedState, lanes: Lanes, iteration: int) -> tuple[Handle, SeedRollout]:
         assert self._collect is not None
-        action_size = self._slot.world.spec.action_size
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
-            draws = tuple(self._draw(state.seed, iteration, action_size) for state in states)
-            start = tuple((lane, state.statistics) for lane, state in zip(lanes, states, strict=True))
-            handle, last, traces = self._collect(handle, start, tuple(state.params for state in states), draws)
-            rollouts = tuple(self._finish(*each) for each in zip(last, traces, strict=True))
-            return handle, _ready(rollouts)
+            draws = self._draw(state.seed, iteration, self.spec.action_size)
+            handle, last, traced = self._collect(handle, (lanes, state.statistics), state.params, draws)
+            return handle, _ready(self._finish(last, traced))
 
-    def _learn(
-        self, states: Sequence[SeedState], rollouts: Sequence[SeedRollout], iteration: int, workers: ThreadPoolExecutor
-    ) -> list[SeedState]:
-        """Updates every seed. Work is handed out epoch by epoch, so that five seeds fill two cores evenly."""
-        prepared: list[Prepared] = list(
-            workers.map(
-                lambda state, rollout: _ready(self._prepare(state.params, rollout.experience, state.seed, iteration)),
-                states,
-                rollouts,
-            )
+    def _learn(self, state: SeedState, rollout: SeedRollout, iteration: int) -> SeedState:
+        prepared: Prepared = _ready(self._prepare(state.params, rollout.experience, state.seed, iteration))
+        params, adam, losses = state.params, state.adam, []
+        for order in prepared.orders:
+            params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
+            losses.append(reported)
+        return dataclasses.replace(state, params=params, adam=adam, statistics=rollout.statistics).extended(
+            _ended_episodes(rollout.episodes, iteration, self.config),
+            _iteration_row(params, losses, prepared, (iteration + 1) * self.config.rollout_size),
         )
-        learned = [(state.params, state.adam) for state in states]
-        losses: list[list[jax.Array]] = [[] for _ in states]
-
-        def one_epoch(i: int, number: int) -> None:
-            *weights, reported = self._epoch(*learned[i], prepared[i].batch, prepared[i].orders[number])
-            learned[i] = _ready(tuple(weights))
-            losses[i].append(reported)
-
-        _interleave(workers, one_epoch, len(states), self.config.n_epochs)
-        return [
-            dataclasses.replace(
-                state, params=learned[i][0], adam=learned[i][1], statistics=rollouts[i].statistics
-            ).extended(
-                _ended_episodes(rollouts[i].episodes, iteration, self.config),
-                _iteration_row(learned[i][0], losses[i], prepared[i], (iteration + 1) * self.config.rollout_size),
-            )
-            for i, state in enumerate(states)
-        ]
 
 
 def _ready(result: T) -> T:
-    """Waits for the result, so that work on other threads begins with nothing pending."""
+    """Waits for the result: JAX would go on before it is there, and so would the memory it is made of."""
     jax.block_until_ready(result)  # type: ignore[no-untyped-call]
     return result
 
@@ -160,21 +142,6 @@ def _draw(seed: Any, iteration: Any, action_size: int, *, config: PPOConfig) -> 
 
 def _prepare(params: Any, experience: Any, seed: Any, iteration: Any, *, config: PPOConfig) -> Prepared:
     return prepare(params, experience, stream(seed, EPOCH_STREAM, iteration), config=config)
-
-
-def _interleave(workers: ThreadPoolExecutor, task: Callable[[int, int], None], chains: int, length: int) -> None:
-    """Runs task(chain, 0), task(chain, 1), ... in order within each chain, the chains side by side."""
-    if chains == 1:  # nothing to share: no thread to wake
-        for number in range(length):
-            task(0, number)
-        return
-    pending = {workers.submit(task, chain, 0): (chain, 0) for chain in range(chains)}
-    while pending:
-        future = next(iter(pending))
-        chain, number = pending.pop(future)
-        future.result()
-        if number + 1 < length:
-            pending[workers.submit(task, chain, number + 1)] = (chain, number + 1)
 
 
 def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> NDArray[np.float64]:
@@ -193,6 +160,5 @@ def _iteration_row(
     return np.array([[step, *means, float(ready.explained_variance), std]])
 
 
-def _recent_return(states: Sequence[SeedState], episodes: int = 20) -> float:
-    recent = [state.episodes[-episodes:, 1].mean() for state in states if len(state.episodes)]
-    return float(np.mean(recent)) if recent else float("nan")
+def _recent_return(state: SeedState, episodes: int = 20) -> float:
+    return float(state.episodes[-episodes:, 1].mean()) if len(state.episodes) else float("nan")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def tensorboard(folder: Path) -> Iterator[Watcher]:
-    """Gives a watcher that writes ``train/mean_return`` for the seeds that move, at their step.
+    """Gives a watcher that writes ``train/seed-N/mean_return`` at the seed's step.
 
     Raises:
         ConfigError: If tensorboardX is not installed.
@@ -29,7 +29,7 @@ def tensorboard(folder: Path) -> Iterator[Watcher]:
 
     def watch(report: Report) -> None:
         if not math.isnan(report.mean_return):
-            writer.add_scalar("train/mean_return", report.mean_return, report.step)
+            writer.add_scalar(f"train/seed-{report.seed}/mean_return", report.mean_return, report.step)
 
     try:
         yield watch

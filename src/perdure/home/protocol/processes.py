@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from threading import Thread
 from typing import Any, TypeVar
 
-from perdure.policy.one_thread import ONE_THREAD
+from perdure.processes import ONE_THREAD
 
 Job = TypeVar("Job")
 Told = Callable[[int], None]

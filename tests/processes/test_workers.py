@@ -1,0 +1,120 @@
+"""Worker processes: answers come as they are told, failures say why, and nothing outlives who asked."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from perdure.processes import WorkerError, WorkerProcess, idle_cores
+
+MODULE = """
+import os, sys, time
+from perdure.processes import serve
+
+def work(job, tell):
+    print("noise on standard output")
+    if job == "fail":
+        raise ValueError("no such job")
+    if job == "where":
+        tell([sorted(os.sched_getaffinity(0)), os.environ["OPENBLAS_NUM_THREADS"], os.getpid()])
+        return
+    for k in range(job):
+        tell(k)
+        time.sleep(0.05 if job > 100 else 0.0)
+
+serve(work)
+"""
+
+ASKS = """
+import sys
+from perdure.processes import WorkerProcess
+
+with WorkerProcess("scripted_worker") as worker:
+    (where,) = worker.ask("where")
+    print(where[2], flush=True)
+    for answer in worker.ask(10_000):
+        pass
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "scripted_worker.py").write_text(textwrap.dedent(MODULE))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return "scripted_worker"
+
+
+def test_jobs_are_done_one_after_the_other_by_one_process(module):
+    with WorkerProcess(module) as worker:
+        assert list(worker.ask(3)) == [0, 1, 2]
+        assert list(worker.ask(0)) == []
+        (first, second) = (list(worker.ask("where")) for _ in range(2))
+    assert first == second
+    assert first[0][2] != os.getpid()
+
+
+def test_it_runs_on_the_cores_it_is_given_with_one_thread(module):
+    core = min(os.sched_getaffinity(0))
+    with WorkerProcess(module, [core]) as worker:
+        ((cores, threads, _),) = worker.ask("where")
+    assert (cores, threads) == ([core], "1")
+
+
+def test_a_failure_reaches_who_asked(module):
+    with WorkerProcess(module) as worker, pytest.raises(WorkerError, match="ValueError: no such job"):
+        list(worker.ask("fail"))
+
+
+def test_a_killed_worker_is_a_failure_and_so_is_asking_it_again(module):
+    with WorkerProcess(module) as worker:
+        ((_, _, process),) = worker.ask("where")
+        os.kill(process, signal.SIGKILL)
+        for _ in range(2):
+            with pytest.raises(WorkerError, match="SIGKILL"):
+                list(worker.ask(3))
+
+
+def test_a_worker_ends_with_who_asked_however_that_ended(module):
+    asking = subprocess.Popen([sys.executable, "-c", ASKS], stdout=subprocess.PIPE, text=True)
+    worker = int(asking.stdout.readline())
+    asking.kill()
+    asking.wait()
+    asking.stdout.close()
+    end = time.monotonic() + 60.0
+    while Path(f"/proc/{worker}").exists():
+        assert time.monotonic() < end, "it lives on"
+        time.sleep(0.05)
+
+
+class TestIdleCores:
+    def look(self, tmp_path, monkeypatch, before, after):
+        """What is found idle when the system's counts go from one to the other while one looks."""
+        stat = tmp_path / "stat"
+
+        def write(counts):
+            rows = [f"cpu{core} {' '.join(map(str, row))} 0 0" for core, row in counts.items()]
+            stat.write_text("\n".join(["cpu 1 2 3 4 5 6 7 8 9 10", *rows, "intr 5"]))
+
+        write(before)
+        monkeypatch.setattr("perdure.processes.cores.time.sleep", lambda seconds: write(after))
+        monkeypatch.setattr("perdure.processes.cores.os.sched_getaffinity", lambda process: {0, 1, 3})
+        return idle_cores(stat)
+
+    def test_cores_with_least_to_do_come_first_and_busy_or_forbidden_ones_not_at_all(self, tmp_path, monkeypatch):
+        idle, waiting = [0, 0, 0, 20, 0, 0, 0, 0], [0, 0, 0, 0, 20, 0, 0, 0]
+        a_little, busy = [4, 0, 0, 16, 0, 0, 0, 0], [15, 0, 2, 3, 0, 0, 0, 0]
+        zero = dict.fromkeys(range(4), [0] * 8)
+        after = {0: a_little, 1: waiting, 2: idle, 3: busy}
+        assert self.look(tmp_path, monkeypatch, zero, after) == [1, 0]
+        assert self.look(tmp_path, monkeypatch, zero, {**after, 3: idle}) == [1, 3, 0]
+
+    def test_where_the_system_says_nothing_there_is_none(self, tmp_path):
+        assert idle_cores(tmp_path / "missing") == []
+
+    def test_on_this_machine_they_are_cores_of_ours(self):
+        assert set(idle_cores()) <= os.sched_getaffinity(0)
