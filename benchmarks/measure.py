@@ -2,6 +2,7 @@
 
 python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES
 python benchmarks/measure.py evaluate TASK LANES STEPS
+python benchmarks/measure.py floors TASK
 """
 
 from __future__ import annotations
@@ -11,10 +12,15 @@ import json
 import sys
 import tempfile
 import time
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from perdure.envs import Step, make_world
+
+if TYPE_CHECKING:
+    from perdure.ppo import PPOConfig
 
 
 def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
@@ -90,6 +96,57 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     return {"ours": float(np.median(ours)), "engine": float(np.median(engine)), "lane_steps": made}
 
 
+def engine_step(task: str, steps: int = 5000) -> float:
+    """Seconds of one step of one environment, its own resets included."""
+    import envpool
+
+    pool = envpool.make(task, env_type="gymnasium", num_envs=1, num_threads=1, seed=0)
+    rng, lane = np.random.default_rng(0), np.zeros(1, np.int32)
+    actions = rng.uniform(-1, 1, (steps, 1, *pool.action_space.shape))
+    pool.reset()
+    began = time.perf_counter()
+    for action in actions:
+        pool._send([lane, lane, action])
+        pool._recv()
+    return (time.perf_counter() - began) / steps
+
+
+def products(config: PPOConfig, inputs: int, actions: int, repeats: int = 300) -> float:
+    """Seconds of the matrix products of learning, for each environment step."""
+    rng = np.random.default_rng(0)
+
+    def random(*shape: int) -> np.ndarray:
+        return rng.standard_normal(shape, np.float32)
+
+    layers = []
+    for outputs in (actions, 1):
+        for layer, (a, b) in enumerate(pairwise((inputs, *config.hidden_sizes, outputs))):
+            x, weight, error = random(config.batch_size, a), random(a, b), random(config.batch_size, b)
+            layers.append((layer, x, weight, error))
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        for layer, x, weight, error in layers:
+            x @ weight
+            x.T @ error
+            if layer:  # the gradient of the inputs is not asked for
+                error @ weight.T
+        times.append(time.perf_counter() - began)
+    return float(np.median(times)) * config.n_epochs / config.batch_size
+
+
+def floors(task: str) -> dict[str, float]:
+    """Microseconds of an environment step that training cannot do without."""
+    from perdure.ppo import method_config
+
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    config = method_config("ppo", task, spec.observation_size)
+    learn = products(config, spec.observation_size, spec.action_size)
+    return {"engine": 1e6 * engine_step(task), "products": 1e6 * learn}
+
+
 if __name__ == "__main__":
     kind, task, *numbers = sys.argv[1:]
-    print(json.dumps({"train": train, "evaluate": evaluate}[kind](task, *(int(n) for n in numbers))))
+    print(json.dumps({"train": train, "evaluate": evaluate, "floors": floors}[kind](task, *(int(n) for n in numbers))))
