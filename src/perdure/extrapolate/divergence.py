@@ -29,9 +29,8 @@ FAR = 6.0
 """Standard deviations from the first observation, in some component, that count as far away."""
 NEAR = 1.0
 """Standard deviations from the first observation, in every component, that count as next to it."""
-SMALLEST_JUMP = 0.99 * (FAR - NEAR) ** 2
-"""A snap back moves some component by FAR - NEAR deviations at least (here squared, and rounding allowed for): a cheap
-first look."""
+SMALLEST_JUMP = 0.999 * (FAR - NEAR)
+"""A snap back moves some component by FAR - NEAR deviations at least (rounding allowed for): a cheap first look."""
 
 
 class DivergenceWatch:
@@ -62,8 +61,9 @@ class DivergenceWatch:
             bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
             change = after - moment.before
             change *= self._per_deviation[lanes]
-            suspects = np.flatnonzero(np.einsum("ij,ij->i", change, change) > SMALLEST_JUMP)
-            if len(suspects):
+            jumps = np.abs(change, out=change) > SMALLEST_JUMP
+            if np.count_nonzero(jumps):
+                suspects = np.flatnonzero(jumps.any(axis=1))
                 bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
         return bad

@@ -14,6 +14,7 @@ from perdure.extrapolate.divergence import DivergenceWatch
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
 from perdure.extrapolate.stuck import StuckWatch
 from perdure.policy import ClosedLoop, Pilot, Policy
+from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
 SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
@@ -65,12 +66,13 @@ def evaluate_lanes(
     try:
         loop = ClosedLoop(world, pilots)
         recorder = _Recorder(loop, pilots, steps)
-        for step in range(1, steps + 1):
-            recorder.take(step)
-            if step % 500 == 0:
-                watch(step, len(loop.living))
-            if not len(loop.living):
-                break
+        with one_thread():
+            for step in range(1, steps + 1):
+                recorder.take(step)
+                if step % 500 == 0:
+                    watch(step, len(loop.living))
+                if not len(loop.living):
+                    break
     finally:
         world.close()
     return recorder.records()
