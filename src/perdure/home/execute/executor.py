@@ -158,14 +158,17 @@ class Executor:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(lanes, running)
-        row_of = np.zeros(world.num_lanes, dtype=np.int64)
-        row_of[lanes] = np.arange(len(lanes))
+        # Lanes at the same skill lie side by side, so that a group's part of a record is a view.
+        settling = [int(lane) for lane in lanes if running[lane].current is None]
+        lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
+        ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
+        rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
         seeing = [self._skills[name] for name in groups if self._actors[name].sees]
         reach = max((skill.scan_reach for skill in seeing), default=0.0)
         known = world.sense(lanes, reach, any(skill.needs_rivals for skill in seeing))
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
-            sensors = known[row_of[group]]
+            sensors = known[rows[name]]
             assert self._progress is not None
             acted = actor.act(world, group, skill, sensors, self._progress[group])
             actions[group] = skill.mask(acted, sensors)
@@ -174,7 +177,7 @@ class Executor:
         everyone = world.sense(lanes)
         self._record(world, lanes, running, everyone)
         for name, group in groups.items():
-            self._after(world, name, group, everyone[row_of[group]], running)
+            self._after(world, name, group, everyone[rows[name]], running)
 
     def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
         """Lanes by the skill they are at; lanes that settle are in none."""

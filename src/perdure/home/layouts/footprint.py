@@ -75,11 +75,11 @@ def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray
 
 def _shadows(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:
     rows = [
-        (*pose.to_room(np.array(s.center[:2])), s.half[0], s.half[1], pose.yaw)
+        (s.center[0], s.center[1], s.half[0], s.half[1], pose.yaw)
         for s in solids
         if s.role != "look" and s.center[2] + s.half[2] + lift > low and s.center[2] - s.half[2] + lift < high
     ]
-    return np.array(rows, dtype=float).reshape(-1, 5)
+    return pose.to_room(np.array(rows, dtype=np.float64).reshape(-1, 5))
 
 
 def _moved(piece: Piece, moving: Articulation, q: float, low: float, high: float) -> FloatArray:

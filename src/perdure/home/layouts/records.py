@@ -37,14 +37,17 @@ class Pose:
         """Room coordinates of local points; the first two coordinates turn, further ones stay. Shape (..., 2 or 3)."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y = local[..., 0], local[..., 1]
-        turned = np.stack([self.x + cos * x - sin * y, self.y + sin * x + cos * y], axis=-1)
-        return np.concatenate([turned, local[..., 2:]], axis=-1)
+        room = np.array(local, dtype=np.float64)
+        room[..., 0], room[..., 1] = self.x + cos * x - sin * y, self.y + sin * x + cos * y
+        return room
 
     def to_local(self, room: FloatArray) -> FloatArray:
         """Local coordinates of room points: the inverse of `to_room`. Shape (..., 2 or 3)."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y = room[..., 0] - self.x, room[..., 1] - self.y
-        return np.concatenate([np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1), room[..., 2:]], axis=-1)
+        local = np.array(room, dtype=np.float64)
+        local[..., 0], local[..., 1] = cos * x + sin * y, cos * y - sin * x
+        return local
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ class Progress:
 
     def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Progress:
         """Some of the lanes."""
-        return Progress(**{each.name: getattr(self, each.name)[lanes] for each in fields(self)})
+        return Progress(*[getattr(self, each.name)[lanes] for each in fields(self)])
 
     def put(self, lanes: IntArray, other: Progress) -> Progress:
         """A copy in which some lanes are those of another record."""

@@ -137,7 +137,9 @@ class Readings:
 def up_axis(quaternion: FloatArray) -> FloatArray:
     """The z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
     w, x, y, z = quaternion.T
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+    up = np.empty((len(quaternion), 3))
+    up[:, 0], up[:, 1], up[:, 2] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    return up
 
 
 _NO_OBJECT = (np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3))

@@ -32,6 +32,7 @@ class Outlines:
         """Empty rooms."""
         self._apartments: list[Apartment | None] = [None] * lanes
         self._positions: list[FloatArray] = [np.zeros(0)] * lanes
+        self._exact = [b""] * lanes
         self._static = [0] * lanes
         self._count = np.zeros(lanes, dtype=np.int64)
         self._rectangles = np.full((lanes, 1, 6), _NOTHING)
@@ -44,9 +45,12 @@ class Outlines:
             apartment: What it shows.
             positions: Of its drawers and doors in the order of its articulations. Shape (links,).
         """
+        known, exact = self._apartments[lane], positions.tobytes()
+        if known is apartment and exact == self._exact[lane]:
+            return
+        self._exact[lane] = exact
         # Rounded, not compared with the last look: else what is seen would depend on when one looked before.
         positions = np.round(positions / NOTCH) * NOTCH
-        known = self._apartments[lane]
         if known is not apartment:
             static = static_footprints(apartment)
             self._put(lane, 0, static)

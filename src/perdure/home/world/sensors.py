@@ -118,7 +118,7 @@ class Sensors:
 
     def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Sensors:
         """Some of the lanes."""
-        return Sensors(**{each.name: getattr(self, each.name)[lanes] for each in fields(self)})
+        return Sensors(*[getattr(self, name)[lanes] for name in _FIELDS])
 
     @property
     def empty_hand(self) -> BoolArray:
@@ -164,11 +164,16 @@ class Sensors:
         return np.concatenate([self.base[:, :2], np.zeros((len(self), 1))], axis=1)
 
 
+_FIELDS = tuple(each.name for each in fields(Sensors))
+
+
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
     """Vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors[:, 0], vectors[:, 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y, vectors[:, 2]], axis=1)
+    turned = np.empty((len(vectors), 3))
+    turned[:, 0], turned[:, 1], turned[:, 2] = cos * x - sin * y, sin * x + cos * y, vectors[:, 2]
+    return turned
 
 
 def norm(vectors: FloatArray) -> FloatArray:
