@@ -32,6 +32,21 @@ def test_every_name_a_package_offers_exists(name):
     assert len(offered) == len(set(offered))
 
 
+ALONE = """
+import importlib, sys
+for name in sys.argv[1:]:
+    for known in [known for known in sys.modules if known.split(".")[0] == "perdure"]:
+        del sys.modules[known]
+    importlib.import_module(name)
+"""
+
+
+def test_every_package_can_be_imported_first():
+    """Packages that import one another in a circle work in one order only."""
+    done = subprocess.run([sys.executable, "-c", ALONE, *PACKAGES], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_an_unknown_name_is_no_attribute():
     assert not hasattr(perdure, "Horizont")
 

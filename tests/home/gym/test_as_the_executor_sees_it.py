@@ -10,8 +10,8 @@ from perdure.home.episodes import load_episodes, start_pose
 from perdure.home.execute.errands import make_errand
 from perdure.home.execute.executor import Executor, ExecutorOptions
 from perdure.home.gym import HomeSkillVectorEnv
-from perdure.home.gym.actions import used
 from perdure.home.skills import SKILLS, get_skill
+from perdure.home.skills.actions import used
 from perdure.home.starts import STARTS
 from perdure.home.world import SceneOptions, episode_scene
 

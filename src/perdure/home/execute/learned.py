@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.gym.actions import used, whole
 from perdure.home.skills import Progress, Skill
+from perdure.home.skills.actions import used, whole
 from perdure.home.world import Sensors, World
 from perdure.policy import Policy
 

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from perdure.home.gym.actions import used
 from perdure.home.gym.register import env_id
 from perdure.home.robot.data import ARM_JOINTS
 from perdure.home.skills import GOAL_RADIUS, Element, Skill, articulated, get_skill, navigate, pick, place
+from perdure.home.skills.actions import used
 from perdure.home.skills.observation import PROPRIOCEPTION
 from perdure.home.skills.skill import (
     FORCE_CAP,

@@ -12,11 +12,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.gym.actions import used, whole
 from perdure.home.gym.lessons import lessons
 from perdure.home.gym.options import checked_options
 from perdure.home.gym.records import masked, put
 from perdure.home.skills import Progress, Skill
+from perdure.home.skills.actions import used, whole
 from perdure.home.world import Sensors, World
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.skills import Skill
+from perdure.home.skills.skill import Skill
 from perdure.home.world import ACTION_SIZE, ARM, FORWARD, GRIP, TURN
 
 FloatArray = NDArray[np.float64]
