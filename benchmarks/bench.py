@@ -188,7 +188,7 @@ def cases() -> dict[str, Callable[[], Figure]]:
             "0",
             "full SetTable scene while the oracle manipulates (30 Hz control, physics step 8.3 ms), one core",
         ),
-        ("place", "0", "the place skill's environment, resets included (the same steps), one core"),
+        ("place", "0", "the place skill's environment, 64 side by side, resets included (the same steps), one core"),
         ("tasks", "0,1", "perdure home run set_table, 100 episodes from start to end (the same steps), two cores"),
     ):
         table[f"home.{what}.vs_fetch_env"] = lambda what=what, cores=cores, how=how: home(

@@ -271,5 +271,5 @@ class World:
 CELLS_AHEAD = 10
 """How many cells of 0.05 m the point of the way lies ahead of the robot."""
 MAX_IDLE = 512
-"""Worlds kept for scenes that were left, half a megabyte each."""
+"""Worlds kept for scenes that were left, about a megabyte each."""
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)
