@@ -84,7 +84,9 @@ def _replay(episodes: Sequence[Episode], timed: np.ndarray) -> float:
 def place() -> dict[str, float]:
     """Control steps a second of the place environment at the evaluation's physics rate, resets included."""
     policies = choose_policies("set_table", 0)
-    env = HomeSkillVectorEnv(PLACE_LANES, skill="place", task="set_table", split="val", physics_hz=PHYSICS_HZ, threads=1)
+    env = HomeSkillVectorEnv(
+        PLACE_LANES, skill="place", task="set_table", split="val", physics_hz=PHYSICS_HZ, threads=1
+    )
     policy = policies["place"].policy
     rng = np.random.default_rng(0)
     told: list[np.ndarray] = []
