@@ -68,7 +68,8 @@ def run() -> None:
         world.close()
         missing = tuple(s for s in range(seeds) if not (FOLDER / task / f"perdure-{s}.json").exists())
         if missing:
-            for seed, path in zip(missing, train(TrainRun(task, "ppo", config, missing), HERE / "runs"), strict=True):
+            paths = train(TrainRun(task, "ppo", config, missing), HERE / "runs", processes=len(missing))
+            for seed, path in zip(missing, paths, strict=True):
                 keep_ours(task, seed, path.parent)
         for seed in range(seeds):
             if not (FOLDER / task / f"sb3-{seed}.json").exists():

@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
 cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
-report, store: nothing of ours, but that report writes files with store.write_whole
+report, processes, store: nothing of ours, but that report writes files with store.write_whole
 """
 
 import ast

@@ -142,3 +142,13 @@ def test_the_sentence_of_a_framed_message_is_what_stands_before_its_first_rule()
 
 def test_a_message_without_a_frame_is_kept_whole():
     assert sentence("something\n  else\n") == "something else"
+
+
+def test_a_worker_process_that_fails_ends_in_one_line_and_leaves_no_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("perdure.ppo.spread.WORKER", "perdure.no_such_worker")
+    monkeypatch.setattr(sys, "argv", ["perdure", "train", "InvertedPendulum-v4", "--seeds", "0", "1"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert "no_such_worker" in check_failure(end.value.code, *capsys.readouterr())
+    assert not list(tmp_path.glob("runs/*/*/seed-*"))

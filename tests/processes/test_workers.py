@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from perdure.processes import WorkerError, WorkerProcess, idle_cores
+from perdure.processes import WorkerError, WorkerProcess, idle_cores, own_cores
 
 MODULE = """
 import os, sys, time
@@ -113,8 +113,18 @@ class TestIdleCores:
         assert self.look(tmp_path, monkeypatch, zero, after) == [1, 0]
         assert self.look(tmp_path, monkeypatch, zero, {**after, 3: idle}) == [1, 3, 0]
 
-    def test_where_the_system_says_nothing_there_is_none(self, tmp_path):
+    def test_where_the_system_says_nothing_there_is_none(self, tmp_path, monkeypatch):
         assert idle_cores(tmp_path / "missing") == []
+        still = {0: [7] * 8, 1: [7] * 8}
+        assert self.look(tmp_path, monkeypatch, still, still) == []
+
+    def test_a_core_is_taken_once_and_free_again_afterwards(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("perdure.processes.cores.idle_cores", lambda: [2, 0, 1])
+        monkeypatch.setattr("perdure.processes.cores.tempfile.gettempdir", lambda: str(tmp_path))
+        with own_cores(2) as mine, own_cores(2) as others:
+            assert (mine, others) == ([2, 0], [1])
+        with own_cores(3) as mine:
+            assert mine == [2, 0, 1]
 
     def test_on_this_machine_they_are_cores_of_ours(self):
         assert set(idle_cores()) <= os.sched_getaffinity(0)

@@ -50,7 +50,9 @@ def main(args: list[str]) -> None:
     options = {name: value for name in FLAGS if (value := getattr(flags, name)) != getattr(usual, name)}
     with progress_bar(f"{flags.task} {flags.skill}", Console(stderr=True)) as watch:
         paths = train_skill(
-            flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps, **options
+            *(flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps),
+            processes=len(flags.seeds),
+            **options,
         )
     for path in paths:
         score = evaluate_skill(load_policy(path), flags.skill, flags.test_episodes, task=flags.task, **options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -72,8 +71,7 @@ def _train(flags: Train) -> None:
             for watcher in watchers:
                 watcher(report)
 
-        cores = len(os.sched_getaffinity(0)) if flags.threads is None else flags.threads
-        paths = train_run(run_, flags.out, cores, watch, processes=min(cores, len(flags.seeds)))
+        paths = train_run(run_, flags.out, flags.threads, watch, processes=len(flags.seeds))
     for path in paths:
         print(path)
 

@@ -168,7 +168,7 @@ def _run_worker(
             for step, living in worker.ask(job):
                 moved(step, living)
         except WorkerError as error:
-            raise ExtrapolationError(f"a worker process failed: {error}") from None
+            raise ExtrapolationError(str(error)) from None
 
 
 class _Progress:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
@@ -35,7 +35,7 @@ from perdure.ppo.state import SeedState, lane_seeds, stream
 from perdure.ppo.update import epoch
 
 if TYPE_CHECKING:
-    from perdure.envs.world import World
+    from perdure.envs.world import TaskSpec, World
     from perdure.ppo.config import PPOConfig
 
 T = TypeVar("T")
@@ -54,7 +54,7 @@ class SegmentRunner:
     """Compiled programs for one task and configuration, kept from segment to segment where that is possible."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
-        """Looks what the task is like.
+        """Compiles nothing yet.
 
         Args:
             task: As `make_world` takes it.
@@ -62,15 +62,20 @@ class SegmentRunner:
             threads: Threads that step the environments; results do not depend on it.
         """
         self.task, self.config, self.threads = task, config, threads
-        world = make_world(task, [0])
-        self.spec = world.spec
-        world.close()
         self._slot = WorldSlot()
         self._collect: Callable[..., Any] | None = None
         self._draw = jax.jit(partial(_draw, config=config), static_argnums=2, compiler_options=COMPILER_OPTIONS)
         self._finish = jax.jit(partial(finish, config=config), compiler_options=COMPILER_OPTIONS)
         self._prepare = jax.jit(partial(_prepare, config=config), compiler_options=COMPILER_OPTIONS)
         self._epoch = jax.jit(partial(epoch, config=config), compiler_options=COMPILER_OPTIONS, donate_argnums=(0, 1))
+
+    @cached_property
+    def spec(self) -> TaskSpec:
+        """What the task is like."""
+        world = make_world(self.task, [0])
+        spec = world.spec
+        world.close()
+        return spec
 
     def run(self, state: SeedState, progress: Progress) -> SeedState:
         """Carries a seed through its next segment.
@@ -113,7 +118,7 @@ class SegmentRunner:
     def _roll_out(self, handle: Handle, state: SeedState, lanes: Lanes, iteration: int) -> tuple[Handle, SeedRollout]:
         assert self._collect is not None
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
-            draws = self._draw(state.seed, iteration, self.spec.action_size)
+            draws = self._draw(state.seed, iteration, self._slot.world.spec.action_size)
             handle, last, traced = self._collect(handle, (lanes, state.statistics), state.params, draws)
             return handle, _ready(self._finish(last, traced))
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack
 from pathlib import Path
 
 from perdure.ppo.chain import reached
 from perdure.ppo.config import PPOConfig
-from perdure.processes import WorkerProcess, idle_cores
+from perdure.processes import WorkerProcess, own_cores
 
 WORKER = "perdure.ppo.worker"
 
@@ -29,7 +30,7 @@ def carry_all(
         task: What they are trained on.
         config: How.
         folders: Where the checkpoint of each seed lies.
-        processes: How many work side by side, each on cores of its own.
+        processes: How many work side by side, each on cores of its own; no more than threads and seeds.
         threads: Cores for all of them together.
         told: Who hears of it.
 
@@ -38,41 +39,35 @@ def carry_all(
     """
     waiting = {seed: reached(folder) for seed, folder in folders.items()}
     waiting = {seed: segment for seed, segment in waiting.items() if segment < config.segments}
-    processes = min(processes, len(waiting))
+    processes = min(processes, threads, len(waiting))
     # One environment is stepped by one thread: more cores for a process would only be woken and put to sleep.
-    each = max(1, min(threads // max(processes, 1), config.n_envs))
-    free = idle_cores()
-    bound = [free[k * each : (k + 1) * each] for k in range(processes)]
-    lock, workers = threading.Lock(), []
+    each = min(threads // max(processes, 1), config.n_envs)
+    settings, lock = config.to_json(), threading.Lock()
 
-    def work(cores: list[int]) -> None:
-        with WorkerProcess(WORKER, cores if len(cores) == each else ()) as worker:
-            workers.append(worker)
-            while True:
+    def work(worker: WorkerProcess) -> None:
+        while True:
+            with lock:
+                if not waiting:
+                    return
+                seed = min(waiting, key=lambda seed: (waiting[seed], seed))
+                segment = waiting.pop(seed)
+            job = {"task": task, "config": settings, "threads": each, "seed": seed, "folder": str(folders[seed])}
+            for step, mean_return in worker.ask(job):
                 with lock:
-                    if not waiting:
-                        return
-                    seed = min(waiting, key=lambda seed: (waiting[seed], seed))
-                    segment = waiting.pop(seed)
-                job = {
-                    "task": task,
-                    "config": config.to_json(),
-                    "threads": each,
-                    "seed": seed,
-                    "folder": str(folders[seed]),
-                }
-                for step, mean_return in worker.ask(job):
-                    with lock:
-                        told(seed, step, mean_return)
-                if segment + 1 < config.segments:
-                    with lock:
-                        waiting[seed] = segment + 1
+                    told(seed, step, mean_return)
+            if segment + 1 < config.segments:
+                with lock:
+                    waiting[seed] = segment + 1
 
-    with ThreadPoolExecutor(max(processes, 1)) as pool:
-        running = [pool.submit(work, cores) for cores in bound]
+    with own_cores(processes * each) as free, ExitStack() as stack:
+        workers = []
+        for place in range(processes):
+            cores = free[place * each : (place + 1) * each]
+            workers.append(stack.enter_context(WorkerProcess(WORKER, cores if len(cores) == each else ())))
+        pool = stack.enter_context(ThreadPoolExecutor(max(processes, 1)))
         try:
-            for each_done in running:
-                each_done.result()
+            for done in as_completed([pool.submit(work, worker) for worker in workers]):
+                done.result()
         except BaseException:
             for worker in workers:
                 worker.kill()

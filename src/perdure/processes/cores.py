@@ -6,8 +6,12 @@ than when each wakes the other on a second one. So workers are bound to cores, a
 
 from __future__ import annotations
 
+import fcntl
 import os
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 STAT = Path("/proc/stat")
@@ -15,6 +19,35 @@ LOOK = 0.2
 """Seconds for which the cores are watched."""
 BUSY = 0.5
 """A core that worked for more than this share of that time is somebody else's."""
+
+
+@contextmanager
+def own_cores(count: int) -> Iterator[list[int]]:
+    """Idle cores, at most ``count``, that no other process of ours has taken so far; they are let go of at the end.
+
+    Two commands that begin at the same moment would else choose the same ones.
+    """
+    with ExitStack() as stack:
+        taken: list[int] = []
+        for core in idle_cores() if count else ():
+            if len(taken) < count and (lock := _lock(core)) is not None:
+                stack.callback(os.close, lock)
+                taken.append(core)
+        yield taken
+
+
+def _lock(core: int) -> int | None:
+    """An open file that holds the core, or None. The kernel lets go of it when the process dies."""
+    try:
+        lock = os.open(Path(tempfile.gettempdir(), f"perdure-core-{core}.lock"), os.O_RDONLY | os.O_CREAT, 0o666)
+    except OSError:  # another user's folder, say: then nobody can tell
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        return None
+    return lock
 
 
 def idle_cores(stat: Path = STAT) -> list[int]:
@@ -32,7 +65,8 @@ def idle_cores(stat: Path = STAT) -> list[int]:
     load = {}
     for core in allowed & before.keys() & after.keys():
         worked, passed = (after[core][k] - before[core][k] for k in range(2))
-        load[core] = worked / passed if passed > 0 else 0.0
+        if passed > 0:  # else the system does not say
+            load[core] = worked / passed
     return sorted((core for core, share in load.items() if share < BUSY), key=lambda core: (load[core], core))
 
 

@@ -25,8 +25,8 @@ _DONE = None
 """What a worker answers when a job is done; nothing a job tells."""
 
 
-class WorkerError(RuntimeError):
-    """A worker process ended before its job did."""
+class WorkerError(ValueError):
+    """A worker process ended before its job did. Says why in one line."""
 
 
 class WorkerProcess:
@@ -53,7 +53,7 @@ class WorkerProcess:
         self._reader.start()
 
     def ask(self, job: Any) -> Iterator[Any]:
-        """Hands over a job and gives what is told about it, until it is done.
+        """Hands over a job and gives what is told about it, until it is done; to be read to its end.
 
         Raises:
             WorkerError: If the process ended before; the signal that ended it, or the last line it wrote, says why.
@@ -70,8 +70,10 @@ class WorkerProcess:
         code = self._process.wait()
         self._reader.join()
         if code < 0:
-            raise WorkerError(f"it was ended by {signal.Signals(-code).name}")
-        raise WorkerError(self._errors[-1].strip() if self._errors else f"exit code {code}")
+            raise WorkerError(f"a worker process was ended by {signal.Signals(-code).name}")
+        raise WorkerError(
+            f"a worker process failed: {self._errors[-1].strip() if self._errors else f'exit code {code}'}"
+        )
 
     def kill(self) -> None:
         """Ends the process now; whoever waits for an answer gets a `WorkerError`."""

@@ -97,6 +97,7 @@ def train_skill(
     threads: int | None = None,
     watch: Callable[[Report], None] = lambda report: None,
     total_steps: int | None = None,
+    processes: int | None = None,
     **options: object,
 ) -> list[Path]:
     """Trains a skill with its recipe; the same call goes on where a killed one stopped.
@@ -109,6 +110,7 @@ def train_skill(
         threads: Cores to use.
         watch: Told after every iteration.
         total_steps: Environment steps in place of the recipe's.
+        processes: As for `perdure.ppo.train`.
         options: Of the environment, such as `delta`.
 
     Returns:
@@ -118,7 +120,8 @@ def train_skill(
     config = config if total_steps is None else replace(config, total_steps=total_steps)
     command = _command(skill, task, total_steps, options)
     lesson = {"clutter": True, **options} if RECIPES[skill].clutter else options
-    return list(train(TrainRun(skill_task(skill, task, **lesson), skill, config, seeds, command), out, threads, watch))
+    run = TrainRun(skill_task(skill, task, **lesson), skill, config, seeds, command)
+    return train(run, out, threads, watch, processes)
 
 
 def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
