@@ -32,6 +32,8 @@ class HomeRun:
     """How many of the split's episodes."""
     train_seeds: int = 1
     """Policies of how many training seeds."""
+    vary: Literal["all", "place"] = "all"
+    """Which policies the training seeds tell apart: those of all skills, or place alone (the others are of seed 0)."""
     eval_seeds: int = 1
     """How many draws of where the robot starts."""
     policies: tuple[str, ...] = ()
@@ -59,18 +61,17 @@ def main(args: list[str]) -> None:
     from perdure.home.execute import ExecutorOptions
     from perdure.home.outcomes import analyse
     from perdure.home.page import read_cast, write_page
-    from perdure.home.protocol import Protocol, choose_policies, run_protocol
+    from perdure.home.protocol import Protocol, run_protocol
     from perdure.home.world import SceneOptions
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
     scene = SceneOptions(physics_hz=flags.physics_hz, rolling=flags.rolling)
     options = ExecutorOptions(lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=scene)
-    protocol = Protocol(
-        flags.task, flags.place, flags.split, flags.episodes, flags.train_seeds, flags.eval_seeds, chosen, options
-    )
+    counts = flags.episodes, flags.train_seeds, flags.eval_seeds
+    protocol = Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, chosen, options)
     for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
-        choose_policies(protocol.task, train_seed, protocol.policies, protocol.placing)
+        protocol.cast(train_seed)
     command = shlex.join(["perdure", "home", "run", *args])
     total = flags.episodes * flags.train_seeds * flags.eval_seeds
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -92,6 +92,7 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
         ({"episodes": 101}, "episodes"),
         ({"train_seeds": 0}, "train_seeds"),
         ({"eval_seeds": 0}, "eval_seeds"),
+        ({"vary": "pick"}, "vary"),
     ],
 )
 def test_wrong_protocols_are_refused(wrong, message):
@@ -133,6 +134,25 @@ def test_the_oracle_does_not_stand_in_for_another_training_seed():
     with pytest.raises(HomeError, match="training seed 9999 is shipped for navigate on tidy_house"):
         choose_policies("tidy_house", 9999)
     assert choose_policies("tidy_house", 9999, ORACLES)["pick"].name == "oracle"
+
+
+def test_training_seeds_may_tell_place_alone_apart(tmp_path):
+    shipped = SHIPPED / "set_table"
+    for seed in (0, 1):
+        (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
+    mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
+    first, second = (Protocol("set_table", vary="place", policies=mine).cast(seed) for seed in (0, 1))
+    assert (first.pop("place").source, second.pop("place").source) == tuple(
+        str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
+    )
+    assert {skill: each.source for skill, each in first.items()} == {
+        skill: each.source for skill, each in second.items()
+    }
+    assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
+    with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
+        Protocol("set_table", vary="place").cast(9999)
+    with pytest.raises(HomeError, match="training seed 9999"):
+        Protocol("set_table", policies=mine).cast(9999)
 
 
 def test_navigation_is_learned_on_one_task_for_all():

@@ -19,7 +19,7 @@ from perdure.home.execute.actor import Actor
 from perdure.home.execute.errands import make_errand
 from perdure.home.execute.log import Ending, EpisodeLog, Recorder, SkillRun
 from perdure.home.skills import Progress, Skill
-from perdure.home.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts, latch
+from perdure.home.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts, latched_stages
 from perdure.home.world import ACTION_SIZE, Jaws, SceneOptions, Sensors, World, episode_scene
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +58,6 @@ class _Running:
     episode: Episode
     plan: tuple[SkillStep, ...]
     recorder: Recorder
-    reached: BoolArray
     done: list[SkillRun] = field(default_factory=list)
     step: int = 0
     began: int = 0
@@ -129,7 +128,7 @@ class Executor:
         task = episode.home_task
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        running = _Running(episode, task.skills, Recorder(len(episode.goals)), np.zeros(len(task.stages), dtype=bool))
+        running = _Running(episode, task.skills, Recorder(len(episode.goals)))
         containers = [episode.container(target) for target in range(len(episode.goals))]
         running.drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
         running.fridge = scene.links.index("top_door")
@@ -197,17 +196,19 @@ class Executor:
         progress = skill.advance(self._progress[group], sensors)
         self._progress = self._progress.put(group, progress)
         stop, success = skill.stop(sensors, progress), skill.success(sensors, progress)
-        for row, lane in enumerate(group):
+        for row, (lane, stopped, elapsed) in enumerate(
+            zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
+        ):
             each = running[lane]
             assert each is not None
-            out_of_time = bool(progress.elapsed[row] >= skill.limit)
-            if out_of_time and sensors.holds_target[row] and progress.elapsed[row] < skill.limit + OVERTIME:
-                out_of_time = not self._actors[name].overtime(int(lane))
+            out_of_time = elapsed >= skill.limit
+            if out_of_time and sensors.holds_target[row] and elapsed < skill.limit + OVERTIME:
+                out_of_time = not self._actors[name].overtime(lane)
             at_limit = each.step >= each.episode.home_task.max_steps
-            if stop[row] or out_of_time or at_limit:
-                ending: Ending = "stopped" if stop[row] else "timed out" if out_of_time else "task limit"
+            if stopped or out_of_time or at_limit:
+                ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
                 forced = ending == "timed out" and name in HANDS_OPENED and not bool(sensors.empty_hand[row])
-                self._end_skill(world, int(lane), each, (ending, bool(success[row]), forced), at_limit)
+                self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit)
 
     def _end_skill(
         self, world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool
@@ -226,58 +227,54 @@ class Executor:
             self._begin_skill(world, lane, each)
 
     def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
-        everyone = [each for each in (running[lane] for lane in lanes) if each is not None]
-        task, count = everyone[0].episode.home_task, len(everyone[0].episode.goals)
+        everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
+        count = len(everyone[0].episode.goals)
         poses, speeds = world.objects(lanes, count)
-        facts = lane_facts(world, lanes, everyone, poses[:, :, :3], sensors)
-        reached = latch(task, np.array([each.reached for each in everyone]), facts)
         up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
         speed = np.sqrt((speeds**2).sum(axis=2))
         active = np.array([len(each.done) if each.settling is None else len(each.plan) for each in everyone])
         table = Recorder.table(
-            *(facts.object_positions, facts.held, facts.drawer, facts.fridge, active),
+            *(poses[:, :, :3], held_target(sensors, count), opened(world, lanes, everyone), active),
             *(sensors.base, sensors.gripper, up, speed, sensors.contact_force),
         )
-        for row, each in enumerate(everyone):
+        for row, (each, diverged) in enumerate(zip(everyone, sensors.diverged.tolist(), strict=True)):
             if each.settling is None:
-                each.reached = reached[row]
                 each.step += 1
             else:
                 each.settling += 1
-            each.diverged |= bool(sensors.diverged[row])
+            each.diverged |= diverged
             each.recorder.add(table[row])
 
     def _finish(self, each: _Running) -> EpisodeLog:
         objects, held, drawer, fridge, active, base, gripper, up, speed, force = each.recorder.arrays()
+        facts = WorldFacts(objects, each.episode.goal_positions, held.astype(np.int64), drawer, fridge)
         return EpisodeLog(
             episode=each.episode,
             eval_seed=self._options.eval_seed,
             skills=tuple(each.done),
             steps=each.step,
-            facts=WorldFacts(objects, each.episode.goal_positions, held.astype(np.int64), drawer, fridge),
+            facts=facts,
             active=active.astype(np.int64),
             base=base,
             gripper=gripper,
             object_up=up,
             object_speed=speed,
             contact_force=force,
-            latched=each.reached,
+            latched=latched_stages(each.episode.home_task, facts[: each.step])[-1],
             diverged=each.diverged,
         )
 
 
-def lane_facts(
-    world: World, lanes: IntArray, running: Sequence[_Running], positions: FloatArray, sensors: Sensors
-) -> WorldFacts:
-    """What the task's predicates need, for all lanes at once."""
-    targets = positions.shape[1]
+def held_target(sensors: Sensors, targets: int) -> IntArray:
+    """Number of the target in the hand, NOTHING, or SOMETHING_ELSE. Shape (lanes,)."""
     held = np.where((sensors.held >= 0) & (sensors.held < targets), sensors.held, NOTHING)
-    held = np.where((held == NOTHING) & ~sensors.empty_hand, SOMETHING_ELSE, held)
-    opened = [world.lane(int(lane)).links for lane in lanes]
-    return WorldFacts(
-        positions,
-        np.array([each.episode.goal_positions for each in running]),
-        held,
-        np.array([q[each.drawer] if each.drawer >= 0 else 0.0 for q, each in zip(opened, running, strict=True)]),
-        np.array([q[each.fridge] for q, each in zip(opened, running, strict=True)]),
-    )
+    return np.where((held == NOTHING) & ~sensors.empty_hand, SOMETHING_ELSE, held)
+
+
+def opened(world: World, lanes: IntArray, running: Sequence[_Running]) -> FloatArray:
+    """How far the task's drawer, 0 where it is about none, and the fridge's door are open. Shape (lanes, 2)."""
+    rows = []
+    for lane, each in zip(lanes.tolist(), running, strict=True):
+        links = world.lane(lane).links.tolist()
+        rows.append((links[each.drawer] if each.drawer >= 0 else 0.0, links[each.fridge]))
+    return np.array(rows)

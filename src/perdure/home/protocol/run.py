@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal, get_args
 
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
@@ -23,6 +24,8 @@ from perdure.store import Store
 CHUNK = 50
 """Episodes in one unit of the store: what a killed run loses at most (about a minute), and what runs side by side."""
 LOGS = "logs.parquet"
+Vary = Literal["all", "place"]
+"""Whose policy is that of the training seed: every skill's, or that of place alone; the others are then of seed 0."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Protocol:
     episodes: int = 100
     train_seeds: int = 1
     eval_seeds: int = 1
+    vary: Vary = "all"
     policies: Mapping[str, str] = field(default_factory=dict)
     """See `choose_policies`."""
     options: ExecutorOptions = field(default_factory=ExecutorOptions)
@@ -48,6 +52,8 @@ class Protocol:
                 raise HomeError(f"{name} must be 1{'' if most is None else f' to {most}'} or more, not {value}")
         if self.eval_seeds < 1:
             raise HomeError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
+        if self.vary not in get_args(Vary):
+            raise HomeError(f"vary must be one of {', '.join(get_args(Vary))}, not {self.vary!r}")
         _ = self.placing
 
     @property
@@ -64,6 +70,14 @@ class Protocol:
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
         return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
+
+    def cast(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
+        """What acts in each skill with the policies of a training seed; HomeError as for `choose_policies`."""
+        if self.vary == "all":
+            return choose_policies(self.task, train_seed, self.policies, self.placing)
+        first = choose_policies(self.task, 0, self.policies, self.placing)
+        others: dict[str, str] = {skill: each.source for skill, each in first.items() if skill != "place"}
+        return choose_policies(self.task, train_seed, {**self.policies, **others}, self.placing)
 
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""
@@ -175,10 +189,7 @@ class _Job:
 
 def _jobs(protocol: Protocol, out: str | Path, command: str) -> Iterator[_Job]:
     """All units; each training seed's policies are read once."""
-    policies = {
-        seed: choose_policies(protocol.task, seed, protocol.policies, protocol.placing)
-        for seed in range(protocol.train_seeds)
-    }
+    policies = {seed: protocol.cast(seed) for seed in range(protocol.train_seeds)}
     for unit in units(protocol):
         yield _Job(protocol, unit, policies[unit.train_seed], out, command)
 

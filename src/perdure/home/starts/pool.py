@@ -72,8 +72,11 @@ def _make(task: str, count: int, seed: int) -> EpisodeSet:
     made = []
     for index in range(count):
         made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], models, seed))
-        end = "\n" if index + 1 == count else ""
-        print(f"\rmaking training episodes of {task}: {index + 1} of {count}", end=end, file=sys.stderr, flush=True)
+        said = f"making training episodes of {task}: {index + 1} of {count}"
+        if sys.stderr.isatty():
+            print(f"\r{said}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)
+        elif index + 1 in (1, count):
+            print(said, file=sys.stderr, flush=True)
     return EpisodeSet(task, "train", {"seed": str(seed), "mujoco": version("mujoco")}, tuple(made))
 
 

@@ -56,10 +56,11 @@ def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
     Returns:
         Which stages are reached after each step. Shape (steps, *, stages).
     """
-    reached = np.zeros((*np.shape(facts.held)[1:], len(task.stages)), dtype=bool)
-    history = np.empty((len(facts), *reached.shape), dtype=bool)
-    for step in range(len(facts)):
-        history[step] = reached = latch(task, reached, facts[step])
+    history = np.empty((*np.shape(facts.held), len(task.stages)), dtype=bool)
+    earlier: BoolArray = np.ones(np.shape(facts.held), dtype=bool)
+    for k, stage in enumerate(task.stages):
+        earlier = np.logical_or.accumulate(earlier & stage.met(facts), axis=0)
+        history[..., k] = earlier
     return history
 
 

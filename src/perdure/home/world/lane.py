@@ -189,7 +189,7 @@ class Lane:
 
     def blew_up(self) -> bool:
         """Whether MuJoCo warned of a bad state, or a position is not a finite number."""
-        return bool(self._bad_states.any()) or not math.isfinite(self.qpos @ self.qpos)
+        return any(self._bad_states.tolist()) or not math.isfinite(self.qpos @ self.qpos)
 
     def robot_force(self) -> float:
         """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].

@@ -138,9 +138,7 @@ class World:
             rivals: Whether objects and handles around the targets are looked for.
         """
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
-        way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
-        for row, number in enumerate(map(int, chosen)):
-            way[row], waypoint[row] = self._way(number)
+        way, waypoint = self._ways(chosen)
         ranges = self._scan(chosen, scan_reach) if scan_reach > 0.0 else np.tile(NO_SCAN, (len(chosen), 1))
         around = self._look_around(chosen) if rivals else no_rivals(len(chosen))
         return self._readings.sensors(chosen, way, waypoint, ranges, around)
@@ -249,13 +247,15 @@ class World:
         lane = self.lane(number)
         return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
 
-    def _way(self, number: int) -> tuple[float, tuple[float, float, float]]:
-        """Length of the errand's way, and a point of it ahead of the robot."""
-        route, (x, y) = self._errand[number].route, self._readings.robot[number, :2].tolist()
-        if route is None:
-            return 0.0, (x, y, 0.0)
-        distance, ahead_x, ahead_y = route.ahead(x, y, CELLS_AHEAD)
-        return distance, (ahead_x, ahead_y, 0.0)
+    def _ways(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Lengths of the errands' ways, and points of them ahead of the robots; here and 0 where there is none."""
+        way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
+        waypoint[:, :2] = self._readings.robot[chosen, :2]
+        for row, number in enumerate(chosen.tolist()):
+            route = self._errand[number].route
+            if route is not None:
+                way[row], *waypoint[row, :2] = route.ahead(*waypoint[row, :2].tolist(), CELLS_AHEAD)
+        return way, waypoint
 
     def _scan(self, chosen: IntArray, reach: float) -> FloatArray:
         for number in map(int, chosen):
