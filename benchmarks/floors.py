@@ -1,18 +1,24 @@
-"""What a training step cannot do without, however it is written: the engine's step and the networks' matrix products.
+"""What a step cannot do without, however it is written.
 
-python benchmarks/floors.py [TASK ...]
+python benchmarks/floors.py [TASK ...]     training: the engine's step and the networks' matrix products
+python benchmarks/floors.py home           the home world: MuJoCo's `mj_step`
 
 For each task, in one run on core 0: microseconds of a step of one environment in EnvPool, fed ready actions; those that
 the products of all minibatches take for each environment step, by NumPy's BLAS on one thread; what our training takes;
 what Stable-Baselines3's takes (`make bench` makes its environment). The last column is the most that any program can
 gain on this machine: optimiser, activations and acting are left out.
+
+For the home world: how many times the simulated seconds a second of gymnasium-robotics' FetchPickAndPlace-v4 we make,
+as in `make bench`, which share of our time MuJoCo takes, and what a program would make that needs no other time.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 
-from bench import ITERATIONS, ours, peers, sb3_config
+from bench import HERE, ITERATIONS, cases, one_thread, ours, peers, sb3_config
 
 TASKS = ("Hopper-v3", "HalfCheetah-v3", "Ant-v3")
 
@@ -31,5 +37,20 @@ def main(tasks: list[str]) -> None:
         print(f"| {task} | {values} | {peer / needed:.1f} times |", flush=True)
 
 
+def home() -> None:
+    """Prints one row for each of the two worlds that are timed without anybody acting."""
+    print("| what | ours, times FetchPickAndPlace-v4 | share of MuJoCo | most that can be gained |")
+    print("|---|---|---|---|")
+    for what in ("scene", "place"):
+        figure = cases()[f"home.{what}.vs_fetch_env"]()
+        command = ["taskset", "-c", "0", sys.executable, str(HERE / "measure_home.py"), what]
+        output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+        share = json.loads(output.splitlines()[-1])["engine_share"]
+        print(f"| {what} | {figure.ratio:.2f} | {share:.2f} | {figure.ratio / share:.1f} times |", flush=True)
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(TASKS))
+    if sys.argv[1:] == ["home"]:
+        home()
+    else:
+        main(sys.argv[1:] or list(TASKS))
