@@ -125,6 +125,23 @@ def test_one_step_may_reach_several_stages_but_never_leaves_one_out():
     assert latch(SET_TABLE, np.zeros(8, dtype=bool), opened_and_held).tolist() == [True, True] + [False] * 6
 
 
+ROWS = st.tuples(
+    st.tuples(st.sampled_from([HOME, AWAY]), st.sampled_from([HOME, AWAY])),
+    st.sampled_from([NOTHING, HANDLE, 0, 1]),
+    st.sampled_from([0.05, 0.45]),
+    st.sampled_from([0.1, 1.5]),
+)
+
+
+@given(st.lists(ROWS, min_size=1, max_size=12), st.booleans())
+def test_a_whole_episode_counts_as_its_steps_one_by_one(rows, good_start):
+    facts = story(*([*SET_TABLE_STORY, *rows] if good_start else rows))
+    reached = np.zeros(len(SET_TABLE.stages), dtype=bool)
+    for step, now in enumerate(latched_stages(SET_TABLE, facts)):
+        reached = latch(SET_TABLE, reached, facts[step])
+        assert (now == reached).all()
+
+
 def test_many_lanes_at_once_count_as_each_by_itself():
     rows = list(SET_TABLE_STORY)
     other = [*rows[:4], *([rows[3]] * 6)]  # never lets go
