@@ -16,6 +16,9 @@ from perdure.home.layouts import (
     plane,
     split_apartments,
 )
+from perdure.home.layouts.accepted import THROWN_AWAY
+from perdure.home.layouts.apartment import drafts
+from perdure.home.layouts.checks import why_not
 
 OPEN_SET = {
     "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01",
@@ -215,3 +218,18 @@ def test_splits_are_those_of_m3():
 def test_wrong_names_and_numbers_are_refused_with_the_right_ones(call, words):
     with pytest.raises(HomeError, match=words):
         call()
+
+
+@pytest.mark.parametrize("macro", range(5))
+def test_a_published_apartment_is_the_first_draw_that_passes_all_checks(macro):
+    first = []
+    for micro in range(21):
+        draws = enumerate(drafts(macro, micro, seed=0))
+        first.append(next(number for number, apartment in draws if why_not(apartment) is None))
+    assert tuple(first) == THROWN_AWAY[macro]
+
+
+def test_an_apartment_of_another_seed_passes_the_checks_and_is_another_one():
+    other = make_apartment(0, 0, seed=1)
+    assert why_not(other) is None
+    assert other.pieces != make_apartment(0, 0).pieces

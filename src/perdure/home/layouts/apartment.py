@@ -8,12 +8,15 @@ drawn again, so that the accepted ones are uniform among the good ones.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
+from itertools import count, islice
 
 import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.layouts import counter, fridge, furniture
+from perdure.home.layouts.accepted import THROWN_AWAY
 from perdure.home.layouts.checks import why_not
 from perdure.home.layouts.macros import Macro, Spot, macro_layout
 from perdure.home.layouts.records import Apartment, Piece, Pose
@@ -47,16 +50,23 @@ def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
         micro: Micro variation, 0 to 20.
         seed: Other seeds give other sets of 105 apartments; the published ones are those of seed 0.
     """
+    drawn = drafts(macro, micro, seed)
+    if seed == 0:
+        return next(islice(drawn, THROWN_AWAY[macro][micro], None))
+    for apartment in islice(drawn, _DRAWS):
+        if why_not(apartment) is None:
+            return apartment
+    raise HomeError(f"no micro variation of macro {macro} fits: {_DRAWS} draws of micro {micro}, seed {seed} failed")
+
+
+def drafts(macro: int, micro: int, seed: int) -> Iterator[Apartment]:
+    """All draws of a micro variation, good or not, without an end; HomeError where there is no such one."""
     layout = macro_layout(macro)
     if not 0 <= micro < MICROS:
         raise HomeError(f"micro variation must be one of 0 to {MICROS - 1}, not {micro}")
     rng = np.random.Generator(np.random.PCG64([seed, macro, micro]))
     walls = room_walls(layout.room, layout.partitions)
-    for _ in range(_DRAWS):
-        apartment = Apartment(macro, micro, seed, layout.room, walls, _draw_pieces(layout, rng))
-        if why_not(apartment) is None:
-            return apartment
-    raise HomeError(f"no micro variation of macro {macro} fits: {_DRAWS} draws of micro {micro}, seed {seed} failed")
+    return (Apartment(macro, micro, seed, layout.room, walls, _draw_pieces(layout, rng)) for _ in count())
 
 
 def _draw_pieces(layout: Macro, rng: np.random.Generator) -> tuple[Piece, ...]:
