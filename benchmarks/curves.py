@@ -32,8 +32,25 @@ from perdure.store import write_whole
 HERE = Path(__file__).parent
 FOLDER = HERE / "curves"
 BINS = 20
-PLAN = {"Hopper-v3": (3, 1_000_000), "HalfCheetah-v3": (3, 1_000_000), "InvertedPendulum-v4": (10, 51_200)}
-"""Task to (seeds, environment steps)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What is trained on a task."""
+
+    ours: int
+    """Seeds of ours."""
+    sb3: int
+    """Seeds of Stable-Baselines3, each of which takes as long as five of ours."""
+    steps: int
+    """Environment steps of a seed."""
+
+
+PLANS = {
+    "Hopper-v3": Plan(3, 3, 1_000_000),
+    "HalfCheetah-v3": Plan(3, 3, 1_000_000),
+    "InvertedPendulum-v4": Plan(10, 10, 51_200),
+}
 
 
 def binned(steps: np.ndarray, returns: np.ndarray, total: int) -> list[float | None]:
@@ -50,35 +67,35 @@ def keep(task: str, side: str, seed: int, curve: list[float | None], evaluation:
 
 def keep_sb3(task: str, seed: int, result: dict[str, Any]) -> None:
     episodes = np.array(result["episodes"])
-    keep(task, "sb3", seed, binned(episodes[:, 0], episodes[:, 1], PLAN[task][1]), result["evaluation"])
+    keep(task, "sb3", seed, binned(episodes[:, 0], episodes[:, 1], PLANS[task].steps), result["evaluation"])
 
 
 def keep_ours(task: str, seed: int, folder: Path) -> None:
     episodes = pl.read_parquet(folder / "episodes.parquet")
-    curve = binned(episodes["step"].to_numpy(), episodes["return"].to_numpy(), PLAN[task][1])
+    curve = binned(episodes["step"].to_numpy(), episodes["return"].to_numpy(), PLANS[task].steps)
     policy = load_policy(folder / "policy.safetensors")
     records = evaluate_lanes([policy], [LaneSpec(0, policy.clock, i) for i in range(20)], 1000)
     keep(task, "perdure", seed, curve, records.returns[:, -1].tolist())
 
 
 def run() -> None:
-    for task, (seeds, total) in PLAN.items():
+    for task, plan in PLANS.items():
         world = make_world(task, [0])
-        config = dataclasses.replace(method_config("ppo", task, world.spec.observation_size), total_steps=total)
+        config = dataclasses.replace(method_config("ppo", task, world.spec.observation_size), total_steps=plan.steps)
         world.close()
-        missing = tuple(s for s in range(seeds) if not (FOLDER / task / f"perdure-{s}.json").exists())
+        missing = tuple(s for s in range(plan.ours) if not (FOLDER / task / f"perdure-{s}.json").exists())
         if missing:
             paths = train(TrainRun(task, "ppo", config, missing), HERE / "runs", processes=len(missing))
             for seed, path in zip(missing, paths, strict=True):
                 keep_ours(task, seed, path.parent)
-        for seed in range(seeds):
+        for seed in range(plan.sb3):
             if not (FOLDER / task / f"sb3-{seed}.json").exists():
-                settings = {**sb3_config(task, seed, 1), "total_steps": total}
+                settings = {**sb3_config(task, seed, 1), "total_steps": plan.steps}
                 keep_sb3(task, seed, peers("0,1", "sb3_train.py", [settings])[0])
 
 
 def collect(sb3: Path, runs: Path) -> None:
-    for task in PLAN:
+    for task in PLANS:
         for path in sorted(sb3.glob(f"{task}-*.json")):
             keep_sb3(task, int(path.stem.rsplit("-", 1)[1]), json.loads(path.read_text()))
         for folder in sorted((runs / task / "ppo").glob("seed-*")):
@@ -92,7 +109,7 @@ def score(curve: list[float | None]) -> float:
 
 def compare() -> None:
     result: dict[str, Any] = {}
-    for task, (planned, total) in PLAN.items():
+    for task, plan in PLANS.items():
         sides = {
             side: [json.loads(p.read_text()) for p in sorted((FOLDER / task).glob(f"{side}-*.json"))]
             for side in ("perdure", "sb3")
@@ -103,9 +120,9 @@ def compare() -> None:
         units = [make_units(np.array(scores[side]), np.arange(len(scores[side]))) for side in ("perdure", "sb3")]
         interval = difference_interval(*units, np.random.default_rng(0))
         result[task] = {
-            "steps": total,
+            "steps": plan.steps,
             "seeds": {side: len(runs) for side, runs in sides.items()},
-            "seeds_planned": planned,
+            "seeds_planned": {"perdure": plan.ours, "sb3": plan.sb3},
             "scores": scores,
             "evaluation_means": {side: [float(np.mean(r["evaluation"])) for r in runs] for side, runs in sides.items()},
             "difference": float(interval.estimate),
@@ -122,10 +139,10 @@ def draw() -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    tasks = [task for task in PLAN if (FOLDER / task).exists()]
+    tasks = [task for task in PLANS if (FOLDER / task).exists()]
     figure, axes = plt.subplots(1, len(tasks), figsize=(4.2 * len(tasks), 3.2), layout="constrained", squeeze=False)
     for axis, task in zip(axes[0], tasks, strict=True):
-        steps = (np.arange(BINS) + 1) / BINS * PLAN[task][1]
+        steps = (np.arange(BINS) + 1) / BINS * PLANS[task].steps
         for side, color in (("sb3", "#777777"), ("perdure", "#0b6e99")):
             for number, path in enumerate(sorted((FOLDER / task).glob(f"{side}-*.json"))):
                 curve = [np.nan if v is None else v for v in json.loads(path.read_text())["curve"]]
