@@ -126,5 +126,18 @@ class TestIdleCores:
         with own_cores(3) as mine:
             assert mine == [2, 0, 1]
 
+    def test_a_file_that_another_user_left_in_a_shared_folder_holds_a_core_as_well(self, tmp_path, monkeypatch):
+        def guarded(path, flags, mode=0o777, usual=os.open):
+            if flags & os.O_CREAT and Path(path).exists():
+                raise PermissionError(path)  # as Linux with fs.protected_regular
+            return usual(path, flags, mode)
+
+        monkeypatch.setattr("perdure.processes.cores.idle_cores", lambda: [0])
+        monkeypatch.setattr("perdure.processes.cores.tempfile.gettempdir", lambda: str(tmp_path))
+        (tmp_path / "perdure-core-0.lock").touch()
+        monkeypatch.setattr("perdure.processes.cores.os.open", guarded)
+        with own_cores(1) as mine, own_cores(1) as others:
+            assert (mine, others) == ([0], [])
+
     def test_on_this_machine_they_are_cores_of_ours(self):
         assert set(idle_cores()) <= os.sched_getaffinity(0)

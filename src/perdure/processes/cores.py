@@ -38,9 +38,11 @@ def own_cores(count: int) -> Iterator[list[int]]:
 
 def _lock(core: int) -> int | None:
     """An open file that holds the core, or None. The kernel lets go of it when the process dies."""
+    path = Path(tempfile.gettempdir(), f"perdure-core-{core}.lock")
     try:
-        lock = os.open(Path(tempfile.gettempdir(), f"perdure-core-{core}.lock"), os.O_RDONLY | os.O_CREAT, 0o666)
-    except OSError:  # another user's folder, say: then nobody can tell
+        # Asked to create it, Linux may refuse another user's file in a shared folder (fs.protected_regular).
+        lock = os.open(path, os.O_RDONLY if path.exists() else os.O_RDONLY | os.O_CREAT, 0o644)
+    except OSError:
         return None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

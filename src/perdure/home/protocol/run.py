@@ -15,7 +15,7 @@ from perdure.home.execute import Executor, ExecutorOptions
 from perdure.home.outcomes import UNTRAINED, write_logs
 from perdure.home.protocol.naming import arm_name
 from perdure.home.protocol.placing import Placing, placing
-from perdure.home.protocol.policies import SkillPolicy, choose_policies, make_actors
+from perdure.home.protocol.policies import ORACLE, SkillPolicy, choose_policies, make_actors
 from perdure.home.protocol.processes import Told, work_through
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks import SkillName, get_task
@@ -73,11 +73,12 @@ class Protocol:
 
     def cast(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """What acts in each skill with the policies of a training seed; HomeError as for `choose_policies`."""
-        if self.vary == "all":
-            return choose_policies(self.task, train_seed, self.policies, self.placing)
-        first = choose_policies(self.task, 0, self.policies, self.placing)
-        others: dict[str, str] = {skill: each.source for skill, each in first.items() if skill != "place"}
-        return choose_policies(self.task, train_seed, {**self.policies, **others}, self.placing)
+        everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.placing)
+        if self.vary == "place" and train_seed > 0:
+            others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
+            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, self.placing)
+            everyone["place"] = alone["place"]
+        return everyone
 
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""

@@ -254,7 +254,9 @@ class World:
         for row, number in enumerate(chosen.tolist()):
             route = self._errand[number].route
             if route is not None:
-                way[row], *waypoint[row, :2] = route.ahead(*waypoint[row, :2].tolist(), CELLS_AHEAD)
+                x, y = waypoint[row, :2].tolist()
+                way[row], ahead_x, ahead_y = route.ahead(x, y, CELLS_AHEAD)
+                waypoint[row, :2] = ahead_x, ahead_y
         return way, waypoint
 
     def _scan(self, chosen: IntArray, reach: float) -> FloatArray:
