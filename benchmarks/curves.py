@@ -48,7 +48,7 @@ class Plan:
 
 PLANS = {
     "Hopper-v3": Plan(3, 3, 1_000_000),
-    "HalfCheetah-v3": Plan(3, 3, 1_000_000),
+    "HalfCheetah-v3": Plan(9, 3, 1_000_000),
     "InvertedPendulum-v4": Plan(10, 10, 51_200),
 }
 

@@ -110,6 +110,7 @@ class Executor:
         try:
             for lane in range(world.num_lanes):
                 running[lane] = self._start(world, lane, waiting.pop())
+            self._begin_skills(world, list(range(world.num_lanes)), running)
             while any(running):
                 lanes = np.array([k for k, each in enumerate(running) if each is not None])
                 self._step(world, lanes, running)
@@ -121,6 +122,8 @@ class Executor:
                     if (each.settling is not None and each.settling >= options.settle_steps) or each.diverged:
                         yield self._finish(each)
                         running[lane] = self._start(world, int(lane), waiting.pop()) if waiting else None
+                        if running[lane] is not None:
+                            self._begin_skills(world, [int(lane)], running)
         finally:
             world.close()
 
@@ -132,26 +135,28 @@ class Executor:
         containers = [episode.container(target) for target in range(len(episode.goals))]
         running.drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
         running.fridge = scene.links.index("top_door")
-        self._begin_skill(world, lane, running)
         return running
 
-    def _begin_skill(self, world: World, lane: int, running: _Running) -> None:
-        step = running.current
-        if step is None:
-            return
-        world.assign(lane, make_errand(running.episode, step, world.lane(lane)))
-        skill = self._skill(step)
-        running.began = running.step
-        fresh = skill.begin(world.sense(np.array([lane])))
-        if self._progress is None or len(self._progress) != world.num_lanes:
-            self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
-        self._progress = self._progress.put(np.array([lane]), fresh)
-        self._actors[step.skill].begin(world, lane, skill)
+    def _begin_skills(self, world: World, lanes: Sequence[int], running: list[_Running | None]) -> None:
+        """Begins the next skill of these lanes' plans."""
+        beginning = [(lane, each) for lane in lanes if (each := running[lane]) is not None]
+        for lane, each in beginning:
+            assert each.current is not None
+            world.assign(lane, make_errand(each.episode, each.current, world.lane(lane)))
+            each.began = each.step
+        for name, group in self._groups(np.array(lanes, dtype=np.int64), running).items():
+            skill = self._skill(name)
+            fresh = skill.begin(world.sense(group))
+            if self._progress is None or len(self._progress) != world.num_lanes:
+                self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
+            self._progress = self._progress.put(group, fresh)
+            for lane in group.tolist():
+                self._actors[name].begin(world, lane, skill)
 
-    def _skill(self, step: SkillStep) -> Skill:
-        if step.skill not in self._skills:
-            raise HomeError(f"the plan needs {step.skill}, but only {', '.join(self._skills)} are given")
-        return self._skills[step.skill]
+    def _skill(self, name: str) -> Skill:
+        if name not in self._skills:
+            raise HomeError(f"the plan needs {name}, but only {', '.join(self._skills)} are given")
+        return self._skills[name]
 
     def _step(self, world: World, lanes: IntArray, running: list[_Running | None]) -> None:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
@@ -162,9 +167,11 @@ class Executor:
         lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
         ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
-        seeing = [self._skills[name] for name in groups if self._actors[name].sees]
-        reach = max((skill.scan_reach for skill in seeing), default=0.0)
-        known = world.sense(lanes, reach, any(skill.needs_rivals for skill in seeing))
+        reach, rivals = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
+        for name in groups:
+            if self._actors[name].sees:
+                reach[rows[name]], rivals[rows[name]] = self._skills[name].scan_reach, self._skills[name].needs_rivals
+        known = world.sense(lanes, reach, rivals)
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
             sensors = known[rows[name]]
@@ -196,6 +203,7 @@ class Executor:
         progress = skill.advance(self._progress[group], sensors)
         self._progress = self._progress.put(group, progress)
         stop, success = skill.stop(sensors, progress), skill.success(sensors, progress)
+        going_on = []
         for row, (lane, stopped, elapsed) in enumerate(
             zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
         ):
@@ -208,11 +216,14 @@ class Executor:
             if stopped or out_of_time or at_limit:
                 ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
                 forced = ending == "timed out" and name in HANDS_OPENED and not bool(sensors.empty_hand[row])
-                self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit)
+                if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
+                    going_on.append(lane)
+        if going_on:
+            self._begin_skills(world, going_on, running)
 
-    def _end_skill(
-        self, world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool
-    ) -> None:
+    @staticmethod
+    def _end_skill(world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool) -> bool:
+        """Notes how a lane's skill ended; whether the plan goes on."""
         step = each.current
         assert step is not None
         ending, success, forced = how
@@ -223,8 +234,7 @@ class Executor:
         )
         if at_limit or len(each.done) == len(each.plan):
             each.settling = 0
-        else:
-            self._begin_skill(world, lane, each)
+        return each.settling is None
 
     def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
         everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]

@@ -69,8 +69,13 @@ def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray
     parts = [np.zeros((0, 5))]
     for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):
         if abs(q) > AJAR or moving.kind == "hinge":
-            parts.append(_moved(apartment.piece_of(moving.link), moving, q, CLIMB, REACH_UP))
+            parts.append(_moved_once(apartment, moving.link, q))
     return np.concatenate(parts)
+
+
+@lru_cache(maxsize=8192)
+def _moved_once(apartment: Apartment, link: str, q: float) -> FloatArray:
+    return _moved(apartment.piece_of(link), apartment.articulation(link), q, CLIMB, REACH_UP)
 
 
 def _shadows(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:

@@ -54,6 +54,8 @@ class World:
         self._readings = Readings(lanes)
         self._outlines = Outlines(lanes)
         self._surroundings = Surroundings(lanes)
+        self._ahead: list[tuple[float, float, float] | None] = [None] * lanes
+        """What `Geodesic.ahead` said of the errand's route from where the robot is now, None when not asked yet."""
 
     def reset(
         self,
@@ -129,19 +131,24 @@ class World:
             list(self._pool.map(self._step_some, parts))
         self._read(chosen)
 
-    def sense(self, lanes: IntArray | None = None, scan_reach: float = 0.0, rivals: bool = False) -> Sensors:
+    def sense(
+        self,
+        lanes: IntArray | None = None,
+        scan_reach: FloatArray | float = 0.0,
+        rivals: BoolArray | bool = False,
+    ) -> Sensors:
         """What is known of some lanes now.
 
         Args:
             lanes: Which lanes, all when None. Shape (m,).
-            scan_reach: How far the scan looks in [m]; the nearer, the faster. What is farther is not told apart.
-            rivals: Whether objects and handles around the targets are looked for.
+            scan_reach: How far each lane's scan looks in [m]; the nearer, the faster. What is farther is not told
+                apart. Shape (m,).
+            rivals: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        reach, look = np.broadcast_to(scan_reach, len(chosen)), np.broadcast_to(rivals, len(chosen))
         way, waypoint = self._ways(chosen)
-        ranges = self._scan(chosen, scan_reach) if scan_reach > 0.0 else np.tile(NO_SCAN, (len(chosen), 1))
-        around = self._look_around(chosen) if rivals else no_rivals(len(chosen))
-        return self._readings.sensors(chosen, way, waypoint, ranges, around)
+        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen, reach), self._look_around(chosen, look))
 
     def objects(self, lanes: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Poses (position, quaternion) and velocities of the first objects. Shapes (m, count, 7), (m, count, 3)."""
@@ -230,6 +237,7 @@ class World:
         readings.diverged[chosen] = False
         for number in map(int, chosen):
             lane = self.lane(number)
+            self._ahead[number] = None
             if not first and lane.blew_up():
                 self._begin(number)
                 readings.diverged[number] = True
@@ -241,6 +249,7 @@ class World:
             readings.read_errand(number, lane)
 
     def _take_errand(self, number: int) -> None:
+        self._ahead[number] = None
         self._readings.take_errand(number, self.lane(number), self._errand[number])
 
     def _handle_points(self, number: int) -> FloatArray:
@@ -254,20 +263,32 @@ class World:
         for row, number in enumerate(chosen.tolist()):
             route = self._errand[number].route
             if route is not None:
-                x, y = waypoint[row, :2].tolist()
-                way[row], ahead_x, ahead_y = route.ahead(x, y, CELLS_AHEAD)
-                waypoint[row, :2] = ahead_x, ahead_y
+                known = self._ahead[number]
+                if known is None:
+                    x, y = waypoint[row, :2].tolist()
+                    known = self._ahead[number] = route.ahead(x, y, CELLS_AHEAD)
+                way[row], waypoint[row, 0], waypoint[row, 1] = known
         return way, waypoint
 
-    def _scan(self, chosen: IntArray, reach: float) -> FloatArray:
-        for number in map(int, chosen):
+    def _scan(self, chosen: IntArray, reach: FloatArray) -> FloatArray:
+        ranges = np.tile(NO_SCAN, (len(chosen), 1))
+        for number in chosen[reach > 0.0].tolist():
             lane = self.lane(number)
             self._outlines.renew(number, lane.scene.apartment, lane.links)
-        return self._outlines.scan(chosen, self._readings.robot[chosen, :3], reach)
+        for each in np.unique(reach[reach > 0.0]).tolist():  # who looks far must not make the others' search longer
+            rows = np.flatnonzero(reach == each)
+            ranges[rows] = self._outlines.scan(chosen[rows], self._readings.robot[chosen[rows], :3], each)
+        return ranges
 
-    def _look_around(self, chosen: IntArray) -> Rivals:
-        readings, lanes = self._readings, [self.lane(number) for number in map(int, chosen)]
-        return self._surroundings.look(chosen, lanes, readings.errand[chosen, 0], readings.gripper[chosen])
+    def _look_around(self, chosen: IntArray, look: BoolArray) -> Rivals:
+        around, rows = no_rivals(len(chosen)), np.flatnonzero(look)
+        if len(rows):
+            readings, numbers = self._readings, chosen[rows]
+            lanes = [self.lane(number) for number in numbers.tolist()]
+            found = self._surroundings.look(numbers, lanes, readings.errand[numbers, 0], readings.gripper[numbers])
+            for kept, seen in zip(around, found, strict=True):
+                kept[rows] = seen
+        return around
 
 
 CELLS_AHEAD = 10
