@@ -140,7 +140,7 @@ def draw() -> None:
     import matplotlib.pyplot as plt
 
     tasks = [task for task in PLANS if (FOLDER / task).exists()]
-    figure, axes = plt.subplots(1, len(tasks), figsize=(4.2 * len(tasks), 3.2), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(1, len(tasks), figsize=(4.2 * len(tasks), 3.5), layout="constrained", squeeze=False)
     for axis, task in zip(axes[0], tasks, strict=True):
         steps = (np.arange(BINS) + 1) / BINS * PLANS[task].steps
         for side, color in (("sb3", "#777777"), ("perdure", "#0b6e99")):
@@ -149,8 +149,8 @@ def draw() -> None:
                 label = {"sb3": "Stable-Baselines3", "perdure": "perdure"}[side] if number == 0 else None
                 axis.plot(steps, curve, color=color, alpha=0.8, label=label, lw=1.5)
         axis.set(title=f"{task}, ppo", xlabel="environment steps", ylabel="training return")
-        axis.legend(frameon=False)
         axis.spines[["top", "right"]].set_visible(False)
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     figure.savefig(HERE / "curves.png", dpi=150)
 
 
