@@ -4,7 +4,7 @@ python benchmarks/ship_home.py RUNS [seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 200 val starts with clutter and enters
 benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning.png.
-One that succeeds often enough goes to src/perdure/home/shipped.
+One that succeeds often enough goes to src/perdure/home/shipped, without its critic: acting is all it is for there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from perdure.home.protocol import placing
 from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy
 from perdure.home.tasks import TASKS
 from perdure.home.training import RECIPES, evaluate_skill
-from perdure.policy import Policy, load_policy
+from perdure.policy import Policy, load_policy, save_policy
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
@@ -123,7 +123,7 @@ def main(folder: Path, seeds: list[int]) -> None:
         renewed.add((task, skill))
         if ships:
             target.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(target, (path / "policy.safetensors").read_bytes())
+            save_policy(policy.without_critic(), target)
         else:
             target.unlink(missing_ok=True)
         scores[f"{task}/{skill}/seed-{seed}"] = {

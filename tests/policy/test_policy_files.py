@@ -216,7 +216,7 @@ class TestPartsThatDoNotFit:
             {"normalizer": random_policy(normalize_embedding=True).normalizer},
             {"protocol": random_policy(embedding="linear").protocol},
             {"weights": {k: v for k, v in random_policy().weights.items() if not k.startswith("policy.2")}},
-            {"weights": {k: v for k, v in random_policy().weights.items() if not k.startswith("value.")}},
+            {"weights": {k: v for k, v in random_policy().weights.items() if not k.startswith("value.2")}},
             {"weights": random_policy().weights | {"policy.1.weight": np.zeros((9, 8), np.float32)}},
             {"weights": random_policy().weights | {"policy.2.bias": np.zeros(4, np.float32)}},
         ],
@@ -232,3 +232,15 @@ class TestPartsThatDoNotFit:
         )
         with pytest.raises(PolicyError, match=r"Hopper-v3.*16.*11.*10.*21"):
             random_policy(protocol=wide)
+
+
+def test_a_policy_without_its_critic_acts_the_same_and_says_why_it_has_no_value(tmp_path):
+    whole = random_policy(hidden=(32, 32))
+    larger, smaller = (save_policy(each, tmp_path / str(each.has_critic)) for each in (whole, whole.without_critic()))
+    alone = load_policy(smaller)
+    observations, zeros = np.ones((3, whole.task.observation_size)), np.zeros(3)
+    np.testing.assert_array_equal(alone.act(observations, zeros), whole.act(observations, zeros))
+    assert [each.has_critic for each in (whole, alone)] == [True, False]
+    assert smaller.stat().st_size < larger.stat().st_size
+    with pytest.raises(PolicyError, match="without its critic"):
+        alone.value(observations, zeros, zeros + 10)

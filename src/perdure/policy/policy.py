@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,9 @@ from perdure.policy.errors import PolicyError
 from perdure.policy.network import Perceptron
 
 FloatArray = NDArray[np.float64]
+
+CRITIC = "value."
+"""What the names of the critic's weights begin with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,8 @@ class Policy:
 
     task: TaskInfo
     weights: Mapping[str, NDArray[np.float32]]
-    """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value``, and ``log_std``."""
+    """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value`` (unless it was left
+    out, see :meth:`without_critic`), and ``log_std``."""
     activation: str
     """"relu" or "tanh"."""
     normalizer: Normalizer
@@ -86,10 +90,11 @@ class Policy:
                 f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
             )
         sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
-        if len(set(sizes)) > 1 or (self._critic.input_size, self._critic.output_size) != (expected, 1):
+        critic = (self._critic.input_size, self._critic.output_size) if self.has_critic else (expected, 1)
+        if len(set(sizes)) > 1 or critic != (expected, 1):
             raise PolicyError(
-                f"{self.task.name}: the networks have {sizes[0]} actions and {self._critic.output_size} value(s) of "
-                f"{self._critic.input_size} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
+                f"{self.task.name}: the networks have {sizes[0]} actions and {critic[1]} value(s) of "
+                f"{critic[0]} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
                 f"actions, and the value is one number of {expected} inputs"
             )
         normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
@@ -104,7 +109,7 @@ class Policy:
 
     @cached_property
     def _critic(self) -> Perceptron:
-        return Perceptron(self.weights, "value", self.activation)
+        return Perceptron(self.weights, CRITIC.rstrip("."), self.activation)
 
     @cached_property
     def _box(self) -> tuple[FloatArray, FloatArray]:
@@ -142,8 +147,23 @@ class Policy:
         np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
 
+    @property
+    def has_critic(self) -> bool:
+        """Whether the network that estimates returns is there."""
+        return any(name.startswith(CRITIC) for name in self.weights)
+
+    def without_critic(self) -> Policy:
+        """The same policy, which acts the same, at half the size: `value` is no longer answered."""
+        return replace(self, weights={name: each for name, each in self.weights.items() if not name.startswith(CRITIC)})
+
     def value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
-        """The critic's estimate in scaled reward, shape (n,)."""
+        """The critic's estimate in scaled reward, shape (n,).
+
+        Raises:
+            PolicyError: If shapes do not fit, or the critic was left out.
+        """
+        if not self.has_critic:
+            raise PolicyError(f"this {self.task.name} policy was saved without its critic, so it has no value")
         return self._critic(self.inputs(observations, self.embed(elapsed, horizons)))[:, 0].astype(np.float64)
 
     def embed(self, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
