@@ -2,8 +2,8 @@
 
 python benchmarks/home_protocol.py HOME_RUNS
 
-HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json and prints the table of
-docs/home/results.md: one row for each task, split and arm.
+HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json and the tables of
+docs/home/results.md: one for each task, one row for each world, split and arm.
 """
 
 from __future__ import annotations
@@ -16,12 +16,19 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from perdure.home.objects import KINDS
 from perdure.home.outcomes import COUNTINGS, analyse
 from perdure.home.page import read_cast
 from perdure.home.page.comparison import Comparison, comparisons
+from perdure.home.protocol.naming import read_arm
+from perdure.home.tasks import TASKS
 from perdure.store import write_whole
 
 RESULTS = Path(__file__).parent / "home_protocol.json"
+PAGE = Path(__file__).parents[1] / "docs" / "home" / "results.md"
+GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
+"""How the tables call objects of a shape."""
+ARMS = ("rl", "delta-200", "stop", "ik", "ik+")
 
 
 def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
@@ -76,6 +83,45 @@ def share(success: dict[str, float]) -> str:
     return f"{100 * success['mean']:.1f} % [{100 * success['lower']:.1f}, {100 * success['upper']:.1f}]"
 
 
+def lost(row: dict[str, Any]) -> str:
+    """How many placements of each group of objects did not stay."""
+    counts: dict[str, tuple[int, int]] = {}
+    for name, kind in row["kinds"].items():
+        group = GROUPS[KINDS[name].shape]
+        bad, of = counts.get(group, (0, 0))
+        counts[group] = bad + kind["not_stable"], of + kind["placements"]
+    return ", ".join(f"{group} {bad} of {of}" for group, (bad, of) in sorted(counts.items()))
+
+
+def order(row: dict[str, Any]) -> tuple[bool, bool, int, str]:
+    """Where a row stands in its table: by split, world, arm."""
+    arm, options = read_arm(row["arm"])
+    rank = ARMS.index(arm) if arm in ARMS else len(ARMS)
+    return row["split"] != "val", options.scene.rolling == "drag", rank, row["arm"]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """One task's table, in Markdown."""
+    lines = [
+        "| world | arm | episodes | latched | goal-stabilizing | placements that did not stay |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in sorted(rows, key=order):
+        arm, options = read_arm(row["arm"])
+        world = options.scene.rolling + ("" if row["split"] == "val" else f", {row['split']} split")
+        jaws = "" if options.jaws == "never" else f", `--jaws {options.jaws}`"
+        cells = (world, f"`{arm}`{jaws}", row["episodes"], *(share(row[counting]) for counting in COUNTINGS), lost(row))
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
+def put(page: str, task: str, text: str) -> str:
+    """The page with what stands between a task's marks replaced."""
+    begin, end = f"<!-- {task}: begin -->\n", f"\n<!-- {task}: end -->"
+    before, rest = page.split(begin)
+    return before + begin + text + end + rest.split(end)[1]
+
+
 def main(folder: Path) -> None:
     """Summarises all logs of a folder."""
     records, cast = read_cast(sorted(folder.rglob("logs.parquet")))
@@ -85,13 +131,14 @@ def main(folder: Path) -> None:
     }
     kept = {"commands": list(cast.commands), "acting": acting, "rows": rows}
     write_whole(RESULTS, json.dumps(kept, indent=1) + "\n")
-    print("| task | split | arm | episodes | latched | goal-stabilizing | placements that did not stay |")
-    print("|---|---|---|---|---|---|---|")
-    for row in rows:
-        shares = [share(row[counting]) for counting in COUNTINGS]
-        unstable = f"{row['not_stable']} of {row['placements']}"
-        cells = (row["task"], row["split"], row["arm"], row["episodes"], *shares, unstable)
-        print("| " + " | ".join(map(str, cells)) + " |")
+    page = PAGE.read_text()
+    for task in TASKS:
+        mine = [row for row in rows if row["task"] == task]
+        if mine:
+            text = table(mine)
+            page = put(page, task, text)
+            print(f"{task}\n\n{text}\n")
+    write_whole(PAGE, page)
 
 
 if __name__ == "__main__":

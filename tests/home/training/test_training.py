@@ -51,6 +51,11 @@ def test_delta_lengthens_the_horizon():
         skill_config("reset_arm", "set_table")
 
 
+@pytest.mark.parametrize(("options", "ceiling"), [({}, None), ({"delta": 1}, None), ({"delta": 2}, -2.0)])
+def test_who_must_wait_long_after_letting_go_does_not_leave_that_to_the_noise(options, ceiling):
+    assert skill_config("place", "set_table", **options).log_std_end == ceiling
+
+
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
         "perdure.home.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', episodes=2)"
