@@ -56,6 +56,11 @@ def test_who_must_wait_long_after_letting_go_does_not_leave_that_to_the_noise(op
     assert skill_config("place", "set_table", **options).log_std_end == ceiling
 
 
+def test_a_task_may_need_another_recipe():
+    begin = {task: skill_config("pick", task).log_std_init for task in ("set_table", "tidy_house", "prepare_groceries")}
+    assert begin == {"set_table": -1.0, "tidy_house": 0.0, "prepare_groceries": 0.0}
+
+
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
         "perdure.home.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', episodes=2)"
