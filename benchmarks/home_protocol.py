@@ -3,7 +3,8 @@
 python benchmarks/home_protocol.py HOME_RUNS
 
 HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json and the tables of
-docs/home/results.md: one for each task, one row for each world, split and arm.
+docs/home/results.md: one for each task, one row for each world, split and arm. Rows of which HOME_RUNS has no logs stay
+as they are.
 """
 
 from __future__ import annotations
@@ -122,6 +123,11 @@ def put(page: str, task: str, text: str) -> str:
     return before + begin + text + end + rest.split(end)[1]
 
 
+def key(row: dict[str, Any]) -> tuple[str, str, str]:
+    """What a row is about."""
+    return row["task"], row["split"], row["arm"]
+
+
 def main(folder: Path) -> None:
     """Summarises all logs of a folder."""
     records, cast = read_cast(sorted(folder.rglob("logs.parquet")))
@@ -129,15 +135,16 @@ def main(folder: Path) -> None:
     acting = {
         " ".join(group): {skill: list(names) for skill, names in who.items()} for group, who in cast.acting.items()
     }
-    kept = {"commands": list(cast.commands), "acting": acting, "rows": rows}
+    known = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"commands": [], "acting": {}, "rows": []}
+    rows = sorted([*{**{key(row): row for row in known["rows"]}, **{key(row): row for row in rows}}.values()], key=key)
+    commands = sorted({*known["commands"], *cast.commands})
+    kept = {"commands": commands, "acting": dict(sorted({**known["acting"], **acting}.items())), "rows": rows}
     write_whole(RESULTS, json.dumps(kept, indent=1) + "\n")
     page = PAGE.read_text()
     for task in TASKS:
-        mine = [row for row in rows if row["task"] == task]
-        if mine:
-            text = table(mine)
-            page = put(page, task, text)
-            print(f"{task}\n\n{text}\n")
+        text = table([row for row in rows if row["task"] == task])
+        page = put(page, task, text)
+        print(f"{task}\n\n{text}\n")
     write_whole(PAGE, page)
 
 
