@@ -79,16 +79,18 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
     """The picture of a task's policies."""
     series = []
     learned = {name: entry for name, entry in scores.items() if name.startswith(f"{task}/") and "curve" in entry}
-    for number, (name, entry) in enumerate(learned.items()):
+    policies = list(dict.fromkeys(name.split("/")[1] for name in learned))
+    for name, entry in learned.items():
         points = [(k, value) for k, value in enumerate(entry["curve"]) if value is not None]
         steps = (np.array([k for k, _ in points]) + 0.5) * entry["steps"] / BINS
-        label = f"{name.removeprefix(f'{task}/')} ({100 * entry['success']:.0f} %)"
-        series.append(Series(label, steps, np.array([value for _, value in points]), category(number)))
+        _, policy, seed = name.split("/")
+        label = f"{policy}{'' if seed == 'seed-0' else ', ' + seed.replace('-', ' ')} ({100 * entry['success']:.0f} %)"
+        series.append(Series(label, steps, np.array([value for _, value in points]), category(policies.index(policy))))
     chart = Chart(
         f"home-learning-{task}",
-        f"How the skills of {task} are learned (in brackets: success on val starts)",
+        f"How the skills of {task} are learned",
         Axis("environment steps"),
-        Axis("training return of an episode"),
+        Axis("training return of an episode; in brackets: success on val starts"),
         tuple(series),
         wide=True,
     )
