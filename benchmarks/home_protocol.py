@@ -120,7 +120,7 @@ def put(page: str, task: str, text: str) -> str:
     """The page with what stands between a task's marks replaced."""
     begin, end = f"<!-- {task}: begin -->\n", f"\n<!-- {task}: end -->"
     before, rest = page.split(begin)
-    return before + begin + text + end + rest.split(end)[1]
+    return f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}"
 
 
 def key(row: dict[str, Any]) -> tuple[str, str, str]:
