@@ -76,6 +76,15 @@ def test_at_the_start_geometric_tells_horizons_apart_and_linear_does_not():
     assert np.abs(geometric[0] - geometric[1]).max() > 0.3
 
 
+@pytest.mark.parametrize("size", [1, 2, 5, 10])
+@pytest.mark.parametrize("rows", [2, 3, 8, 17])
+def test_small_whole_steps_to_go_give_the_same_bits_alone_and_in_company(size, rows):
+    """NumPy squares by another way than it raises to the power of 2, depending on the shapes that meet."""
+    for left in range(6):
+        together = Geometric(size)(np.zeros(rows), np.full(rows, float(left)))
+        np.testing.assert_array_equal(together, np.tile(Geometric(size)(0.0, float(left)), (rows, 1)))
+
+
 @pytest.mark.parametrize("embedding", EMBEDDINGS, ids=str)
 @given(elapsed=steps, horizon=st.one_of(steps, st.just(INF)))
 def test_every_component_lies_between_0_and_1(embedding, elapsed, horizon):

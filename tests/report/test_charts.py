@@ -56,3 +56,9 @@ def test_columns_have_names_from_left_to_right():
     axis = render_plotly(named, dark=False)["layout"]["xaxis"]
     assert axis["ticktext"] == ["first", "second", "third"]
     assert axis["range"][0] < 0.0 < 2.0 < axis["range"][1]
+
+
+def test_shares_have_no_marks_beyond_100_percent_though_the_axis_goes_on_for_texts():
+    assert Axis("share", percent=True, high=1.4).ticks[-1] == 1.0
+    assert Axis("share", percent=True, high=0.8).ticks is None
+    assert Axis("metres", high=1.4).ticks is None

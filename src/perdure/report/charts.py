@@ -29,6 +29,12 @@ class Axis:
     rows: tuple[str, ...] = ()
     """Names of rows 0, 1, 2, ... from top to bottom, or of columns from left to right: a list, not a scale."""
 
+    @property
+    def ticks(self) -> tuple[float, ...] | None:
+        """Where its marks are; None: where the renderer likes. Shares end at 1, though the axis may go on."""
+        beyond = self.percent and self.high is not None and self.high > 1.0
+        return (0.0, 0.2, 0.4, 0.6, 0.8, 1.0) if beyond else None
+
 
 @dataclass(frozen=True)
 class Series:

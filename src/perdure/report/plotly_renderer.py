@@ -201,6 +201,8 @@ def _axis(axis: Axis, grid: str, ink: str, downwards: bool = False) -> dict[str,
         result |= {"type": "log", "dtick": 1, "exponentformat": "none", "tickformat": ",.0f" if whole else "~g"}
     if axis.percent:
         result |= {"tickformat": ".0%"}
+    if axis.ticks is not None:
+        result |= {"tickvals": list(axis.ticks)}
     if axis.low is not None and axis.high is not None:
         ends = [np.log10(axis.low), np.log10(axis.high)] if axis.log else [axis.low, axis.high]
         margin = 0.02 * (ends[1] - ends[0])

@@ -123,6 +123,8 @@ def _scale_axis(axes: Axes, name: str, axis: Axis) -> None:
             None if axis.low is None else axis.low - margin,
             None if axis.high is None else axis.high + margin,
         )
+    if axis.ticks is not None:
+        target.set_ticks(axis.ticks)
     target.set_major_formatter(
         FuncFormatter(lambda value, _: f"{round(100 * value, 6):g} %" if axis.percent else wording.short(value))
     )
