@@ -59,8 +59,8 @@ class Geometric(Embedding):
         exponent = steps_to_go[..., None] if hasattr(steps_to_go, "ndim") else steps_to_go
         if not isinstance(exponent, np.ndarray | np.generic | float | int):
             return self.factors**exponent
-        # NumPy squares where one exponent 2 serves a whole loop, and with AVX-512 its power of 2 differs from that in the
-        # last bit: every factor gets an exponent of its own, so that a row does not depend on the rows beside it.
+        # NumPy squares where one exponent 2 serves a whole loop, and with AVX-512 its power of 2 differs from that in
+        # the last bit: every factor gets an exponent of its own, so that a row does not depend on those beside it.
         factors = np.resize(self.factors, max(self.size, 2))
         return np.power(factors, exponent + 0.0 * factors)[..., : self.size]
 
