@@ -57,7 +57,7 @@ class Geometric(Embedding):
         # max(T - t, 0) by operators, for traced arrays.
         steps_to_go = (horizon - elapsed) * left
         exponent = steps_to_go[..., None] if hasattr(steps_to_go, "ndim") else steps_to_go
-        if not isinstance(exponent, np.ndarray | np.generic | float | int):
+        if not isinstance(exponent, np.ndarray | float | int):
             return self.factors**exponent
         # NumPy squares where one exponent 2 serves a whole loop, and with AVX-512 its power of 2 differs from that in
         # the last bit: every factor gets an exponent of its own, so that a row does not depend on those beside it.
