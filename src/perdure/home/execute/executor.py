@@ -138,9 +138,10 @@ class Executor:
         return running
 
     def _begin_skills(self, world: World, lanes: Sequence[int], running: list[_Running | None]) -> None:
-        """Begins the next skill of these lanes' plans."""
-        beginning = [(lane, each) for lane in lanes if (each := running[lane]) is not None]
-        for lane, each in beginning:
+        """Begins the next skill of these lanes' plans; all of them run and have one."""
+        for lane in lanes:
+            each = running[lane]
+            assert each is not None
             assert each.current is not None
             world.assign(lane, make_errand(each.episode, each.current, world.lane(lane)))
             each.began = each.step

@@ -70,7 +70,7 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
     """
     if skill not in RECIPES:
         raise HomeError(f"nobody learns {skill!r}; there are recipes for {', '.join(RECIPES)}")
-    recipe = LASTING if options.get("delta", 1) != 1 else ELSEWHERE.get((skill, task), RECIPES[skill])
+    recipe = _recipe(skill, task, options)
     world = make_world(skill_task(skill, task, **{**options, "split": "val", "episodes": 1}), [0])
     size = world.spec.observation_size
     world.close()
@@ -127,9 +127,13 @@ def train_skill(
     config = skill_config(skill, task, **options)
     config = config if total_steps is None else replace(config, total_steps=total_steps)
     command = _command(skill, task, total_steps, options)
-    lesson = {"clutter": True, **options} if RECIPES[skill].clutter else options
+    lesson = {"clutter": True, **options} if _recipe(skill, task, options).clutter else options
     run = TrainRun(skill_task(skill, task, **lesson), skill, config, seeds, command)
     return train(run, out, threads, watch, processes)
+
+
+def _recipe(skill: str, task: str, options: Mapping[str, object]) -> Recipe:
+    return LASTING if options.get("delta", 1) != 1 else ELSEWHERE.get((skill, task), RECIPES[skill])
 
 
 def _command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
