@@ -3,7 +3,7 @@
 python benchmarks/ship_home.py RUNS [seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter and enters
-benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning-TASK.png.
+benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning-*.png.
 One that succeeds often enough goes to src/perdure/home/shipped, without its critic: acting is all it is for there.
 """
 
