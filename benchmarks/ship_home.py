@@ -4,7 +4,8 @@ python benchmarks/ship_home.py RUNS [seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter and enters
 benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning-*.png.
-One that succeeds often enough goes to src/perdure/home/shipped, without its critic: acting is all it is for there.
+One that succeeds often enough goes to src/perdure/home/shipped, without its critic (acting is all it is for there) and
+with weights of 16 bits: so it is scored, too.
 """
 
 from __future__ import annotations
@@ -119,13 +120,14 @@ def main(folder: Path, seeds: list[int]) -> None:
             continue
         policy = load_policy(path / "policy.safetensors")
         total = policy.provenance["config"]["total_steps"]
+        policy = policy.without_critic().halved()
         scored = score(policy, task, skill)
         ships = skill.startswith("place") or scored["success"] >= WORTH_SHIPPING
         target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
         renewed.add((task, skill))
         if ships:
             target.parent.mkdir(parents=True, exist_ok=True)
-            save_policy(policy.without_critic(), target)
+            save_policy(policy, target)
         else:
             target.unlink(missing_ok=True)
         scores[f"{task}/{skill}/seed-{seed}"] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -244,3 +245,18 @@ def test_a_policy_without_its_critic_acts_the_same_and_says_why_it_has_no_value(
     assert smaller.stat().st_size < larger.stat().st_size
     with pytest.raises(PolicyError, match="without its critic"):
         alone.value(observations, zeros, zeros + 10)
+
+
+def test_a_halved_policy_is_half_as_large_and_acts_within_the_precision_of_16_bits(tmp_path):
+    whole = random_policy(hidden=(64, 64))
+    short = load_policy(save_policy(whole.halved(), tmp_path / "short"))
+    long = save_policy(whole, tmp_path / "long")
+    assert (tmp_path / "short").stat().st_size < 0.6 * long.stat().st_size
+    observations, zeros = np.random.default_rng(0).standard_normal((50, whole.task.observation_size)), np.zeros(50)
+    given, exact = short.act(observations, zeros), whole.act(observations, zeros)
+    np.testing.assert_allclose(given, exact, atol=0.02)
+    assert (given != exact).any()
+    np.testing.assert_array_equal(given, short.halved().act(observations, zeros))
+    large = {**whole.weights, "policy.0.bias": np.full_like(whole.weights["policy.0.bias"], 1e6)}
+    with pytest.raises(PolicyError, match=r"policy\.0\.bias.*16 bits"):
+        replace(whole, weights=large).halved()

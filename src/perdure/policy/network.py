@@ -10,6 +10,7 @@ lies.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,14 @@ PROBES = 4
 ACTIVATIONS = ("relu", "tanh")
 
 Float32Array = NDArray[np.float32]
+Weights = Mapping[str, NDArray[np.floating[Any]]]
+"""By name. Stored in 16 or 32 bits; products are of 32 bits."""
 
 
 class Perceptron:
     """Weights of one network, ready to be applied."""
 
-    def __init__(self, weights: Mapping[str, Float32Array], name: str, activation: str) -> None:
+    def __init__(self, weights: Weights, name: str, activation: str) -> None:
         """Takes ``{name}.{layer}.weight`` (in, out) and ``{name}.{layer}.bias`` (out,) from ``weights``.
 
         Args:
@@ -44,9 +47,10 @@ class Perceptron:
         """
         count = sum(key.startswith(f"{name}.") for key in weights) // 2
         try:
-            self._layers = [(weights[f"{name}.{i}.weight"], weights[f"{name}.{i}.bias"]) for i in range(count)]
+            layers = [(weights[f"{name}.{i}.weight"], weights[f"{name}.{i}.bias"]) for i in range(count)]
         except KeyError as missing:
             raise PolicyError(f"the {name} network has no weights {missing}") from None
+        self._layers = [(np.asarray(weight, np.float32), np.asarray(bias, np.float32)) for weight, bias in layers]
         if activation not in ACTIVATIONS:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._rectify = activation == "relu"

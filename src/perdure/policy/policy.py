@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.errors import PolicyError
-from perdure.policy.network import Perceptron
+from perdure.policy.network import Perceptron, Weights
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class Policy:
     """
 
     task: TaskInfo
-    weights: Mapping[str, NDArray[np.float32]]
+    weights: Weights
     """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value`` (unless it was left
     out, see :meth:`without_critic`), and ``log_std``."""
     activation: str
@@ -155,6 +155,19 @@ class Policy:
     def without_critic(self) -> Policy:
         """The same policy, which acts the same, at half the size: `value` is no longer answered."""
         return replace(self, weights={name: each for name, each in self.weights.items() if not name.startswith(CRITIC)})
+
+    def halved(self) -> Policy:
+        """A policy of half the size that acts nearly the same: weights are rounded to 16 bits, eleven of them precise.
+
+        Raises:
+            PolicyError: If a weight is too large for 16 bits (65,504).
+        """
+        with np.errstate(over="ignore"):
+            short = {name: each.astype(np.float16) for name, each in self.weights.items()}
+        for name, each in short.items():
+            if not np.isfinite(each).all():
+                raise PolicyError(f"{self.task.name}: {name} holds numbers that 16 bits cannot hold")
+        return replace(self, weights=short)
 
     def value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
         """The critic's estimate in scaled reward, shape (n,).
