@@ -1,11 +1,12 @@
 """Takes home policies over from a folder of runs: copies them, scores them, draws how they were learned.
 
 python benchmarks/ship_home.py RUNS [seed ...]
+python benchmarks/ship_home.py again [task/policy/seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter and enters
 benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning-*.png.
 One that succeeds often enough goes to src/perdure/home/shipped, without its critic (acting is all it is for there) and
-with weights of 16 bits: so it is scored, too.
+with weights of 16 bits: so it is scored, too. `again` scores what is shipped anew, after a change of the world.
 """
 
 from __future__ import annotations
@@ -150,9 +151,30 @@ def main(folder: Path, seeds: list[int]) -> None:
         draw(task, dict(sorted(scores.items())))
 
 
+def again(names: list[str]) -> None:
+    """Scores shipped policies anew; all when none is named."""
+    scores = json.loads(SCORES.read_text())
+    renewed = set()
+    for path in sorted(SHIPPED.glob("*/*/seed-*.safetensors")):
+        name = path.relative_to(SHIPPED).with_suffix("").as_posix()
+        if names and name not in names:
+            continue
+        policy, (task, skill, _) = load_policy(path).halved(), name.split("/")
+        save_policy(policy, path)
+        scores[name] = {**scores[name], **score(policy, task, skill)}
+        renewed.add((task, skill))
+        _write(scores)
+        print(name, scores[name]["success"], scores[name]["failures"], flush=True)
+    lent(scores, renewed)
+    _write(scores)
+
+
 def _write(scores: dict[str, dict[str, Any]]) -> None:
     write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), [int(each) for each in sys.argv[2:]])
+    if sys.argv[1] == "again":
+        again(sys.argv[2:])
+    else:
+        main(Path(sys.argv[1]), [int(each) for each in sys.argv[2:]])
