@@ -4,7 +4,7 @@ python benchmarks/home_protocol.py HOME_RUNS
 
 HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json and the tables of
 docs/home/results.md: one for each task, one row for each world, split and arm. Rows of which HOME_RUNS has no logs stay
-as they are.
+as they are: after a change of the world or of the policies delete benchmarks/home_protocol.json first.
 """
 
 from __future__ import annotations

@@ -139,6 +139,27 @@ def main(folder: Path, seeds: list[int]) -> None:
             "curve": curve(path, total),
         }
         _write(scores)
+    finish(scores, renewed)
+
+
+def again(names: list[str]) -> None:
+    """Scores shipped policies anew, such as "set_table/pick/seed-0"; all when none is named."""
+    shipped = {
+        path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in SHIPPED.glob("*/*/seed-*.safetensors")
+    }
+    if unknown := set(names) - shipped.keys():
+        sys.exit(f"nobody ships {', '.join(sorted(unknown))}; there are {', '.join(sorted(shipped))}")
+    scores, renewed = json.loads(SCORES.read_text()), set()
+    for name in names or sorted(shipped):
+        task, skill, _ = name.split("/")
+        scores[name] |= score(load_policy(shipped[name]), task, skill)
+        renewed.add((task, skill))
+        _write(scores)
+    finish(scores, renewed)
+
+
+def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
+    """Scores what is lent to other tasks, prints the table, draws the pictures."""
     lent(scores, renewed)
     _write(scores)
     print("| policy | steps | success on val starts | how the others ended | shipped |\n|---|---|---|---|---|")
@@ -149,24 +170,6 @@ def main(folder: Path, seeds: list[int]) -> None:
         print(f"| {name} | {steps} | {entry['success']:.3f} of {entry['episodes']} | {ways} | {shipped} |")
     for task in {name.split("/")[0] for name in scores}:
         draw(task, dict(sorted(scores.items())))
-
-
-def again(names: list[str]) -> None:
-    """Scores shipped policies anew; all when none is named."""
-    scores = json.loads(SCORES.read_text())
-    renewed = set()
-    for path in sorted(SHIPPED.glob("*/*/seed-*.safetensors")):
-        name = path.relative_to(SHIPPED).with_suffix("").as_posix()
-        if names and name not in names:
-            continue
-        policy, (task, skill, _) = load_policy(path).halved(), name.split("/")
-        save_policy(policy, path)
-        scores[name] = {**scores[name], **score(policy, task, skill)}
-        renewed.add((task, skill))
-        _write(scores)
-        print(name, scores[name]["success"], scores[name]["failures"], flush=True)
-    lent(scores, renewed)
-    _write(scores)
 
 
 def _write(scores: dict[str, dict[str, Any]]) -> None:

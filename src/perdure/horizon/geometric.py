@@ -61,7 +61,7 @@ class Geometric(Embedding):
             return self.factors**exponent
         # NumPy squares where one exponent 2 serves a whole loop, and with AVX-512 its power of 2 differs from that in
         # the last bit: every factor gets an exponent of its own, so that a row does not depend on those beside it.
-        factors = np.resize(self.factors, max(self.size, 2))
+        factors = self.factors if self.size > 1 else self.factors.repeat(2)
         return np.power(factors, exponent + 0.0 * factors)[..., : self.size]
 
 

@@ -24,12 +24,11 @@ def table(empty_room):
     return replace(apartment, pieces=(table_01("table_01", Pose(float(middle[0]), float(middle[1]), 0.3)),))
 
 
-def driven(apartment, heading, steps=90, beside=0.0):
-    """The base's places while it drives toward the table from 1.8 m away, `beside` to the left of its middle."""
+def driven(apartment, heading, steps=90):
+    """The base's places while it drives toward the middle of the table from 1.8 m away."""
     world, pose = World(1, threads=1), apartment.pieces[0].pose
-    ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
-    x, y = np.array([pose.x, pose.y]) - 1.8 * ahead + beside * left
-    world.reset(0, build_scene(apartment, []), Pose(float(x), float(y), heading))
+    start = Pose(pose.x - 1.8 * float(np.cos(heading)), pose.y - 1.8 * float(np.sin(heading)), heading)
+    world.reset(0, build_scene(apartment, []), start)
     places = []
     for _ in range(steps):
         world.step(FORWARD)
@@ -48,7 +47,7 @@ def test_nobody_gets_under_a_table(table, heading):
 
 
 def test_without_the_skirt_a_robot_does_get_under_it(table, monkeypatch):
-    monkeypatch.setattr(scene, "add_skirt", lambda spec: None)
+    monkeypatch.setattr(scene, "add_skirt", lambda spec, apartment: None)
     assert nearest(table, driven(table, 0.3 + 0.5 * np.pi)) < RADIUS - 0.1
 
 

@@ -21,7 +21,7 @@ from perdure.home.robot import add_fetch
 from perdure.home.robot.data import JOINTS
 from perdure.home.world.handles import Handles
 from perdure.home.world.nearby import Nearby
-from perdure.home.world.skirt import add_skirt, meet_skirt
+from perdure.home.world.skirt import add_skirt
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -214,12 +214,11 @@ def build_scene(
     spec = mujoco.MjSpec()
     _set_physics(spec, options)
     build_apartment(apartment, spec, looks=options.looks)
-    meet_skirt(spec)
     objects = YcbObjects(looks=options.looks)
     for number, placement in enumerate(placements):
         objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
     add_fetch(spec, looks=options.looks)
-    add_skirt(spec)
+    add_skirt(spec, apartment)
     _add_holds(spec, apartment, len(placements))
     scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
     if options.rolling == "drag":

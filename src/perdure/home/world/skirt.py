@@ -9,33 +9,33 @@ from __future__ import annotations
 
 from typing import Any
 
+from perdure.home.layouts import Apartment
 from perdure.home.layouts.footprint import CLIMB, REACH_UP
+from perdure.home.robot.fetch import HIDDEN
 
 RADIUS = 0.29
 """In [m]; M3's 0.3 less 1 cm for the push of the wheels, 5 mm more than the base itself."""
 BIT = 4
-"""Collision bit of the skirt: furniture and walls that do not move answer it, doors, drawers and objects do not."""
-HIDDEN = 4
-"""Its geom group."""
+"""Its collision bit; 1 and 2 are the robot's own (`perdure.home.robot.shapes`)."""
 
 
-def meet_skirt(spec: Any) -> None:
-    """Lets all furniture and walls that do not move meet the skirt. To be called before anything else is added."""
-    for body in spec.bodies:
-        if body.name != "world" and not body.joints:
-            for geom in body.geoms:
-                if geom.contype:
-                    geom.conaffinity |= BIT
+def add_skirt(spec: Any, apartment: Apartment) -> None:
+    """Puts the skirt around the base, and lets furniture and walls meet it, but for their drawers and doors.
 
+    It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
+    contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.
+    What is low meets the base itself.
 
-def add_skirt(spec: Any) -> None:
-    """Puts the skirt around the base: an upright capsule that slides along what it meets without friction.
-
-    No cylinder: at the corner of a box MuJoCo's general search for contacts finds normals that let it through (by 9 cm
-    at 1.5 m/s), while a capsule and a box have an equation of their own. What is low meets the base itself.
+    Args:
+        spec: Has the apartment and the robot already.
+        apartment: Whose walls and pieces keep the base off.
     """
     import mujoco
 
+    for piece in (*apartment.walls, *apartment.pieces):
+        for geom in spec.body(piece.name).geoms:  # those of drawers and doors belong to bodies of their own
+            if geom.contype:
+                geom.conaffinity |= BIT
     spec.body("robot").add_geom(
         name="robot/skirt",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
