@@ -78,21 +78,24 @@ def curve(path: Path, total: int) -> list[float | None]:
 
 
 def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
-    """The picture of a task's policies."""
+    """The picture of a task's policies: a curve for each, the mean of its seeds, within their range."""
+    seeds: dict[str, list[dict[str, Any]]] = {}
+    for name, entry in scores.items():
+        if name.startswith(f"{task}/") and "curve" in entry:
+            seeds.setdefault(name.split("/")[1], []).append(entry)
     series = []
-    learned = {name: entry for name, entry in scores.items() if name.startswith(f"{task}/") and "curve" in entry}
-    policies = list(dict.fromkeys(name.split("/")[1] for name in learned))
-    for name, entry in learned.items():
-        points = [(k, value) for k, value in enumerate(entry["curve"]) if value is not None]
-        steps = (np.array([k for k, _ in points]) + 0.5) * entry["steps"] / BINS
-        _, policy, seed = name.split("/")
-        label = f"{policy}{'' if seed == 'seed-0' else ', ' + seed.replace('-', ' ')} ({100 * entry['success']:.0f} %)"
-        series.append(Series(label, steps, np.array([value for _, value in points]), category(policies.index(policy))))
+    for number, (policy, entries) in enumerate(seeds.items()):
+        curves = np.array([entry["curve"] for entry in entries], float)
+        known = ~np.isnan(curves).any(axis=0)
+        steps, curves = (np.arange(BINS)[known] + 0.5) * entries[0]["steps"] / BINS, curves[:, known]
+        rates = ", ".join(f"{100 * entry['success']:.0f}" for entry in entries)
+        bounds = (curves.min(axis=0), curves.max(axis=0)) if len(entries) > 1 else (None, None)
+        series.append(Series(f"{policy} ({rates} %)", steps, curves.mean(axis=0), category(number), *bounds))
     chart = Chart(
         f"home-learning-{task}",
         f"How the skills of {task} are learned",
         Axis("environment steps"),
-        Axis("training return of an episode; in brackets: success on val starts"),
+        Axis("training return of an episode, mean and range of seeds; in brackets: success on val starts, each seed"),
         tuple(series),
         wide=True,
     )

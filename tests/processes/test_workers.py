@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from perdure.processes import WorkerError, WorkerProcess, idle_cores, own_cores
+from perdure.processes import WorkerError, WorkerProcess, idle_cores, own_cores, share_out
 
 MODULE = """
 import os, sys, time
@@ -20,6 +20,9 @@ def work(job, tell):
     print("noise on standard output")
     if job == "fail":
         raise ValueError("no such job")
+    if job == "long":
+        tell(os.getpid())
+        time.sleep(300)
     if job == "where":
         tell([sorted(os.sched_getaffinity(0)), os.environ["OPENBLAS_NUM_THREADS"], os.getpid()])
         return
@@ -35,10 +38,15 @@ import sys
 from perdure.processes import WorkerProcess
 
 with WorkerProcess("scripted_worker") as worker:
-    (where,) = worker.ask("where")
-    print(where[2], flush=True)
-    for answer in worker.ask(10_000):
-        pass
+    for answer in worker.ask("long"):
+        print(answer, flush=True)
+"""
+
+SHARES = """
+import sys
+from perdure.processes import share_out
+
+share_out("scripted_worker", ["long", "long"], 2, lambda job, told: print(told, flush=True))
 """
 
 
@@ -80,15 +88,68 @@ def test_a_killed_worker_is_a_failure_and_so_is_asking_it_again(module):
 
 
 def test_a_worker_ends_with_who_asked_however_that_ended(module):
-    asking = subprocess.Popen([sys.executable, "-c", ASKS], stdout=subprocess.PIPE, text=True)
-    worker = int(asking.stdout.readline())
+    asking, (worker,) = asked(ASKS, 1)
     asking.kill()
-    asking.wait()
-    asking.stdout.close()
+    until_gone(worker)
+    asking.communicate(timeout=30)
+
+
+@pytest.mark.parametrize("how", ["killed", "Ctrl-C"])
+def test_a_crew_ends_with_who_asked_for_it(module, how):
+    asking, workers = asked(SHARES, 2)  # without a main guard
+    if how == "Ctrl-C":
+        os.killpg(asking.pid, signal.SIGINT)  # as a terminal does
+    else:
+        asking.kill()
+    until_gone(*workers)
+    assert asking.communicate(timeout=30)[1].count("Traceback") == (how == "Ctrl-C"), "its own alone"
+
+
+def test_a_crew_does_every_job_once_each_process_on_one_thread(module):
+    told = []
+    share_out(module, [3, "where", 2, "where", 0], 2, lambda job, news: told.append((job, news)))
+    assert sorted(news for job, news in told if job in (0, 2)) == [0, 0, 1, 1, 2]
+    (_, (cores, threads, first)), (_, (_, _, second)) = sorted(each for each in told if each[0] in (1, 3))
+    assert threads == "1"
+    assert set(cores) <= os.sched_getaffinity(0)
+    assert os.getpid() not in (first, second)
+
+
+def test_a_crew_without_jobs_is_none(module):
+    share_out(module, [], 2, print)
+
+
+def test_a_failure_in_a_crew_ends_the_others_and_reaches_who_asked(module):
+    workers = []
+    with pytest.raises(WorkerError, match="ValueError: no such job"):
+        share_out(module, ["long", "fail"], 2, lambda job, process: workers.append(process))
+    until_gone(*workers)
+
+
+def asked(script, count):
+    """A script that runs, and what it printed first: the numbers of its worker processes."""
+    asking = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    return asking, [int(asking.stdout.readline()) for _ in range(count)]
+
+
+def until_gone(*processes):
     end = time.monotonic() + 60.0
-    while Path(f"/proc/{worker}").exists():
+    while any(_alive(process) for process in processes):
         assert time.monotonic() < end, "it lives on"
         time.sleep(0.05)
+
+
+def _alive(process):
+    try:
+        return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):  # gone, the second while its file was being read
+        return False
 
 
 class TestIdleCores:

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Self
@@ -21,6 +22,8 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Environment of a process whose libraries shall multiply on one thread from their first import on."""
 
 Tell = Callable[[Any], None]
+LOOK = 0.5
+"""Seconds between two looks at whether the process that asked still lives."""
 _DONE = None
 """What a worker answers when a job is done; nothing a job tells."""
 
@@ -105,14 +108,19 @@ def serve(work: Callable[[Any, Tell], None]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own handler would print where it was
     if cores := json.loads(sys.argv[1]):
         os.sched_setaffinity(0, cores)
-    parent = os.getppid()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def tell(answer: Any) -> None:
-        if os.getppid() != parent:
-            sys.exit("the process that asked is gone")
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
 
     for line in sys.stdin:
         work(json.loads(line), tell)
         tell(_DONE)
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent is gone, however that ended. Files are written whole, so none is left half."""
+    while os.getppid() == parent:
+        time.sleep(LOOK)
+    os._exit(1)

@@ -12,6 +12,7 @@ from perdure.home.execute import Executor, ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
 from perdure.home.outcomes import read_logs, read_notes
 from perdure.home.protocol import Protocol, choose_policies, make_actors, placing, run_protocol, units
+from perdure.home.protocol.job import Job
 from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.tasks import get_task
 from perdure.home.world import SceneOptions
@@ -66,7 +67,7 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
 
 @pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
-    monkeypatch.setattr("perdure.home.protocol.run.CHUNK", 1)
+    monkeypatch.setattr("perdure.home.protocol.job.CHUNK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
     protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
     told = []
@@ -74,6 +75,25 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
     together = run_protocol(protocol, tmp_path / "together", told.append, processes=2)
     assert told == [1, 1]
     assert [path.read_bytes() for path in together] == [path.read_bytes() for path in alone]
+
+
+@pytest.mark.parametrize("targets", [None, (0, 1)])
+def test_a_protocol_for_another_process_is_the_same_one(targets):
+    scene = SceneOptions(rolling="drag", clutter=False, targets=targets)
+    options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, jaws="apart", scene=scene)
+    protocol = Protocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
+    assert Protocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
+
+
+def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
+    path = tmp_path / "place.safetensors"
+    path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
+    protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
+    settings = Job(protocol, next(units(protocol)), protocol.cast(0), tmp_path, "").to_json()
+    assert Job.from_json(settings).config == settings["config"]
+    path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
+    with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
+        Job.from_json(settings)
 
 
 @pytest.mark.parametrize(

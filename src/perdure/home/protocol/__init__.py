@@ -7,10 +7,12 @@ Contents:
     choose_policies, make_actors      who acts in which skill
 """
 
+from perdure.home.protocol.job import LOGS, units
 from perdure.home.protocol.naming import arm_name, read_arm
 from perdure.home.protocol.placing import Placing, placing
 from perdure.home.protocol.policies import choose_policies, make_actors, shipped_policy
-from perdure.home.protocol.run import LOGS, Protocol, run_protocol, units
+from perdure.home.protocol.protocol import Protocol
+from perdure.home.protocol.run import run_protocol
 
 __all__ = [
     "LOGS",

@@ -105,7 +105,7 @@ def choose_policies(
             path = None if named == ORACLE else Path(named.format(seed=train_seed))
         if path is not None and not path.exists():
             raise HomeError(f"there is no policy {path} for {skill}")
-        result[skill] = SkillPolicy(ORACLE, "", None) if path is None else _load(path)
+        result[skill] = read_policy(ORACLE if path is None else str(path))
     return result
 
 
@@ -119,5 +119,8 @@ def make_actors(policies: Mapping[SkillName, SkillPolicy], arm: str) -> dict[str
     return actors
 
 
-def _load(path: Path) -> SkillPolicy:
-    return SkillPolicy(str(path), hashlib.sha256(path.read_bytes()).hexdigest(), load_policy(path))
+def read_policy(source: str) -> SkillPolicy:
+    """A policy's file, or "oracle"."""
+    if source == ORACLE:
+        return SkillPolicy(ORACLE, "", None)
+    return SkillPolicy(source, hashlib.sha256(Path(source).read_bytes()).hexdigest(), load_policy(source))
