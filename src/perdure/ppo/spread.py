@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack
 from pathlib import Path
 
 from perdure.ppo.chain import reached
 from perdure.ppo.config import PPOConfig
-from perdure.processes import WorkerProcess, own_cores
+from perdure.processes import WorkerProcess, side_by_side
 
 WORKER = "perdure.ppo.worker"
 
@@ -59,16 +57,4 @@ def carry_all(
                 with lock:
                     waiting[seed] = segment + 1
 
-    with own_cores(processes * each) as free, ExitStack() as stack:
-        workers = []
-        for place in range(processes):
-            cores = free[place * each : (place + 1) * each]
-            workers.append(stack.enter_context(WorkerProcess(WORKER, cores if len(cores) == each else ())))
-        pool = stack.enter_context(ThreadPoolExecutor(max(processes, 1)))
-        try:
-            for done in as_completed([pool.submit(work, worker) for worker in workers]):
-                done.result()
-        except BaseException:
-            for worker in workers:
-                worker.kill()
-            raise
+    side_by_side(WORKER, processes, work, each)

@@ -1,4 +1,4 @@
-"""Several worker processes that share out a list of jobs."""
+"""Several worker processes at work side by side."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from perdure.processes.worker import WorkerProcess
 def share_out(module: str, jobs: Sequence[Any], processes: int, told: Callable[[int, Any], None]) -> None:
     """Does all jobs, in their order, each by whichever process is free.
 
-    A process has a core of its own where there is one that nobody uses. All of them end with this call.
-
     Args:
         module: What they run, see `perdure.processes.WorkerProcess`.
         jobs: What is handed to them; JSON.
@@ -25,7 +23,7 @@ def share_out(module: str, jobs: Sequence[Any], processes: int, told: Callable[[
         told: Called with a job's place in the list and with what is told about it, by one thread at a time.
 
     Raises:
-        WorkerError: If a process failed; the others are ended.
+        WorkerError: As for `side_by_side`.
     """
     waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
     for number in range(len(jobs)):
@@ -42,10 +40,29 @@ def share_out(module: str, jobs: Sequence[Any], processes: int, told: Callable[[
                 with lock:
                     told(number, news)
 
-    with own_cores(count) as free, ExitStack() as stack:
-        places = [free[place : place + 1] for place in range(count)]
-        workers = [stack.enter_context(WorkerProcess(module, cores)) for cores in places]
-        pool = stack.enter_context(ThreadPoolExecutor(max(count, 1)))
+    side_by_side(module, count, work)
+
+
+def side_by_side(module: str, processes: int, work: Callable[[WorkerProcess], None], cores: int = 1) -> None:
+    """Starts processes and has each asked for work by a thread of its own; all of them end with this call.
+
+    A process is bound to cores that nobody uses, where there are enough of them.
+
+    Args:
+        module: What they run, see `perdure.processes.WorkerProcess`.
+        processes: How many; with 0 nothing happens.
+        work: Called with a process, by all threads at once.
+        cores: How many each of them needs.
+
+    Raises:
+        WorkerError: If a process failed; the others are ended. Whatever else `work` raises reaches the caller, too.
+    """
+    with own_cores(processes * cores) as free, ExitStack() as stack:
+        workers = []
+        for place in range(processes):
+            mine = free[place * cores : (place + 1) * cores]
+            workers.append(stack.enter_context(WorkerProcess(module, mine if len(mine) == cores else ())))
+        pool = stack.enter_context(ThreadPoolExecutor(max(processes, 1)))
         try:
             for done in as_completed([pool.submit(work, worker) for worker in workers]):
                 done.result()
