@@ -44,6 +44,7 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
         "split": comparison.split,
         "arm": arm,
         "episodes": len(comparison.episodes[arm]),
+        "seeds": {name: comparison.episodes[arm][f"{name}_seed"].n_unique() for name in ("train", "eval")},
         "runs": finals["latched"]["runs"],
         **{counting: {key: round(float(row[key]), 4) for key in keys} for counting, row in finals.items()},
         "stages": {
@@ -104,14 +105,16 @@ def order(row: dict[str, Any]) -> tuple[bool, bool, int, str]:
 def table(rows: list[dict[str, Any]]) -> str:
     """One task's table, in Markdown."""
     lines = [
-        "| world | arm | episodes | latched | goal-stabilizing | placements that did not stay |",
+        "| world | arm | seeds x episodes | latched | goal-stabilizing | placements that did not stay |",
         "|---|---|---|---|---|---|",
     ]
     for row in sorted(rows, key=order):
         arm, options = read_arm(row["arm"])
         world = options.scene.rolling + ("" if row["split"] == "val" else f", {row['split']} split")
         jaws = "" if options.jaws == "never" else f", `--jaws {options.jaws}`"
-        cells = (world, f"`{arm}`{jaws}", row["episodes"], *(share(row[counting]) for counting in COUNTINGS), lost(row))
+        train, evaluated = row["seeds"]["train"], row["seeds"]["eval"]
+        times = f"{train} x {evaluated} x {row['episodes'] // (train * evaluated)}"
+        cells = (world, f"`{arm}`{jaws}", times, *(share(row[counting]) for counting in COUNTINGS), lost(row))
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines)
 

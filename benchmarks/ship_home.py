@@ -4,7 +4,7 @@ python benchmarks/ship_home.py RUNS [seed ...]
 python benchmarks/ship_home.py again [task/policy/seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter and enters
-benchmarks/home_skills.json, the table that is printed (for docs/home/training.md) and docs/images/home-learning-*.png.
+benchmarks/home_skills.json, the table in docs/home/training.md and docs/images/home-learning-*.png.
 One that succeeds often enough goes to src/perdure/home/shipped, without its critic (acting is all it is for there) and
 with weights of 16 bits: so it is scored, too. `again` scores what is shipped anew, after a change of the world.
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,9 @@ from perdure.store import write_whole
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
 IMAGES = HERE.parent / "docs" / "images"
+PAGE = HERE.parent / "docs" / "home" / "training.md"
+BEGIN, END = "<!-- scores: begin -->\n", "<!-- scores: end -->"
+"""Between them stands the table."""
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
 how it lets go is what the arms are compared by."""
@@ -162,17 +166,32 @@ def again(names: list[str]) -> None:
 
 
 def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
-    """Scores what is lent to other tasks, prints the table, draws the pictures."""
+    """Scores what is lent to other tasks, writes the table, draws the pictures."""
     lent(scores, renewed)
     _write(scores)
-    print("| policy | steps | success on val starts | how the others ended | shipped |\n|---|---|---|---|---|")
-    for name, entry in sorted(scores.items()):
-        ways = ", ".join(f"{way} {count}" for way, count in entry["failures"].items()) or "-"
-        shipped = "yes" if entry["shipped"] else "no"
-        steps = f"{entry['steps']:,}" if "steps" in entry else f"as on {entry['learned_on']}"
-        print(f"| {name} | {steps} | {entry['success']:.3f} of {entry['episodes']} | {ways} | {shipped} |")
+    text = table(scores)
+    page = PAGE.read_text()
+    before, rest = page.split(BEGIN)
+    write_whole(PAGE, f"{before}{BEGIN}\n{text}\n\n{END}{rest.split(END)[1]}")
+    print(text)
     for task in {name.split("/")[0] for name in scores}:
         draw(task, dict(sorted(scores.items())))
+
+
+def table(scores: dict[str, dict[str, Any]]) -> str:
+    """One row for each policy, all its seeds in it, in Markdown."""
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for name, entry in sorted(scores.items(), key=lambda item: (list(TASKS).index(item[0].split("/")[0]), item[0])):
+        task, policy, _ = name.split("/")
+        rows.setdefault((task, policy), []).append(entry)
+    lines = ["| task | policy | steps | success, seed by seed | how the others ended |", "|---|---|---|---|---|"]
+    for (task, policy), entries in rows.items():
+        ways: Counter[str] = sum((Counter(entry["failures"]) for entry in entries), Counter())
+        ended = "; ".join(f"{way} {count}" for way, count in ways.most_common()) or "-"
+        steps = f"{entries[0]['steps']:,}" if "steps" in entries[0] else f"as on {entries[0]['learned_on']}"
+        rates = ", ".join(f"{entry['success']:.3f}" for entry in entries)
+        lines.append(f"| {task} | {policy} | {steps} | {rates} | {ended} |")
+    return "\n".join(lines)
 
 
 def _write(scores: dict[str, dict[str, Any]]) -> None:

@@ -33,6 +33,15 @@ def test_carrying_the_object_10_cm_nearer_to_its_goal_earns_0_4():
     assert total == close(0.4 - 0.002)
 
 
+def test_what_belongs_above_the_hand_is_lifted_and_what_belongs_below_comes_down_on_the_straight_line():
+    below = change(HELD, object=[1.0, 0.3, 0.4])  # the goal is at (1, 0, 0.8): 0.3 m away, 0.4 m above
+    assert step_reward(Place(), below, change(below, object=[1.0, 0.3, 0.5]))[1]["carry"] == close(4 * 0.1)
+    assert step_reward(Place(), below, change(below, object=[1.0, 0.2, 0.4]))[1]["carry"] == close(4 * 0.1)
+    above = change(HELD, object=[1.0, 0.3, 1.2])
+    down = change(above, object=[1.0, 0.3, 1.1])
+    assert step_reward(Place(), above, down)[1]["carry"] == close(4 * (0.5 - np.hypot(0.3, 0.3)))
+
+
 def test_the_first_release_in_the_goal_earns_1_and_later_steps_nothing_more():
     inside = change(HELD, held=-1, object=[1.0, 0.1, 0.8], **gripper_off(0.4))
     total, terms = step_reward(Place(), change(HELD, object=[1.0, 0.1, 0.8]), inside)

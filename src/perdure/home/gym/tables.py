@@ -44,7 +44,7 @@ REWARDS: Mapping[str, Mapping[str, str]] = {
         "retract": f"{pick.DISTANCE_REWARD:g} per metre nearer to rest while it is held",
     },
     "place": {
-        "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while the object is held",
+        "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while it is held, up counted apart (OURS)",
         "release": f"+{place.RELEASE_REWARD:g} for the first release, if inside the goal region",
         "retract": f"{place.DISTANCE_REWARD:g} per metre nearer to rest after it",
     },

@@ -22,6 +22,7 @@ from perdure.home.skills.observation import (
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
 from perdure.home.tasks import LIMITS
 from perdure.home.world import GRIP, Sensors
+from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -40,8 +41,8 @@ class Place(Skill):
     At time t: for each of the last Delta steps, t included, the object is within eps_g = 0.15 m of its goal and not
     held, and at t the gripper point is within eps_r = 0.05 m of its rest position. Delta = 1 is the benchmark's rule.
 
-    Reward (M3): while it is held 4 per metre nearer to the goal; at the first release +1 inside the goal region, else
-    -1 and the end; after it 4 per metre nearer to rest.
+    Reward (M3): while it is held 4 per metre nearer to the goal (OURS: up counts apart, see `left_to_carry`); at the
+    first release +1 inside the goal region, else -1 and the end; after it 4 per metre nearer to rest.
     """
 
     name = "place"
@@ -98,7 +99,7 @@ class Place(Skill):
 
     def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
-        nearer = before.object_to_goal - after.object_to_goal
+        nearer = left_to_carry(before) - left_to_carry(after)
         retract = rest_distance(before) - rest_distance(after)
         first = now.released & ~was.released
         inside = after.object_to_goal <= GOAL_RADIUS
@@ -151,3 +152,16 @@ class Place(Skill):
             lasting=np.where(there, progress.lasting + 1, 0),
             reached=progress.reached | there,
         )
+
+
+def left_to_carry(sensors: Sensors) -> FloatArray:
+    """What the object still has to be carried in [m], shape (n,).
+
+    The straight way to a goal below it; what a goal is above it counts apart, so that the object is lifted at once and
+    not led against the edge of a shelf. With d = goal - object: |(d_x, d_y, min(d_z, 0))| + max(d_z, 0). OURS, M3 has
+    |d|.
+    """
+    to_goal = sensors.goal - sensors.object
+    ahead = to_goal.copy()
+    ahead[:, 2] = np.minimum(ahead[:, 2], 0.0)
+    return np.asarray(norm(ahead) + np.maximum(to_goal[:, 2], 0.0))
