@@ -30,6 +30,8 @@ class HomeFailures:
     """What counts as failed: latched (the benchmark's way), stabilizing (placements must last)."""
     policies: tuple[str, ...] = ()
     """SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
+    vary: Literal["all", "place"] = "all"
+    """As for `perdure home run`: place if the logs were run so."""
     out: Path = Path("failures")
     """Folder for the pictures."""
 
@@ -48,7 +50,7 @@ def main(args: list[str]) -> None:
         print(f"no episode of these logs failed ({flags.counting})")
         return
     # Whatever is wrong is found out before anything runs: policies, other episodes, a machine that cannot draw.
-    takes = {cast: make_take(*cast, chosen) for cast in {failure.cast for failure in drawn}}
+    takes = {cast: make_take(*cast, chosen, flags.vary) for cast in {failure.cast for failure in drawn}}
     _ = [failure.episode for failure in drawn]
     open_context(16, 16).free()
     others = 0

@@ -43,6 +43,8 @@ class HomeVideo:
     """With --place: SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
     train_seed: int = 0
     """With --place: which of the shipped policies."""
+    vary: Literal["all", "place"] = "all"
+    """Whose policy is that of the training seed: every skill's, or that of place alone (the others are of seed 0)."""
     jaws: Literal["never", "apart"] = "never"
     """As for `perdure home run`."""
     rolling: Literal["friction", "drag"] = "friction"
@@ -60,7 +62,7 @@ def main(args: list[str]) -> None:
     options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, flags.seed, flags.jaws, flags.rolling)
     if flags.place:
         chosen = policies(flags.policies)
-        takes = [make_take(flags.task, place, flags.train_seed, chosen) for place in flags.place]
+        takes = [make_take(flags.task, place, flags.train_seed, chosen, flags.vary) for place in flags.place]
         for place, log in zip(flags.place, film_beside(episode, flags.out, takes, options), strict=True):
             _tell(log, f"{place}: ")
     elif flags.policies:

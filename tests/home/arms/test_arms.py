@@ -55,13 +55,13 @@ def table():
     return apartment, scene, np.array([x, y, height]), piece.pose, depth
 
 
-def start(table, clearance=0.10):
+def start(table, clearance=0.10, rotation=None):
     _, scene, surface, pose, _ = table
     base = Pose(
         float(surface[0] + 0.8 * np.cos(pose.yaw)), float(surface[1] + 0.8 * np.sin(pose.yaw)), pose.yaw + np.pi
     )
     point = base.to_local(surface + np.array([0.0, 0.0, 0.088 + clearance]))
-    found = reach(point, REST_ARM, rotation=np.eye(3))
+    found = reach(point, REST_ARM, rotation=np.eye(3) if rotation is None else rotation)
     assert found.ok
     world = World(1)
     goal = tuple(float(v) for v in surface + np.array([0.0, 0.0, 0.088]))
@@ -114,6 +114,22 @@ def test_ik_plus_sets_the_object_down_before_it_lets_go(table):
     bottom = seen[-2].object[0, 2] - 0.088 - table[2][2]
     assert abs(bottom) < 0.012
     assert seen[-2].object_up[0, 2] > 0.99
+
+
+def lying_low(table):
+    """The box on its side, 3 cm above the table: too low to stand it up."""
+    tilt = np.radians(75.0)
+    across = np.array([[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]])
+    return start(table, clearance=-0.015, rotation=across)
+
+
+def test_ik_plus_turns_back_what_it_cannot_set_upright(table, monkeypatch):
+    seen = play(lying_low(table), make_arm("ik+", Hasty(at=0)))
+    before, after = seen[1].object_up[0], seen[-2].object_up[0]
+    assert np.degrees(np.arccos(before @ after)) < 10.0
+    monkeypatch.setattr("perdure.home.arms.ik_plus.UPRIGHT", -1.0)
+    half = play(lying_low(table), make_arm("ik+", Hasty(at=0)))[-2].object_up[0]
+    assert 20.0 < np.degrees(np.arccos(half[2])) < 65.0, "the control: it would be let go half turned"
 
 
 def test_a_target_out_of_reach_is_a_labelled_fall_back(table):

@@ -73,6 +73,12 @@ def test_two_arms_are_filmed(episode, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
 
 
+def test_a_take_of_another_training_seed_may_have_only_place_from_it():
+    with pytest.raises(HomeError, match="training seed 2"):
+        make_take("tidy_house", "rl", 2)
+    assert "every skill" in make_take("tidy_house", "rl", 2, vary="place").caption
+
+
 def test_a_take_is_the_arm_that_the_protocol_runs():
     take = make_take("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
     assert isinstance(take.actors["place"], Ik)

@@ -1,4 +1,4 @@
-"""`ik+`: ours. Upright, then down until the object touches what is below, let go, up again."""
+"""`ik+`: ours. Upright if it can be, then down until the object touches what is below, let go, up again."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ SPEED = 0.15
 """How fast in [m/s]."""
 TURN_STEPS = 60
 """Steps in which the object is brought upright."""
+UPRIGHT = float(np.cos(np.radians(20.0)))
+"""Cosine of the tilt up to which an object stands rather than tips or rolls."""
+BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
+"""Trace of a rotation by 6 degrees: so near to how it was held it is turned back."""
 CONTACT = 3.0
 """Normal force at what is held, in [N], beyond which it touches something."""
 
@@ -29,8 +33,10 @@ CONTACT = 3.0
 class IkPlus(HandOver):
     """Down until contact, the object kept upright (OURS, not in the thesis).
 
-    The object's own z axis is turned to the vertical as far as joint limits allow; then it goes straight down until the
-    held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no contact").
+    The object's own z axis is turned to the vertical. Where joint limits or something that it touches leave it more
+    than 20 degrees short of that, it is turned back: let go half turned it would tip over or roll. Then it goes
+    straight down until the held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no
+    contact").
     """
 
     name = "ik+"
@@ -47,6 +53,12 @@ class IkPlus(HandOver):
             if rotation[2, 2] > 0.998 or held.sensors.contact_force[0] > CONTACT:
                 break
             yield stand_still(toward(held.arm, place - position, rotation=level))
+        if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
+            for _ in range(TURN_STEPS):
+                position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+                if np.trace(rotation.T @ now) > BACK:
+                    break
+                yield stand_still(toward(held.arm, place - position, rotation=now))
         held.outcome = "no contact"
         wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):

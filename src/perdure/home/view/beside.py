@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from perdure.home.episodes import Episode
 from perdure.home.execute.actor import Actor
 from perdure.home.execute.log import EpisodeLog
-from perdure.home.protocol import Protocol, choose_policies, make_actors
+from perdure.home.protocol import Protocol, make_actors
 from perdure.home.protocol.policies import SkillPolicy
+from perdure.home.protocol.protocol import Vary
 from perdure.home.skills import Skill
 from perdure.home.tasks import SkillName
 from perdure.home.view.files import open_film
@@ -47,7 +48,9 @@ class Take:
     skills: Mapping[str, Skill]
 
 
-def make_take(task: str, place: str, train_seed: int = 0, policies: Mapping[str, str] | None = None) -> Take:
+def make_take(
+    task: str, place: str, train_seed: int = 0, policies: Mapping[str, str] | None = None, vary: Vary = "all"
+) -> Take:
     """What acts under a placing arm.
 
     Args:
@@ -55,12 +58,13 @@ def make_take(task: str, place: str, train_seed: int = 0, policies: Mapping[str,
         place: See `perdure.home.protocol.placing`.
         train_seed: Of the shipped policies.
         policies: Skill to file or "oracle", see `choose_policies`: else shipped policies, else the oracle.
+        vary: Whose policy is that of the training seed, see `Protocol`.
 
     Raises:
         HomeError: If the arm, a skill or a file is none.
     """
-    protocol = Protocol(task, place, episodes=1)
-    chosen = choose_policies(task, train_seed, policies, protocol.placing)
+    protocol = Protocol(task, place, episodes=1, vary=vary, policies=policies or {})
+    chosen = protocol.cast(train_seed)
     words = WORDS.get(place, f"trained to make objects stay for {protocol.placing.delta} steps")
     return Take(f"{place}: {words}", caption(chosen), make_actors(chosen, protocol.placing.arm), protocol.skills())
 
