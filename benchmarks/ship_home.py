@@ -199,6 +199,8 @@ def _write(scores: dict[str, dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     if sys.argv[1] == "again":
         again(sys.argv[2:])
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -25,22 +24,19 @@ def share_out(module: str, jobs: Sequence[Any], processes: int, told: Callable[[
     Raises:
         WorkerError: As for `side_by_side`.
     """
-    waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
-    for number in range(len(jobs)):
-        waiting.put(number)
-    lock, count = threading.Lock(), min(processes, len(jobs))
+    waiting, lock = iter(range(len(jobs))), threading.Lock()
 
     def work(worker: WorkerProcess) -> None:
         while True:
-            try:
-                number = waiting.get_nowait()
-            except queue.Empty:
+            with lock:
+                number = next(waiting, None)
+            if number is None:
                 return
             for news in worker.ask(jobs[number]):
                 with lock:
                     told(number, news)
 
-    side_by_side(module, count, work)
+    side_by_side(module, min(processes, len(jobs)), work)
 
 
 def side_by_side(module: str, processes: int, work: Callable[[WorkerProcess], None], cores: int = 1) -> None:

@@ -8,7 +8,7 @@ from perdure.home.arms import Ik
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.oracle import Oracle
-from perdure.home.protocol.policies import SkillPolicy
+from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.view import FilmOptions, Take, beside, film_beside, make_take
 from perdure.home.view.reel import Reel
 
@@ -73,10 +73,15 @@ def test_two_arms_are_filmed(episode, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
 
 
-def test_a_take_of_another_training_seed_may_have_only_place_from_it():
-    with pytest.raises(HomeError, match="training seed 2"):
-        make_take("tidy_house", "rl", 2)
-    assert "every skill" in make_take("tidy_house", "rl", 2, vary="place").caption
+def test_a_take_of_another_training_seed_may_have_only_place_from_it(tmp_path):
+    mine = {"place": str(tmp_path / "seed-{seed}.safetensors")}
+    (tmp_path / "seed-77.safetensors").write_bytes((SHIPPED / "tidy_house/place/seed-0.safetensors").read_bytes())
+    with pytest.raises(HomeError, match="training seed 77"):
+        make_take("tidy_house", "rl", 77, mine)
+    with pytest.raises(HomeError, match="seed-0"):
+        make_take("tidy_house", "rl", 0, mine, vary="place")
+    (tmp_path / "seed-0.safetensors").write_bytes((tmp_path / "seed-77.safetensors").read_bytes())
+    assert "every skill" in make_take("tidy_house", "rl", 77, mine, vary="place").caption
 
 
 def test_a_take_is_the_arm_that_the_protocol_runs():
