@@ -15,6 +15,7 @@ import json
 import re
 import sys
 from collections import Counter
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 import polars as pl
 
 from perdure.home.protocol import placing
-from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy
+from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
 from perdure.home.tasks import TASKS
 from perdure.home.training import RECIPES, evaluate_skill
 from perdure.policy import Policy, load_policy, save_policy
@@ -82,16 +83,19 @@ def curve(path: Path, total: int) -> list[float | None]:
 
 
 def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
-    """The picture of a task's policies: a curve for each, the mean of its seeds, within their range."""
-    seeds: dict[str, list[dict[str, Any]]] = {}
+    """The picture of a task's policies: a curve for each, the mean of its seeds, within their range.
+
+    Seeds that were trained for another number of steps are another curve.
+    """
+    seeds: dict[tuple[str, int], list[dict[str, Any]]] = {}
     for name, entry in scores.items():
         if name.startswith(f"{task}/") and "curve" in entry:
-            seeds.setdefault(name.split("/")[1], []).append(entry)
+            seeds.setdefault((name.split("/")[1], entry["steps"]), []).append(entry)
     series = []
-    for number, (policy, entries) in enumerate(seeds.items()):
+    for number, ((policy, total), entries) in enumerate(seeds.items()):
         curves = np.array([entry["curve"] for entry in entries], float)
         known = ~np.isnan(curves).any(axis=0)
-        steps, curves = (np.arange(BINS)[known] + 0.5) * entries[0]["steps"] / BINS, curves[:, known]
+        steps, curves = (np.arange(BINS)[known] + 0.5) * total / BINS, curves[:, known]
         rates = ", ".join(f"{100 * entry['success']:.0f}" for entry in entries)
         bounds = (curves.min(axis=0), curves.max(axis=0)) if len(entries) > 1 else (None, None)
         series.append(Series(f"{policy} ({rates} %)", steps, curves.mean(axis=0), category(number), *bounds))
@@ -109,9 +113,8 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
 def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
     """How well policies that are learned on one task for all do on the others; `renewed` are (task, skill)."""
     for skill, home in LEARNED_ON.items():
-        for task in TASKS:
-            name = f"{task}/{skill}/seed-0"
-            path = shipped_policy(task, skill, 0)
+        for task, seed in product(TASKS, shipped_seeds(home, skill)):
+            name, path = f"{task}/{skill}/seed-{seed}", shipped_policy(task, skill, seed)
             if task == home or path is None or path.parent.parent.name == task:
                 continue
             if name in scores and (home, skill) not in renewed:
@@ -188,10 +191,14 @@ def table(scores: dict[str, dict[str, Any]]) -> str:
     for (task, policy), entries in rows.items():
         ways: Counter[str] = sum((Counter(entry["failures"]) for entry in entries), Counter())
         ended = "; ".join(f"{way} {count}" for way, count in ways.most_common()) or "-"
-        steps = f"{entries[0]['steps']:,}" if "steps" in entries[0] else f"as on {entries[0]['learned_on']}"
+        steps = ", ".join(dict.fromkeys(_steps(entry) for entry in entries))
         rates = ", ".join(f"{entry['success']:.3f}" for entry in entries)
         lines.append(f"| {task} | {policy} | {steps} | {rates} | {ended} |")
     return "\n".join(lines)
+
+
+def _steps(entry: dict[str, Any]) -> str:
+    return f"{entry['steps']:,}" if "steps" in entry else f"as on {entry['learned_on']}"
 
 
 def _write(scores: dict[str, dict[str, Any]]) -> None:

@@ -16,8 +16,8 @@ from perdure.cli.parse import check_folder, log_files, parse, policies
 class HomeFailures:
     """Run failed episodes again, drawn at random, and show in eight pictures each what its label is about.
 
-    An episode whose label comes out otherwise (other code, other policies) says "replayed: ..."; the command then ends
-    with code 1.
+    The policies that the logs name act again. An episode whose label comes out otherwise (other code, other policies)
+    says "replayed: ..."; the command then ends with code 1.
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
@@ -29,9 +29,7 @@ class HomeFailures:
     counting: Literal["latched", "stabilizing"] = "stabilizing"
     """What counts as failed: latched (the benchmark's way), stabilizing (placements must last)."""
     policies: tuple[str, ...] = ()
-    """SKILL=FILE or SKILL=oracle, as for `perdure home run`."""
-    vary: Literal["all", "place"] = "all"
-    """As for `perdure home run`: place if the logs were run so."""
+    """SKILL=FILE or SKILL=oracle, as for `perdure home run`: in place of the policy that the logs name."""
     out: Path = Path("failures")
     """Folder for the pictures."""
 
@@ -39,6 +37,7 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """``perdure home failures``."""
     flags = parse(HomeFailures, args, "home failures")
+    from perdure.home.protocol import logged_policies
     from perdure.home.view import draw, failure_sheet, make_take, read_failures, run_again, save_picture
     from perdure.home.view.gl import open_context
 
@@ -50,7 +49,10 @@ def main(args: list[str]) -> None:
         print(f"no episode of these logs failed ({flags.counting})")
         return
     # Whatever is wrong is found out before anything runs: policies, other episodes, a machine that cannot draw.
-    takes = {cast: make_take(*cast, chosen, flags.vary) for cast in {failure.cast for failure in drawn}}
+    takes = {
+        cast: make_take(*cast[:3], {**logged_policies(cast[3], chosen), **chosen})
+        for cast in {failure.cast for failure in drawn}
+    }
     _ = [failure.episode for failure in drawn]
     open_context(16, 16).free()
     others = 0

@@ -1,6 +1,7 @@
 """The protocol: which units, who acts, and that a second call runs nothing again."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from perdure.home.errors import HomeError
 from perdure.home.execute import Executor, ExecutorOptions, Scripted
 from perdure.home.oracle import Oracle
 from perdure.home.outcomes import read_logs, read_notes
-from perdure.home.protocol import Protocol, choose_policies, make_actors, placing, run_protocol, units
+from perdure.home.protocol import Protocol, choose_policies, logged_policies, make_actors, placing, run_protocol, units
 from perdure.home.protocol.job import Job
 from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.tasks import get_task
@@ -173,6 +174,28 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
         Protocol("set_table", vary="place").cast(9999)
     with pytest.raises(HomeError, match="training seed 9999"):
         Protocol("set_table", policies=mine).cast(9999)
+
+
+def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    mine = Path("mine/place (1).safetensors")
+    mine.write_bytes((SHIPPED / "set_table" / "place" / "seed-0.safetensors").read_bytes())
+    chosen = choose_policies("set_table", 0, {"place": str(mine), "close_drawer": "oracle"})
+    names = {skill: each.name for skill, each in chosen.items()}
+    assert logged_policies(json.dumps(names)) == {skill: each.source for skill, each in chosen.items()}
+    mine.write_bytes(b"another")
+    for wrong, why in (
+        (names, "another one now: --policies place=FILE"),
+        ({"pick": "shipped set_table/pick/seed-9999 (SHA-256 0123abcd)"}, "pick.*is missing"),
+        ({"pick": "somebody"}, "names no file"),
+    ):
+        with pytest.raises(HomeError, match=why):
+            logged_policies(json.dumps(wrong))
+    assert "place" not in logged_policies(json.dumps(names), without={"place"})
+    for text in ("free text", "7"):
+        with pytest.raises(HomeError, match="no JSON object"):
+            logged_policies(text)
 
 
 def test_navigation_is_learned_on_one_task_for_all():

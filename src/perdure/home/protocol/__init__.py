@@ -5,12 +5,13 @@ Contents:
     placing                           what `--place` asks for
     arm_name, read_arm                how logs call an arm, and back
     choose_policies, make_actors      who acts in which skill
+    logged_policies                   who acted in the skills of logs
 """
 
 from perdure.home.protocol.job import LOGS, units
 from perdure.home.protocol.naming import arm_name, read_arm
 from perdure.home.protocol.placing import Placing, placing
-from perdure.home.protocol.policies import choose_policies, make_actors, shipped_policy
+from perdure.home.protocol.policies import choose_policies, logged_policies, make_actors, shipped_policy
 from perdure.home.protocol.protocol import Protocol
 from perdure.home.protocol.run import run_protocol
 
@@ -20,6 +21,7 @@ __all__ = [
     "Protocol",
     "arm_name",
     "choose_policies",
+    "logged_policies",
     "make_actors",
     "placing",
     "read_arm",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import json
+import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,8 +43,43 @@ class SkillPolicy:
             return ORACLE
         path = Path(self.source)
         shipped = path.is_relative_to(SHIPPED)
-        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
+        where = f"{_SHIPPED_AS}{path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
         return f"{where} (SHA-256 {self.sha256[:8]})"
+
+
+_SHIPPED_AS = "shipped "
+
+
+def logged_policies(noted: str, without: Collection[str] = ()) -> dict[str, str]:
+    """Who acted in the skills of logs: what `choose_policies` takes as `chosen`.
+
+    Args:
+        noted: The note `policies` of the logs: `SkillPolicy.name` of each skill, as JSON.
+        without: Skills that are not looked up.
+
+    Raises:
+        HomeError: If the note is no such thing, or a file is missing or another one now.
+    """
+    try:
+        names = dict(json.loads(noted))
+    except (TypeError, ValueError):
+        raise HomeError(f"what the logs note of their policies is no JSON object: {noted!r}") from None
+    return {skill: _logged(skill, str(name)) for skill, name in names.items() if skill not in without}
+
+
+def _logged(skill: str, name: str) -> str:
+    if name == ORACLE:
+        return ORACLE
+    named = re.fullmatch(r"(.+) \(SHA-256 ([0-9a-f]+)\)", name, re.DOTALL)
+    if named is None:
+        raise HomeError(f"{skill} of these logs was {name!r}, which names no file: --policies {skill}=FILE names one")
+    where, sha256 = named.groups()
+    shipped = where.startswith(_SHIPPED_AS)
+    path = SHIPPED / f"{where.removeprefix(_SHIPPED_AS)}.safetensors" if shipped else Path(where)
+    if not path.exists() or not hashlib.sha256(path.read_bytes()).hexdigest().startswith(sha256):
+        now = "is another one now" if path.exists() else "is missing"
+        raise HomeError(f"{skill} of these logs was {name}; that file {now}: --policies {skill}=FILE names one")
+    return str(path)
 
 
 def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:

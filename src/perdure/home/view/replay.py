@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from perdure.home.episodes import Episode, load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
-from perdure.home.outcomes import Counting, EpisodeRecord, Label, episode_hash, label, read_logs, record_of
+from perdure.home.outcomes import Counting, EpisodeRecord, Label, episode_hash, label, read_logs, read_notes, record_of
 from perdure.home.outcomes.files import check_distinct
 from perdure.home.protocol import read_arm
 from perdure.home.tasks import SETTLE_STEPS
@@ -30,6 +30,8 @@ class Failure:
     record: EpisodeRecord
     counting: Counting
     label: Label
+    policies: str = "{}"
+    """Who acted, as the logs note it, see `logged_policies`."""
 
     @cached_property
     def episode(self) -> Episode:
@@ -41,9 +43,9 @@ class Failure:
         return episode
 
     @property
-    def cast(self) -> tuple[str, str, int]:
-        """Task, `place` and training seed: who acted, see `make_take`; HomeError for another simulator's arm."""
-        return self.record.task, read_arm(self.record.arm)[0], self.record.train_seed
+    def cast(self) -> tuple[str, str, int, str]:
+        """Task, `place`, training seed and `policies`: who acted; HomeError for another simulator's arm."""
+        return self.record.task, read_arm(self.record.arm)[0], self.record.train_seed, self.policies
 
     @property
     def options(self) -> ExecutorOptions:
@@ -79,10 +81,10 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     Raises:
         HomeError: A file is none of logs, an episode is there twice, or is not one that can be run again here.
     """
-    records = [record for path in paths for record in read_logs(path)]
-    check_distinct(records, "the logs")
-    labelled = [(record, label(record, counting)) for record in records]
-    failures = [Failure(record, counting, found) for record, found in labelled if found is not None]
+    noted = [(record, read_notes(path).get("policies", "{}")) for path in paths for record in read_logs(path)]
+    check_distinct([record for record, _ in noted], "the logs")
+    labelled = [(record, label(record, counting), policies) for record, policies in noted]
+    failures = [Failure(record, counting, found, who) for record, found, who in labelled if found is not None]
     for failure in failures:
         _ = failure.options
     return sorted(failures, key=lambda failure: failure.record.key)
