@@ -81,10 +81,15 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     Raises:
         HomeError: A file is none of logs, an episode is there twice, or is not one that can be run again here.
     """
-    noted = [(record, read_notes(path).get("policies", "{}")) for path in paths for record in read_logs(path)]
-    check_distinct([record for record, _ in noted], "the logs")
-    labelled = [(record, label(record, counting), policies) for record, policies in noted]
-    failures = [Failure(record, counting, found, who) for record, found, who in labelled if found is not None]
+    records, acted = [], []
+    for path in paths:
+        logged = read_logs(path)
+        records += logged
+        acted += [read_notes(path).get("policies", "{}")] * len(logged)
+    check_distinct(records, "the logs")
+    labels = [label(record, counting) for record in records]
+    everyone = zip(records, labels, acted, strict=True)
+    failures = [Failure(record, counting, found, who) for record, found, who in everyone if found is not None]
     for failure in failures:
         _ = failure.options
     return sorted(failures, key=lambda failure: failure.record.key)
