@@ -5,6 +5,8 @@ import pytest
 from lanes import LESSONS
 
 from perdure.home.episodes import load_episodes
+from perdure.home.errors import HomeError
+from perdure.home.gym.options import LessonOptions
 from perdure.home.layouts import free_space
 from perdure.home.robot import gripper_pose
 from perdure.home.robot.data import REST_POSITION, TORSO_HEIGHT
@@ -61,6 +63,19 @@ def test_pick_and_place_begin_within_2_m_of_what_they_are_about_and_face_it(skil
     assert np.ptp(distances) > 0.8
     assert max(np.abs(turns)) <= 0.5
     assert 0.15 < np.std(turns) < 0.35  # 0.25, cut at 0.5, 40 draws
+
+
+def test_half_the_robots_face_any_way_where_that_is_asked():
+    usual, wider = LessonOptions("place", "set_table"), LessonOptions("place", "set_table", any_heading=True)
+    assert usual.draw is STARTS["place"]
+    turns = []
+    for episode, target, _ in draws("place", "set_table", count=300):
+        start = wider.draw(episode, target, np.random.default_rng(len(turns)))
+        turns.append(abs(heading_error(start.base, episode.goals[target].position)))
+    past = np.array([np.mean(np.array(turns) > limit) for limit in (0.5, np.pi / 2, 0.9 * np.pi)])
+    np.testing.assert_allclose(past, 0.5 * (1.0 - np.array([0.5, np.pi / 2, 0.9 * np.pi]) / np.pi), atol=0.08)
+    with pytest.raises(HomeError, match="any_heading is about place; pick"):
+        LessonOptions("pick", "set_table", any_heading=True)
 
 
 @pytest.mark.parametrize(("skill", "task"), LESSONS)

@@ -51,9 +51,24 @@ def test_delta_lengthens_the_horizon():
         skill_config("reset_arm", "set_table")
 
 
-@pytest.mark.parametrize(("options", "ceiling"), [({}, None), ({"delta": 1}, None), ({"delta": 2}, -2.0)])
-def test_who_must_wait_long_after_letting_go_does_not_leave_that_to_the_noise(options, ceiling):
-    assert skill_config("place", "set_table", **options).log_std_end == ceiling
+@pytest.mark.parametrize(("options", "own"), [({}, True), ({"delta": 1}, True), ({"delta": 2}, False)])
+def test_place_that_must_last_has_the_usual_recipe_on_every_task(options, own):
+    begin = {task: skill_config("place", task, **options).log_std_init for task in ("set_table", "tidy_house")}
+    assert begin == {"set_table": -0.5 if own else -1.0, "tidy_house": -1.0}
+    steps = skill_config("place", "prepare_groceries", **options).total_steps
+    assert steps == (4_000_000 if own else 2_000_000)
+
+
+@pytest.mark.parametrize(
+    ("skill", "task", "lesson"),
+    [
+        ("place", "set_table", {"any_heading": True}),
+        ("place", "tidy_house", {}),
+        ("pick", "tidy_house", {"clutter": True}),
+    ],
+)
+def test_training_may_be_wider_than_what_is_scored(skill, task, lesson):
+    assert recipes._recipe(skill, task, {}).lesson == lesson
 
 
 def test_a_task_may_need_another_recipe():

@@ -9,7 +9,7 @@ import numpy as np
 
 from perdure.home.episodes import Episode
 from perdure.home.gym.options import LessonOptions
-from perdure.home.starts import STARTS, begin
+from perdure.home.starts import begin
 from perdure.home.world import Scene, World, build_scene
 
 
@@ -26,7 +26,7 @@ class Lessons:
         """Loads the episodes; with `train`, the very first time makes them, about a second for each."""
         self._options = options
         self.episodes = options.load()
-        self._draw = STARTS[options.skill]
+        self._draw = options.draw
         self._scenes: dict[tuple[int, int], Scene] = {}
 
     def begin(self, world: World, lane: int, rng: np.random.Generator) -> Episode:

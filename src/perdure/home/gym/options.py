@@ -10,7 +10,7 @@ from perdure.home.episodes import Episode, load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.layouts import split_apartments
 from perdure.home.skills import Skill, get_skill
-from perdure.home.starts import STARTS, train_pool
+from perdure.home.starts import ANY_HEADING, STARTS, Draw, train_pool
 from perdure.home.tasks import get_task
 from perdure.home.world import PHYSICS_HZ, Rolling, SceneOptions
 
@@ -29,6 +29,8 @@ class LessonOptions:
     """For place: how many steps the object must stay."""
     limited_to: int | None = None
     """For place: control steps it may last; 200, with delta 200 + delta, when None."""
+    any_heading: bool = False
+    """For place: whether half the robots begin with any heading; else, as in M3, all face the goal."""
     clutter: bool = False
     """Whether objects that are no targets are there."""
     physics_hz: int = PHYSICS_HZ
@@ -45,6 +47,8 @@ class LessonOptions:
             raise HomeError(f"delta is about place; {self.skill} has none, so it must stay 1, not {self.delta}")
         if self.limited_to is not None and self.skill != "place":
             raise HomeError(f"limited_to is about place; {self.skill} has none, so it must be None")
+        if self.any_heading and self.skill not in ANY_HEADING:
+            raise HomeError(f"any_heading is about {', '.join(ANY_HEADING)}; {self.skill} has no such starts")
         if self.episodes is not None and self.episodes < 1:
             raise HomeError(f"episodes must be at least 1, not {self.episodes}")
         split_apartments(self.split)
@@ -66,6 +70,11 @@ class LessonOptions:
     def scene(self) -> SceneOptions:
         """How scenes are built, up to the target."""
         return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
+
+    @property
+    def draw(self) -> Draw:
+        """Where it begins."""
+        return (ANY_HEADING if self.any_heading else STARTS)[self.skill]
 
     def make_skill(self) -> Skill:
         """The skill."""

@@ -2,6 +2,7 @@
 
 Contents:
     STARTS                  a skill's name to its draw(episode, target, rng) -> Start
+    ANY_HEADING             the same where half the robots face any way
     begin, put, touching    draws until the robot has room, and brings a lane there
     train_pool              generated episodes of the split `train`, kept in the user's cache
 """
@@ -20,5 +21,7 @@ STARTS: dict[str, Draw] = {
     "navigate": navigate.draw,
 }
 """Start distributions by the skill's name."""
+ANY_HEADING: dict[str, Draw] = {"place": place.draw_any_heading}
+"""Wider ones to learn from."""
 
-__all__ = ["STARTS", "Draw", "Start", "begin", "cache_folder", "put", "touching", "train_pool"]
+__all__ = ["ANY_HEADING", "STARTS", "Draw", "Start", "begin", "cache_folder", "put", "touching", "train_pool"]
