@@ -1,7 +1,6 @@
 """Place begins within 2 m of the goal with the object in the gripper, the goal's container open (M3, `place_v1`).
 
-Robots that all face their goal lean over a table that is wider than their arm is long, and most never learn to drive
-along it; where half of them face any way in training (`draw_any_heading`, OURS), they do.
+In training half the robots may face any way (`draw_any_heading`, OURS): they see more of what is beside their goal.
 """
 
 from __future__ import annotations

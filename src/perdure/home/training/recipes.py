@@ -61,8 +61,9 @@ ELSEWHERE: dict[tuple[str, str], Recipe] = {
 """By skill and task where a task needs another; `docs/home/training.md` has what was tried.
 
 Pick on SetTable with the usual recipe does as well from its own starts, but not in the task plan. Place on SetTable:
-the tables are wider than the arm is long; more noise makes it learn sooner. Place on PrepareGroceries: half the steps
-are enough for the open, but not for the fridge. Place with delta above 1 has the usual recipe everywhere.
+one seed of three fails with the usual noise, and robots that face any way do a little better. Place on
+PrepareGroceries: half the steps are enough for the open, but not for the fridge. Place with delta above 1 has the usual
+recipe everywhere.
 """
 HIDDEN = (256, 256)
 FLAGS = ("delta", "limited_to", "rolling")
