@@ -14,6 +14,7 @@ from perdure.home.episodes import Episode
 from perdure.home.execute.errands import front
 from perdure.home.starts.arm import draw_arm
 from perdure.home.starts.containers import FRIDGE_DOOR, carried, draw_open
+from perdure.home.starts.open_fridge import RECTANGLES
 from perdure.home.starts.stand import Rectangle, stand_in, stand_near
 from perdure.home.starts.start import Start
 from perdure.home.world import Errand
@@ -21,7 +22,8 @@ from perdure.home.world import Errand
 JUST_OPENED = (1.4, 1.7)
 """Where `open_fridge` leaves the door, in [rad]; uniform."""
 ARRIVED: Rectangle = ((1.6, 1.9), 0.5)
-"""Where `navigate` stops before the fridge, in the fridge's frame in [m]: at the near end of its region."""
+"""Where `navigate` stops before the fridge, in the fridge's frame in [m]: where its region begins for who comes from
+the room. Without a free cell there, where `open_fridge` begins."""
 
 
 def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
@@ -30,7 +32,7 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     container, facing = episode.container(target), front(episode, target, "pick")
     if container == FRIDGE_DOOR and container not in episode.opened and rng.random() < 0.5:
         opened = {container: float(rng.uniform(*JUST_OPENED))}
-        base = stand_in(apartment, apartment.piece_of(container).pose, (ARRIVED,), point, rng)
+        base = stand_in(apartment, apartment.piece_of(container).pose, (ARRIVED, *RECTANGLES), point, rng)
     else:
         opened = draw_open(apartment, container, rng)
         base = stand_near(apartment, point, rng, None if container is None else facing)

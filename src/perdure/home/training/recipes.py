@@ -37,7 +37,7 @@ class Recipe:
 
     @property
     def lesson(self) -> dict[str, object]:
-        """Options of the environment in training, beside those asked for; scores are without."""
+        """Options of the environment in training, beside those asked for. Scores are with clutter, M3's headings."""
         return {name: True for name in ("clutter", "any_heading") if getattr(self, name)}
 
 
