@@ -37,8 +37,7 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """``perdure home failures``."""
     flags = parse(HomeFailures, args, "home failures")
-    from perdure.home.protocol import logged_policies
-    from perdure.home.view import draw, failure_sheet, make_take, read_failures, run_again, save_picture
+    from perdure.home.view import draw, failure_sheet, read_failures, run_again, save_picture, take_again
     from perdure.home.view.gl import open_context
 
     chosen = policies(flags.policies)
@@ -49,10 +48,8 @@ def main(args: list[str]) -> None:
         print(f"no episode of these logs failed ({flags.counting})")
         return
     # Whatever is wrong is found out before anything runs: policies, other episodes, a machine that cannot draw.
-    takes = {
-        cast: make_take(*cast[:3], {**logged_policies(cast[3], chosen), **chosen})
-        for cast in {failure.cast for failure in drawn}
-    }
+    casts = {failure.cast: failure for failure in drawn}
+    takes = {cast: take_again(failure, chosen) for cast, failure in casts.items()}
     _ = [failure.episode for failure in drawn]
     open_context(16, 16).free()
     others = 0

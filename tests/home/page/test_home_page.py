@@ -9,6 +9,7 @@ from home_pages import figure, figure_note, four, page_of, records, row, table, 
 from home_stories import Story, good
 
 from perdure.home.episodes import load_episodes
+from perdure.home.errors import HomeError
 from perdure.home.objects import KINDS
 from perdure.home.outcomes import analyse, write_records
 from perdure.home.page import PAGE, Cast, read_cast, write_page
@@ -179,6 +180,12 @@ class TestWhoActed:
         _, cast = read_cast([tmp_path / "here" / "unit" / "logs.parquet"])
         (skills,) = cast.acting.values()
         assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}
+
+    @pytest.mark.parametrize("note", ["free text", "7", "[]"])
+    def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):
+        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
+        with pytest.raises(HomeError, match="must be a JSON object"):
+            read_cast([path])
 
     def test_nothing_is_made_up(self, tmp_path, page):
         path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})

@@ -60,15 +60,16 @@ def test_place_that_must_last_has_the_usual_recipe_on_every_task(options, own):
 
 
 @pytest.mark.parametrize(
-    ("skill", "task", "lesson"),
-    [
-        ("place", "set_table", {"any_heading": True}),
-        ("place", "tidy_house", {}),
-        ("pick", "tidy_house", {"clutter": True}),
-    ],
+    ("skill", "task", "wider"),
+    [("place", "set_table", "any_heading=True"), ("place", "tidy_house", ""), ("pick", "tidy_house", "clutter=True")],
 )
-def test_training_may_be_wider_than_what_is_scored(skill, task, lesson):
-    assert recipes._recipe(skill, task, {}).lesson == lesson
+def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
+    runs = []
+    monkeypatch.setattr(recipes, "train", lambda run, *_: runs.append(run) or [])
+    recipes.train_skill(skill, task, (0,), tmp_path, rolling="drag")
+    (run,) = runs
+    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=drag"} | ({wider} - {""})
+    assert wider == "" or wider not in run.command
 
 
 def test_a_task_may_need_another_recipe():

@@ -11,10 +11,10 @@ from perdure.home.episodes import start_pose
 from perdure.home.errors import HomeError
 from perdure.home.execute import ExecutorOptions
 from perdure.home.outcomes import label, read_logs, record_of, write_records
-from perdure.home.protocol import Protocol, logged_policies, run_protocol
+from perdure.home.protocol import Protocol, run_protocol
 from perdure.home.skills import SKILLS
 from perdure.home.tasks import LIMITS, SOMETHING_ELSE
-from perdure.home.view import Replay, draw, failure_sheet, make_take, read_failures, run_again
+from perdure.home.view import Replay, draw, failure_sheet, read_failures, run_again, take_again
 from perdure.home.view.failures import COLUMNS
 from perdure.home.view.moments import PICTURES, condition_of, moments
 from perdure.home.world import SceneOptions, World, episode_scene
@@ -164,9 +164,9 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     (failure,) = read_failures(hurried, "latched")
     options = failure.options
     assert (options.jaws, options.scene.rolling, options.scene.physics_hz) == ("apart", "drag", 240)
-    task, place, train_seed, policies = failure.cast
-    assert (options.settle_steps, task, place, train_seed) == (7, "set_table", "stop", -1)
-    replay = run_again(failure, make_take(task, place, train_seed, logged_policies(policies)))
+    assert (options.settle_steps, *failure.cast[:3]) == (7, "set_table", "stop", -1)
+    assert set(dict(failure.cast[3]).values()) == {"oracle"}
+    replay = run_again(failure, take_again(failure, {}))
     assert replay.label == failure.label
     assert replay.record.events == failure.record.events
     assert replay.record.runs == failure.record.runs

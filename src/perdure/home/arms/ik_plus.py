@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,28 +48,33 @@ class IkPlus(HandOver):
         """See `HandOver.motion`."""
         yield from stop(held)
         place, now = gripper_pose(TORSO_HEIGHT, held.arm)
-        level = upright(now)
-        for _ in range(TURN_STEPS):
-            position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
-            if rotation[2, 2] > 0.998 or held.sensors.contact_force[0] > CONTACT:
-                break
-            yield stand_still(toward(held.arm, place - position, rotation=level))
+        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
         if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
-            for _ in range(TURN_STEPS):
-                position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
-                if np.trace(rotation.T @ now) > BACK:
-                    break
-                yield stand_still(toward(held.arm, place - position, rotation=now))
+            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK))
         held.outcome = "no contact"
         wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
-            if held.sensors.contact_force[0] > CONTACT:
+            if touches(held):
                 held.outcome = "done"
                 break
             wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
             position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
             yield stand_still(toward(held.arm, wanted - position, rotation=rotation))
         yield from stop(held)
+
+
+def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
+    """Turns what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
+    for _ in range(TURN_STEPS):
+        position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        if there(rotation):
+            return
+        yield stand_still(toward(held.arm, place - position, rotation=wanted))
+
+
+def touches(held: Held) -> bool:
+    """Whether the object (or the hand) feels a contact."""
+    return bool(held.sensors.contact_force[0] > CONTACT)
 
 
 def upright(rotation: FloatArray) -> FloatArray:

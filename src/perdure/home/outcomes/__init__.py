@@ -2,7 +2,7 @@
 
 Contents:
     write_logs, read_logs, write_records        logs as Parquet, see `schema`
-    read_notes                                  what the writer of a file added to it
+    read_notes, noted_policies                  what the writer of a file added to it, who acted among that
     record_of, EpisodeRecord, Target, Run       what is kept of an episode
     Event, Release, Track
     History                                     every pose at every step, for logs of other simulators
@@ -15,7 +15,7 @@ from perdure.home.outcomes.analysis import Analysis, analyse
 from perdure.home.outcomes.convert import episode_hash, record_of
 from perdure.home.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
 from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
-from perdure.home.outcomes.files import read_logs, read_notes, write_logs, write_records
+from perdure.home.outcomes.files import noted_policies, read_logs, read_notes, write_logs, write_records
 from perdure.home.outcomes.history import History
 from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, Release, Run, Target, Track
@@ -39,6 +39,7 @@ __all__ = [
     "episode_hash",
     "label",
     "latched",
+    "noted_policies",
     "outcome",
     "placement",
     "placement_mechanism",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -82,6 +83,23 @@ def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
         HomeError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
     """
     return _read_parquet(Path(path))[1]
+
+
+def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
+    """Who acted in each skill: the note `policies`, a JSON object, or None where it is missing.
+
+    Raises:
+        HomeError: If it is something else.
+    """
+    if "policies" not in notes:
+        return None
+    try:
+        names = json.loads(notes["policies"])
+    except ValueError:
+        names = None
+    if not isinstance(names, dict):
+        raise HomeError(f"the note policies of logs must be a JSON object, skill to name, not {notes['policies']!r}")
+    return {skill: str(name) for skill, name in names.items()}
 
 
 def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from perdure.home.outcomes import EpisodeRecord, read_logs, read_notes
+from perdure.home.outcomes import EpisodeRecord, noted_policies, read_logs, read_notes
 from perdure.store import Store, StoreError
 
 Group = tuple[str, str, str]
@@ -37,7 +36,7 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
         paths: From `run_protocol`, or files of another simulator (of which nothing is known).
 
     Raises:
-        HomeError: A file is none of logs, see `read_logs`.
+        HomeError: A file is none of logs, see `read_logs`, or its note `policies` is no JSON object.
     """
     records: list[EpisodeRecord] = []
     acting: dict[Group, dict[str, dict[str, None]]] = {}
@@ -46,7 +45,8 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
         read, notes = read_logs(path), read_notes(path)
         records += read
         commands |= {notes["command"]: None} if notes.get("command") else {}
-        policies = json.loads(notes["policies"]) if "policies" in notes else _beside(Path(path))
+        policies = noted_policies(notes)
+        policies = _beside(Path(path)) if policies is None else policies
         for group in {(record.task, record.split, record.arm) for record in read}:
             for skill, name in policies.items():
                 acting.setdefault(group, {}).setdefault(skill, {})[name] = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -50,21 +49,17 @@ class SkillPolicy:
 _SHIPPED_AS = "shipped "
 
 
-def logged_policies(noted: str, without: Collection[str] = ()) -> dict[str, str]:
+def logged_policies(names: Mapping[str, str], without: Collection[str] = ()) -> dict[str, str]:
     """Who acted in the skills of logs: what `choose_policies` takes as `chosen`.
 
     Args:
-        noted: The note `policies` of the logs: `SkillPolicy.name` of each skill, as JSON.
+        names: `SkillPolicy.name` of each skill, as the logs note it.
         without: Skills that are not looked up.
 
     Raises:
-        HomeError: If the note is no such thing, or a file is missing or another one now.
+        HomeError: If a name names no file, or the file is missing or another one now.
     """
-    try:
-        names = dict(json.loads(noted))
-    except (TypeError, ValueError):
-        raise HomeError(f"what the logs note of their policies is no JSON object: {noted!r}") from None
-    return {skill: _logged(skill, str(name)) for skill, name in names.items() if skill not in without}
+    return {skill: _logged(skill, name) for skill, name in names.items() if skill not in without}
 
 
 def _logged(skill: str, name: str) -> str:
@@ -139,7 +134,7 @@ def choose_policies(
                     f"train one (perdure home train place) and name it: --policies place=FILE"
                 )
         else:
-            path = None if named == ORACLE else Path(named.format(seed=train_seed))
+            path = None if named == ORACLE else Path(named.replace("{seed}", str(train_seed)))
         if path is not None and not path.exists():
             raise HomeError(f"there is no policy {path} for {skill}")
         result[skill] = read_policy(ORACLE if path is None else str(path))

@@ -5,7 +5,8 @@ Contents:
     goal_marks                                  what to point at in them
     film_episode, contact_sheet, FilmOptions    an episode that the oracle runs
     film_beside, make_take, Take                an episode under several placing arms, side by side
-    read_failures, draw, run_again, Failure     failed episodes of logs, run again
+    read_failures, draw, Failure                failed episodes of logs
+    take_again, run_again, Replay               the same, run again
     failure_sheet                               eight pictures of what the label of one is about
     save_picture                                as a file
     serve_episode                               live, in a browser
@@ -17,7 +18,7 @@ from perdure.home.view.failures import failure_sheet
 from perdure.home.view.files import save_picture
 from perdure.home.view.film import FilmOptions, contact_sheet, film_episode
 from perdure.home.view.marks import goal_marks
-from perdure.home.view.replay import Failure, Replay, draw, read_failures, run_again
+from perdure.home.view.replay import Failure, Replay, draw, read_failures, run_again, take_again
 from perdure.home.view.studio import Studio, render_lane
 
 __all__ = [
@@ -38,4 +39,5 @@ __all__ = [
     "run_again",
     "save_picture",
     "serve_episode",
+    "take_again",
 ]

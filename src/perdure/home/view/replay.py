@@ -13,11 +13,21 @@ from numpy.typing import NDArray
 from perdure.home.episodes import Episode, load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.execute import EpisodeLog, Executor, ExecutorOptions
-from perdure.home.outcomes import Counting, EpisodeRecord, Label, episode_hash, label, read_logs, read_notes, record_of
+from perdure.home.outcomes import (
+    Counting,
+    EpisodeRecord,
+    Label,
+    episode_hash,
+    label,
+    noted_policies,
+    read_logs,
+    read_notes,
+    record_of,
+)
 from perdure.home.outcomes.files import check_distinct
-from perdure.home.protocol import read_arm
+from perdure.home.protocol import logged_policies, read_arm
 from perdure.home.tasks import SETTLE_STEPS
-from perdure.home.view.beside import Take
+from perdure.home.view.beside import Take, make_take
 from perdure.home.world import World
 
 FloatArray = NDArray[np.float64]
@@ -30,8 +40,8 @@ class Failure:
     record: EpisodeRecord
     counting: Counting
     label: Label
-    policies: str = "{}"
-    """Who acted, as the logs note it, see `logged_policies`."""
+    policies: tuple[tuple[str, str], ...] = ()
+    """Who acted in each skill, as the logs note it."""
 
     @cached_property
     def episode(self) -> Episode:
@@ -43,8 +53,8 @@ class Failure:
         return episode
 
     @property
-    def cast(self) -> tuple[str, str, int, str]:
-        """Task, `place`, training seed and `policies`: who acted; HomeError for another simulator's arm."""
+    def cast(self) -> tuple[str, str, int, tuple[tuple[str, str], ...]]:
+        """Task, `place`, training seed and `policies`: failures of one cast share a `Take`, see `take_again`."""
         return self.record.task, read_arm(self.record.arm)[0], self.record.train_seed, self.policies
 
     @property
@@ -81,15 +91,14 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     Raises:
         HomeError: A file is none of logs, an episode is there twice, or is not one that can be run again here.
     """
-    records, acted = [], []
-    for path in paths:
-        logged = read_logs(path)
-        records += logged
-        acted += [read_notes(path).get("policies", "{}")] * len(logged)
-    check_distinct(records, "the logs")
-    labels = [label(record, counting) for record in records]
-    everyone = zip(records, labels, acted, strict=True)
-    failures = [Failure(record, counting, found, who) for record, found, who in everyone if found is not None]
+    files = [(read_logs(path), tuple((noted_policies(read_notes(path)) or {}).items())) for path in paths]
+    check_distinct([record for records, _ in files for record in records], "the logs")
+    failures = [
+        Failure(record, counting, found, policies)
+        for records, policies in files
+        for record in records
+        if (found := label(record, counting)) is not None
+    ]
     for failure in failures:
         _ = failure.options
     return sorted(failures, key=lambda failure: failure.record.key)
@@ -113,6 +122,20 @@ class Replay:
     """Why it failed this time, None when it succeeded."""
     states: FloatArray
     """MuJoCo's `qpos` after every step. Shape (steps + settling time, nq)."""
+
+
+def take_again(failure: Failure, policies: Mapping[str, str]) -> Take:
+    """Who acted when a failure was logged.
+
+    Args:
+        failure: The failure.
+        policies: Skill to file or "oracle", in place of what the logs name.
+
+    Raises:
+        HomeError: If it is another simulator's arm, or a policy that is named is missing or another one now.
+    """
+    task, place, train_seed, noted = failure.cast
+    return make_take(task, place, train_seed, {**logged_policies(dict(noted), policies), **policies})
 
 
 def run_again(failure: Failure, take: Take) -> Replay:
