@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 
 def main() -> None:
     """Runs the command line. What a user can cause ends in one line and exit code 2, an interrupt in 130."""
     from perdure.cli import run
 
+    warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
         run(sys.argv[1:])
     except BrokenPipeError:
@@ -20,6 +25,14 @@ def main() -> None:
             raise
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
+
+
+def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:
+    """Ours are one line for a user; where in the code they were raised is for everybody else's."""
+    if category.__module__.startswith("perdure."):
+        print(f"perdure: {message}", file=sys.stderr)
+    else:
+        others(message, category, *where)
 
 
 def _is_users(error: ValueError | OSError) -> bool:

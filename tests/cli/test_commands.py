@@ -1,5 +1,6 @@
 """What the commands print and leave behind when nothing is wrong."""
 
+import json
 import subprocess
 import sys
 
@@ -96,6 +97,20 @@ def test_a_finished_run_is_not_trained_again(perdure, trained):
     again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
     assert succeeded(again) == printed
     assert (folder / printed.strip()).stat().st_mtime_ns == before
+
+
+def test_a_run_that_other_code_made_is_taken_and_told_of_in_one_line(perdure, trained):
+    folder, printed = trained
+    record = (folder / printed.strip()).parent / "unit.json"
+    before = record.read_text()
+    record.write_text(json.dumps({**json.loads(before), "sources": ["another"]}))
+    again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
+    record.write_text(before)
+    assert succeeded(again) == printed
+    told = [line for line in again.stderr.splitlines() if "other source code" in line]
+    assert len(told) == 1
+    assert told[0].startswith("perdure: 1 of 1 finished units")
+    assert "OtherSourceWarning" not in again.stderr
 
 
 def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, trained):

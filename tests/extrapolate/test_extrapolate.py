@@ -17,7 +17,7 @@ from perdure.extrapolate.lanes import split
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
 from perdure.policy import TaskInfo, save_policy
 from perdure.report import read_table
-from perdure.store import Store
+from perdure.store import OtherSourceWarning, Store
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 FIVE_HUNDRED = Constant(500.0)
@@ -88,7 +88,9 @@ def test_an_evaluation_killed_between_groups_goes_on_and_gives_the_table_of_one_
     assert not (tmp_path / "lanes.parquet").exists()
     resumed = []
     monkeypatch.setattr(run_module, "_run_worker", lambda group, *rest: (resumed.append(group.key), real(group, *rest)))
-    result = extrapolate(small, tmp_path, processes=2)
+    monkeypatch.setattr("perdure.store.store.source_digest", lambda: "another")
+    with pytest.warns(OtherSourceWarning, match=f"{len(done)} of {len(done)}"):
+        result = extrapolate(small, tmp_path, processes=2)
     assert set(resumed) == set(Store(tmp_path).keys("groups")) - done
     assert result.frame.sort(LANE).equals(whole.frame.sort(LANE))
 

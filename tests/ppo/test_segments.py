@@ -22,7 +22,7 @@ from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
 from perdure.processes import WorkerError
-from perdure.store import StoreError
+from perdure.store import OtherSourceWarning, StoreError
 
 TASK = "InvertedPendulum-v4"
 SEGMENT = 128
@@ -118,9 +118,12 @@ def test_a_process_that_fails_says_why_and_leaves_no_run(tmp_path):
     assert not (tmp_path / only_here.key(0)).exists()
 
 
-def test_a_finished_run_is_not_touched_again(solo):
+def test_a_finished_run_is_not_touched_again_whatever_code_made_it(solo, monkeypatch):
     before = (solo / run(1).key(1) / "policy.safetensors").stat()
-    train(run(1), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
+    with monkeypatch.context() as patch:
+        patch.setattr("perdure.store.store.source_digest", lambda: "another")
+        with pytest.warns(OtherSourceWarning, match="1 of 1"):
+            train(run(1), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
     after = (solo / run(1).key(1) / "policy.safetensors").stat()
     assert (after.st_mtime_ns, after.st_ino) == (before.st_mtime_ns, before.st_ino)
 

@@ -71,6 +71,7 @@ def extrapolate(
     labels = policy_labels(evaluation.policies, policies)
     groups = _plan(evaluation, policies, labels, workers := processes or len(os.sched_getaffinity(0)))
     store = Store(out)
+    store.warn_of_other_source(group.key for group in groups)
     progress = _Progress([len(group.lanes) for group in groups], evaluation.steps, watch)
 
     free: queue.SimpleQueue[int] = queue.SimpleQueue()

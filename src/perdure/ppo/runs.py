@@ -105,6 +105,7 @@ def train(
         if value is not None and value < 1:
             raise ConfigError(f"{name} must be at least 1, got {value}")
     store = Store(out)
+    store.warn_of_other_source(run.key(seed) for seed in run.seeds)
     threads = threads or len(os.sched_getaffinity(0))
     spec = _task_spec(run.task)
     with ExitStack() as stack:

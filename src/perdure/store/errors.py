@@ -3,3 +3,7 @@
 
 class StoreError(ValueError):
     """A unit cannot be stored or found as asked; the message names the unit and says why."""
+
+
+class OtherSourceWarning(UserWarning):
+    """Finished units that are taken as they are were made by other source code of perdure."""

@@ -7,11 +7,12 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from perdure.store.errors import StoreError
+from perdure.store.source import source_digest
 from perdure.store.whole import write_whole
 
 RECORD = "unit.json"
@@ -32,6 +33,8 @@ class Identity:
     """JSON values only."""
     digest: str
     """SHA-256 of the config as canonical JSON, in hexadecimal."""
+    sources: tuple[str, ...] = ()
+    """Digests of the source codes that made the unit, where the record says so. No part of what a unit is."""
 
     @classmethod
     def of(cls, key: str, config: Mapping[str, Any]) -> Identity:
@@ -44,8 +47,10 @@ class Identity:
         return cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
 
     def write(self, folder: Path) -> None:
-        """Put the record of this unit into `folder`."""
-        record = {"key": self.key, "sha256": self.digest, "config": self.config}
+        """Put the record of this unit into `folder`; the source code at work now joins those that were before it."""
+        before = Identity.read(folder).sources if (folder / RECORD).is_file() else self.sources
+        sources = sorted({*before, source_digest()})
+        record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sources}
         write_whole(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
 
     @classmethod
@@ -63,7 +68,7 @@ class Identity:
             raise StoreError(f"{path} is damaged: {error!r}.") from error
         if identity.digest != record.get("sha256"):
             raise StoreError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
-        return identity
+        return replace(identity, sources=tuple(record.get("sources", ())))
 
     def check_same(self, other: Identity, where: str) -> None:
         """Refuse `other` (what was asked for) unless it is this unit (what is stored).

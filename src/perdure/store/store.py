@@ -13,14 +13,16 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from perdure.store import lock
-from perdure.store.errors import StoreError
+from perdure.store.errors import OtherSourceWarning, StoreError
 from perdure.store.identity import RECORD, Identity, check_key
+from perdure.store.source import source_digest
 from perdure.store.whole import sync_file, sync_folder
 
 Config = Mapping[str, Any]
@@ -35,6 +37,7 @@ class Store:
 
     def __init__(self, root: str | os.PathLike[str]) -> None:
         self.root = Path(os.path.abspath(root))  # a block may change the working directory
+        source_digest()  # now, for long work outlives what is edited meanwhile
 
     @contextmanager
     def write(self, key: str, config: Config) -> Iterator[Path]:
@@ -113,6 +116,22 @@ class Store:
         """
         return dict(Identity.read(self.get(key)).config)
 
+    def warn_of_other_source(self, keys: Iterable[str]) -> None:
+        """Warn (`OtherSourceWarning`) when other source code than this had a hand in finished units among `keys`.
+
+        They still count: whether a change of the code changes a result, only who made it knows. Units that do not say
+        what made them are passed over.
+        """
+        folders = [self._folder(key) for key in keys if self.done(key)]
+        others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
+        if others:
+            warnings.warn(
+                f"{len(others)} of {len(folders)} finished units were made by other source code of perdure and are "
+                f"taken as they are, first of all {others[0]}. Remove those that shall be made anew.",
+                OtherSourceWarning,
+                stacklevel=2,
+            )
+
     def keys(self, prefix: str = "") -> tuple[str, ...]:
         """Return the keys of all finished units, sorted; with `prefix`, of those under that part of the tree."""
         top = self._folder(prefix) if prefix else self.root
@@ -185,9 +204,8 @@ class Store:
         folder = self._hidden("working") / _flat(unit.key)
         if (folder / RECORD).is_file():
             Identity.read(folder).check_same(unit, str(folder))
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-            unit.write(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        unit.write(folder)
         return folder
 
     def _promote(self, folder: Path, unit: Identity) -> None:

@@ -17,7 +17,7 @@ from perdure.home.protocol.job import Job
 from perdure.home.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.tasks import get_task
 from perdure.home.world import SceneOptions
-from perdure.store import StoreError
+from perdure.store import OtherSourceWarning, StoreError
 
 LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
@@ -39,7 +39,9 @@ def test_what_was_run_is_not_run_again(tmp_path):
     protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     told = []
     first = run_protocol(protocol, tmp_path, told.append, "asked by a test")
-    second = run_protocol(protocol, tmp_path, told.append)
+    _say_other_source_made(first[0].parent)
+    with pytest.warns(OtherSourceWarning, match="1 of 1"):
+        second = run_protocol(protocol, tmp_path, told.append)
     assert first == second
     assert told == [1]
     (record,) = read_logs(first[0])
@@ -47,6 +49,11 @@ def test_what_was_run_is_not_run_again(tmp_path):
     notes = read_notes(first[0])
     assert json.loads(notes["policies"])["place"] == "oracle"
     assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
+
+
+def _say_other_source_made(unit):
+    record = json.loads((unit / "unit.json").read_text())
+    (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path):

@@ -31,6 +31,7 @@ def run_protocol(
         HomeError: If a policy is missing, before anything is run; or if a process failed.
     """
     store, jobs = Store(out), list(_jobs(protocol, out, command))
+    store.warn_of_other_source(job.key for job in jobs)
     missing = [job for job in jobs if not store.done(job.key, job.config)]
     if processes > 1 and len(missing) > 1:
         try:
