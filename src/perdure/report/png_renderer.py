@@ -193,16 +193,17 @@ def _place(figure: Figure, axes: Axes, chart: Chart) -> None:
 def _draw_markers(axes: Axes, chart: Chart) -> None:
     for index, marker in enumerate(chart.markers):
         axes.axvline(marker.at, color=_GREY, linewidth=1.0, linestyle=(0, (2, 2)), zorder=1.5)
-        first = index == 0 and len(chart.markers) > 1
+        place = float(axes.transAxes.inverted().transform(axes.transData.transform((marker.at, 0.0)))[0])
+        to_the_left = index == 0 if len(chart.markers) > 1 else place > 0.5  # at the right are the curves' names
         axes.annotate(
             marker.label,
             (marker.at, 1.0),
             xycoords=("data", "axes fraction"),
-            xytext=(-4 if first else 4, 3),
+            xytext=(-4 if to_the_left else 4, 3),
             textcoords="offset points",
             color=_GREY,
             fontsize=8.5,
-            ha="right" if first else "left",
+            ha="right" if to_the_left else "left",
             va="bottom",
         )
 
