@@ -209,7 +209,7 @@ def test_an_edited_or_damaged_record_is_refused(tmp_path):
     record.write_text(record.read_text().replace("1.0", "0.9"))
     with pytest.raises(StoreError, match="was changed after it was written"):
         store.config(KEY)
-    for damage in ("", "{", "[]", json.dumps({"key": KEY})):
+    for damage in ("", "{", "[]", json.dumps({"key": KEY}), json.dumps({"key": KEY, "config": CONFIG, "sources": 3})):
         record.write_text(damage)
         with pytest.raises(StoreError, match="damaged"):
             store.get(KEY, CONFIG)

@@ -48,7 +48,7 @@ class Identity:
 
     def write(self, folder: Path) -> None:
         """Put the record of this unit into `folder`; the source code at work now joins those that were before it."""
-        before = Identity.read(folder).sources if (folder / RECORD).is_file() else self.sources
+        before = Identity.read(folder).sources if (folder / RECORD).is_file() else ()
         sources = sorted({*before, source_digest()})
         record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sources}
         write_whole(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
@@ -64,11 +64,12 @@ class Identity:
         try:
             record = json.loads(path.read_bytes())
             identity = cls.of(record["key"], record["config"])
+            identity = replace(identity, sources=tuple(map(str, record.get("sources", ()))))
         except (ValueError, KeyError, TypeError) as error:
             raise StoreError(f"{path} is damaged: {error!r}.") from error
         if identity.digest != record.get("sha256"):
             raise StoreError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
-        return replace(identity, sources=tuple(record.get("sources", ())))
+        return identity
 
     def check_same(self, other: Identity, where: str) -> None:
         """Refuse `other` (what was asked for) unless it is this unit (what is stored).
