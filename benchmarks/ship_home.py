@@ -30,6 +30,7 @@ from perdure.policy import Policy, load_policy, save_policy
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
+from perdure.report.wording import share
 from perdure.store import write_whole
 
 HERE = Path(__file__).parent
@@ -96,7 +97,7 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
         curves = np.array([entry["curve"] for entry in entries], float)
         known = ~np.isnan(curves).any(axis=0)
         steps, curves = (np.arange(BINS)[known] + 0.5) * total / BINS, curves[:, known]
-        rates = ", ".join(f"{100 * entry['success']:.0f}" for entry in entries)
+        rates = ", ".join(share(entry["success"]).removesuffix(" %") for entry in entries)
         bounds = (curves.min(axis=0), curves.max(axis=0)) if len(entries) > 1 else (None, None)
         series.append(Series(f"{policy} ({rates} %)", steps, curves.mean(axis=0), category(number), *bounds))
     chart = Chart(
