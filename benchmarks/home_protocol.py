@@ -2,9 +2,10 @@
 
 python benchmarks/home_protocol.py HOME_RUNS
 
-HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json and the tables of
-docs/home/results.md: one for each task, one row for each world, split and arm. Rows of which HOME_RUNS has no logs stay
-as they are: after a change of the world or of the policies delete benchmarks/home_protocol.json first.
+HOME_RUNS is the `--out` of `perdure home run`. Writes benchmarks/home_protocol.json, the tables of
+docs/home/results.md (one for each task, one row for each world, split and arm) and docs/images/home-arms.png. Rows of
+which HOME_RUNS has no logs stay as they are: after a change of the world or of the policies delete
+benchmarks/home_protocol.json first.
 """
 
 from __future__ import annotations
@@ -23,13 +24,19 @@ from perdure.home.page import read_cast
 from perdure.home.page.comparison import Comparison, comparisons
 from perdure.home.protocol.naming import read_arm
 from perdure.home.tasks import TASKS
+from perdure.report.charts import Axis, Chart, Series
+from perdure.report.palette import category
+from perdure.report.png_renderer import render_png
 from perdure.store import write_whole
 
 RESULTS = Path(__file__).parent / "home_protocol.json"
 PAGE = Path(__file__).parents[1] / "docs" / "home" / "results.md"
+PICTURE = Path(__file__).parents[1] / "docs" / "images" / "home-arms.png"
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
 """How the tables call objects of a shape."""
 ARMS = ("rl", "delta-200", "stop", "ik", "ik+")
+WORLDS = (("set_table", "drag"), ("tidy_house", "drag"), ("prepare_groceries", "drag"), ("set_table", "friction"))
+"""What the picture shows, from top to bottom."""
 
 
 def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
@@ -119,6 +126,36 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def picture(rows: list[dict[str, Any]]) -> Chart:
+    """How often each arm comes to a goal-stabilizing success, task by task."""
+    found = {}
+    for row in rows:
+        arm, options = read_arm(row["arm"])
+        if row["split"] == "val" and options.jaws == "never":
+            found[row["task"], options.scene.rolling, arm] = row["stabilizing"]
+    series = []
+    for number, arm in enumerate(ARMS):
+        at = [place for place, world in enumerate(WORLDS) if (*world, arm) in found]
+        numbers = [found[*WORLDS[place], arm] for place in at]
+        mean, lower, upper = (np.array([each[key] for each in numbers]) for key in ("mean", "lower", "upper"))
+        places = np.array(at) + 0.15 * (number - (len(ARMS) - 1) / 2)
+        series.append(
+            Series(arm, mean, places, category(number), lower, upper, line=False, points=True, hollow=arm == "rl")
+        )
+    return Chart(
+        "home-arms",
+        "Does the object stay where it was put?",
+        Axis("share of episodes whose objects all stay (goal-stabilizing)", percent=True, low=0.0, high=1.0),
+        Axis("", rows=tuple(f"{task}, {rolling}" for task, rolling in WORLDS)),
+        tuple(series),
+        row_lines=len(ARMS),
+        note="Learned policies, val split. drag: nothing but a slow drag stops an object that rolls, as in Habitat; "
+        "friction: rolling friction. rl: the policy alone; delta-200: trained until objects stay for 200 steps; "
+        "stop: halts before it lets go; ik, ik+: the inverse-kinematics hand-over. Bars: 95 % intervals over training "
+        "seeds (where there is one seed, over episodes).",
+    )
+
+
 def put(page: str, task: str, text: str) -> str:
     """The page with what stands between a task's marks replaced."""
     begin, end = f"<!-- {task}: begin -->\n", f"\n<!-- {task}: end -->"
@@ -149,6 +186,7 @@ def main(folder: Path) -> None:
         page = put(page, task, text)
         print(f"{task}\n\n{text}\n")
     write_whole(PAGE, page)
+    write_whole(PICTURE, render_png(picture(rows)))
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from lanes import make
 
-from perdure.home.gym.tables import page, reward_terms, skill_section
-from perdure.home.skills import get_skill
+from perdure.home.gym.tables import FAILURES, page, reward_terms, skill_section
+from perdure.home.skills import SKILLS, get_skill
 from perdure.home.starts import STARTS
 
 PAGE = Path(__file__).parents[3] / "docs" / "home" / "skills.md"
@@ -16,6 +16,10 @@ PAGE = Path(__file__).parents[3] / "docs" / "home" / "skills.md"
 @pytest.mark.skipif(not PAGE.exists(), reason="the page is no part of an installed package")
 def test_the_page_is_the_one_the_code_writes():
     assert PAGE.read_text(encoding="utf-8") == page()
+
+
+def test_the_page_says_when_each_failure_happens_and_of_no_other():
+    assert set(FAILURES) == {name for skill in STARTS for name in SKILLS[skill].failures[1:]}
 
 
 @pytest.mark.parametrize("skill", STARTS)

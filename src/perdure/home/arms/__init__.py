@@ -13,8 +13,9 @@ from perdure.home.arms.stop import Stop
 from perdure.home.errors import HomeError
 from perdure.home.execute.actor import Actor
 
-ARMS: tuple[str, ...] = ("rl", "stop", "ik", "ik+")
 _HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
+ARMS: tuple[str, ...] = ("rl", *_HAND_OVERS)
+"""Names of all, as `--place` takes them."""
 
 
 def make_arm(name: str, inner: Actor) -> Actor:

@@ -12,7 +12,7 @@ from perdure.home.robot.toward import toward
 from perdure.home.world import CONTROL_HZ
 
 EPSILON = 0.05
-"""How far down in [m]; `docs/home.md` shows what other values do."""
+"""How far down in [m]; `docs/home/world.md` shows what other values do."""
 SPEED = 0.15
 """How fast in [m/s]."""
 OUT_OF_REACH = 0.02

@@ -18,6 +18,8 @@ from perdure.home.skills.skill import (
     FORCE_CAP,
     FORCE_COST,
     FORCE_MARGIN,
+    HANDLE_LIMIT,
+    HOLD_LIMIT,
     PENALTY,
     RETRACTED,
     SUCCESS_REWARD,
@@ -69,6 +71,18 @@ _SUCCESS: Mapping[str, str] = {
         for name, text in _JOINT.items()
     },
 }
+FAILURES: Mapping[str, str] = {
+    "wrong object": "the hand holds something other than the target",
+    "dropped": "the target was held and is not any more",
+    "wrong drop": "the first release is outside the goal region",
+    "wrong grasp": "the hand holds something other than the handle",
+    "let go early": "the handle was let go before drawer or door had ever been where it should be",
+    "left the goal": "drawer or door was where it should be, was let go, and is there no more",
+    "invalid grasp": f"what is held is over {HOLD_LIMIT:g} m (a handle: {HANDLE_LIMIT:g} m) from the gripper point",
+    "excess force": "rises of the contact force add up to more than the skill's limit",
+    "stopped elsewhere": "the robot stopped outside the region, or turned away from what it should face",
+}
+"""Every skill's failures."""
 
 
 def page() -> str:
@@ -80,6 +94,8 @@ def page() -> str:
         "## What all see first",
         _elements(PROPRIOCEPTION, 0),
         *(skill_section(_of(name)) for name in STARTS),
+        "## Failures",
+        _table(("failure", "when"), FAILURES.items()),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -92,11 +108,11 @@ def skill_section(skill: Skill) -> str:
     return "\n\n".join(
         [
             f"## {skill.name}: `{env_id(skill.name)}`",
-            f"{_count(skill)} numbers; 0 to {common - 1} are those above.",
+            f"Numbers: {_count(skill)}; 0 to {common - 1} are those above.",
             _elements(skill.elements[common:], common),
             _actions(skill),
             _table(("reward", "value"), reward_terms(skill).items()),
-            f"Success: {_SUCCESS[skill.name]}. Failures: {ends}.{limit} Limit: {get_skill(skill.name).limit} steps.",
+            f"Success: {_SUCCESS[skill.name]}. Failures: {ends}.{limit} Limit: {_limit(skill)}.",
         ]
     )
 
@@ -113,7 +129,12 @@ def _of(name: str) -> Skill:
 
 def _count(skill: Skill) -> str:
     fewer = len(get_skill(skill.name).elements)
-    return str(fewer) if fewer == len(skill.elements) else f"{fewer} (with `delta` above 1 {len(skill.elements)})"
+    return str(fewer) if fewer == len(skill.elements) else f"{fewer} (where `delta` is above 1: {len(skill.elements)})"
+
+
+def _limit(skill: Skill) -> str:
+    limit = get_skill(skill.name).limit
+    return f"{limit} steps" + (f" ({limit} + `delta` where that is above 1)" if skill.limit > limit else "")
 
 
 def _slack(skill: Skill) -> dict[str, str]:

@@ -60,7 +60,7 @@ SECTORS = BEAMS // 2
 CLOSENESS: tuple[Element, ...] = tuple(
     Element(
         f"close_{k:02d}",
-        f"how close something stands in sector {k} of {SECTORS}, from ahead to the left",
+        f"closeness in sector {k} of {SECTORS}, counter-clockwise from ahead: 1 at the base's rim, 0 from 1 m on",
         "1",
         0.0,
         1.0,

@@ -1,0 +1,69 @@
+"""A place policy of Stable-Baselines3 in the home protocol: alone, and with the inverse-kinematics hand-over.
+
+    pip install "stable-baselines3>=2.7" "perdure[home]"
+    python examples/sb3_home_place.py --train-steps 2000000 --out logs
+    perdure home analyse logs/*.parquet --out page
+
+Learns place in its Gymnasium environment, then lets it act in whole SetTable episodes, beside shipped policies for all
+other skills, and prints how often the objects stay. Any library will do: `Predicting` takes a function from
+observations to actions.
+"""
+
+import argparse
+from pathlib import Path
+
+import gymnasium
+from stable_baselines3 import PPO
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+import perdure.home.gym  # noqa: F401  registers the skills
+from perdure.home import load_episodes
+from perdure.home.arms import make_arm
+from perdure.home.execute import Executor, ExecutorOptions, Predicting
+from perdure.home.outcomes import analyse, read_logs, write_logs
+from perdure.home.protocol import Protocol, choose_policies, make_actors
+from perdure.home.world import SceneOptions
+
+TASK = "set_table"
+ROLLING = "drag"  # as in Habitat: an object that rolls is hardly slowed; "friction" is kinder
+
+
+def learn(steps: int, lanes: int, seed: int) -> tuple[PPO, VecNormalize]:
+    """Place, from the benchmark's reward."""
+
+    def make() -> gymnasium.Env:
+        return Monitor(gymnasium.make("perdure/HomePlace-v0", task=TASK, rolling=ROLLING, threads=1))
+
+    env = VecNormalize(DummyVecEnv([make] * lanes), gamma=0.99)
+    model = PPO("MlpPolicy", env, n_steps=4096 // lanes, batch_size=512, seed=seed, device="cpu", verbose=1)
+    model.learn(steps)
+    return model, env
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--train-steps", type=int, default=2_000_000)
+    parser.add_argument("--lanes", type=int, default=32)
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("logs"))
+    args = parser.parse_args()
+
+    model, env = learn(args.train_steps, args.lanes, args.seed)
+    place = Predicting(lambda observed: model.predict(env.normalize_obs(observed), deterministic=True)[0])
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    options = ExecutorOptions(eval_seed=0, scene=SceneOptions(rolling=ROLLING))
+    episodes = load_episodes(TASK, "val").episodes[: args.episodes]
+    for arm in ("rl", "ik"):
+        actors = make_actors(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
+        actors["place"] = make_arm(arm, place)
+        executor = Executor(Protocol(TASK).skills(), actors, options)
+        path = args.out / f"sb3-{arm}.parquet"
+        write_logs(path, list(executor.run(episodes)), {"arm": f"sb3 {arm}", "train_seed": str(args.seed)})
+        print(f"sb3 {arm}:\n{analyse(read_logs(path)).summary()}")
+
+
+if __name__ == "__main__":
+    main()
