@@ -3,10 +3,11 @@
 python benchmarks/ship_home.py RUNS [seed ...]
 python benchmarks/ship_home.py again [task/policy/seed ...]
 
-RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter and enters
-benchmarks/home_skills.json, the table in docs/home/training.md and docs/images/home-learning-*.png.
-One that succeeds often enough goes to src/perdure/home/shipped, without its critic (acting is all it is for there) and
-with weights of 16 bits: so it is scored, too. `again` scores what is shipped anew, after a change of the world.
+RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter, one that places
+in the world `drag`, too, and enters benchmarks/home_skills.json, the table in docs/home/training.md and
+docs/images/home-learning-*.png. One that succeeds often enough goes to src/perdure/home/shipped, without its critic
+(acting is all it is for there) and with weights of 16 bits: so it is scored, too. `again` scores what is shipped anew,
+after a change of the world.
 """
 
 from __future__ import annotations
@@ -68,11 +69,15 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
 
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
-    """From val starts, with clutter."""
+    """From val starts, with clutter; what places also with Habitat's drag."""
     options = placing(name.removeprefix("place-")).options if name.startswith("place-") else {}
     skill = "place" if name.startswith("place-") else name
     result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
-    return {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
+    scored = {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
+    if skill == "place":
+        rolling = evaluate_skill(policy, skill, EPISODES, task=task, rolling="drag", **options)
+        scored["drag"] = {"success": rolling.rate, "failures": dict(rolling.failures.most_common())}
+    return scored
 
 
 def curve(path: Path, total: int) -> list[float | None]:
@@ -188,13 +193,17 @@ def table(scores: dict[str, dict[str, Any]]) -> str:
     for name, entry in sorted(scores.items(), key=lambda item: (list(TASKS).index(item[0].split("/")[0]), item[0])):
         task, policy, _ = name.split("/")
         rows.setdefault((task, policy), []).append(entry)
-    lines = ["| task | policy | steps | success, seed by seed | how the others ended |", "|---|---|---|---|---|"]
+    lines = [
+        "| task | policy | steps | success, seed by seed | with drag | how the others ended |",
+        "|---|---|---|---|---|---|",
+    ]
     for (task, policy), entries in rows.items():
         ways: Counter[str] = sum((Counter(entry["failures"]) for entry in entries), Counter())
         ended = "; ".join(f"{way} {count}" for way, count in ways.most_common()) or "-"
         steps = ", ".join(dict.fromkeys(_steps(entry) for entry in entries))
         rates = ", ".join(f"{entry['success']:.3f}" for entry in entries)
-        lines.append(f"| {task} | {policy} | {steps} | {rates} | {ended} |")
+        drag = ", ".join(f"{entry['drag']['success']:.3f}" for entry in entries if "drag" in entry)
+        lines.append(f"| {task} | {policy} | {steps} | {rates} | {drag} | {ended} |")
     return "\n".join(lines)
 
 

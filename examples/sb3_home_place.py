@@ -33,7 +33,7 @@ def learn(steps: int, lanes: int, seed: int) -> tuple[PPO, VecNormalize]:
     """Place, from the benchmark's reward."""
 
     def make() -> gymnasium.Env:
-        return Monitor(gymnasium.make("perdure/HomePlace-v0", task=TASK, rolling=ROLLING, threads=1))
+        return Monitor(gymnasium.make("perdure/HomePlace-v0", task=TASK, rolling=ROLLING))
 
     env = VecNormalize(DummyVecEnv([make] * lanes), gamma=0.99)
     model = PPO("MlpPolicy", env, n_steps=4096 // lanes, batch_size=512, seed=seed, device="cpu", verbose=1)
