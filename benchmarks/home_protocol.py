@@ -151,8 +151,8 @@ def picture(rows: list[dict[str, Any]]) -> Chart:
         row_lines=len(ARMS),
         note="Learned policies, val split. drag: nothing but a slow drag stops an object that rolls, as in Habitat; "
         "friction: rolling friction. rl: the policy alone; delta-200: trained until objects stay for 200 steps; "
-        "stop: halts before it lets go; ik, ik+: the inverse-kinematics hand-over. Bars: 95 % intervals over training "
-        "seeds (where there is one seed, over episodes).",
+        "stop: halts before it lets go; ik, ik+: the inverse-kinematics hand-over. Bars: from the lowest to the "
+        "highest of three training seeds (where there is one seed, 95 % intervals over episodes).",
     )
 
 

@@ -21,6 +21,7 @@ class OpenFridge(Articulated):
 
     name = "open_fridge"
     wanted = OPENED
+    knows_front = True
 
     def there(self, position: FloatArray) -> BoolArray:
         """See `Articulated.there`."""
