@@ -1,6 +1,6 @@
 """A place policy of Stable-Baselines3 in the home protocol: alone, and with the inverse-kinematics hand-over.
 
-    pip install "stable-baselines3>=2.7" "perdure[home]"
+    pip install "stable-baselines3>=2.7" ".[home]"
     python examples/sb3_home_place.py --train-steps 2000000 --out logs
     perdure home analyse logs/*.parquet --out page
 

@@ -45,7 +45,8 @@ def final_chart(comparison: Comparison) -> Chart:
         y=Axis("", rows=comparison.arms),
         series=tuple(map(points, COUNTINGS)),
         row_lines=2,
-        note=f"Latched: in the goal once is enough. Goal-stabilizing: it also stays. {error_note(comparison)}"
+        note="Latched: a stage counts once its conditions hold, whatever follows. Goal-stabilizing: objects also stay. "
+        + error_note(comparison)
         + unequal_note(comparison),
     )
 

@@ -63,9 +63,9 @@ ELSEWHERE: dict[tuple[str, str], Recipe] = {
 """By skill and task where a task needs another; `docs/home/training.md` has what was tried.
 
 Pick on SetTable: with the usual noise it does as well from its own starts, but not in the task plan; with less noise
-and half the steps one seed of three fails. Place on SetTable: so it is there with the usual noise, and robots that face
-any way do a little better. Place on PrepareGroceries: half the steps are enough for
-the open, but not for the fridge.
+and half the steps one seed of three fails. Place on SetTable: with the usual noise one seed of three fails, too, and
+robots that face any way do a little better. Place on PrepareGroceries: half the steps are enough for the open, but
+not for the fridge.
 """
 HIDDEN = (256, 256)
 FLAGS = ("delta", "limited_to", "rolling")
