@@ -78,7 +78,20 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
             f"{row['stage']}, {row['mechanism']}": row["count"]
             for row in comparison.modes[arm].filter(counting="stabilizing").iter_rows(named=True)
         },
+        "modes_by_train_seed": modes_by_train_seed(comparison, arm),
     }
+
+
+def modes_by_train_seed(comparison: Comparison, arm: str) -> dict[str, dict[str, int]]:
+    """Goal-stabilizing failures of each training seed, to see whether they are one policy's."""
+    failures = comparison.analysis.failures.filter(
+        task=comparison.task, split=comparison.split, arm=arm, counting="stabilizing"
+    )
+    counts = failures.group_by("train_seed", "stage", "mechanism").len().sort("train_seed", "stage", "mechanism")
+    found: dict[str, dict[str, int]] = {}
+    for seed, stage, mechanism, count in counts.iter_rows():
+        found.setdefault(str(seed), {})[f"{stage}, {mechanism}"] = count
+    return found
 
 
 def released(placements: pl.DataFrame) -> dict[str, float]:

@@ -50,12 +50,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("logs"))
     args = parser.parse_args()
 
-    model, env = learn(args.train_steps, args.lanes, args.seed)
-    place = Predicting(lambda observed: model.predict(env.normalize_obs(observed), deterministic=True)[0])
-
-    args.out.mkdir(parents=True, exist_ok=True)
+    args.out.mkdir(parents=True, exist_ok=True)  # before the long part, not after it
     options = ExecutorOptions(eval_seed=0, scene=SceneOptions(rolling=ROLLING))
     episodes = load_episodes(TASK, "val").episodes[: args.episodes]
+
+    model, env = learn(args.train_steps, args.lanes, args.seed)
+    place = Predicting(lambda observed: model.predict(env.normalize_obs(observed), deterministic=True)[0])
     for arm in ("rl", "ik"):
         actors = make_actors(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
         actors["place"] = make_arm(arm, place)
