@@ -22,6 +22,7 @@ from perdure.home.objects import KINDS
 from perdure.home.outcomes import COUNTINGS, analyse
 from perdure.home.page import read_cast
 from perdure.home.page.comparison import Comparison, comparisons
+from perdure.home.protocol import placing
 from perdure.home.protocol.naming import read_arm
 from perdure.home.tasks import TASKS
 from perdure.report.charts import Axis, Chart, Series
@@ -115,11 +116,12 @@ def lost(row: dict[str, Any]) -> str:
     return ", ".join(f"{group} {bad} of {of}" for group, (bad, of) in sorted(counts.items()))
 
 
-def order(row: dict[str, Any]) -> tuple[bool, bool, int, str]:
-    """Where a row stands in its table: by split, world, arm."""
+def order(row: dict[str, Any]) -> tuple[bool, bool, int, int, str]:
+    """Where a row stands in its table: by split, world, arm; policies that were trained for a Delta by that."""
     arm, options = read_arm(row["arm"])
-    rank = ARMS.index(arm) if arm in ARMS else len(ARMS)
-    return row["split"] != "val", options.scene.rolling == "drag", rank, row["arm"]
+    delta = placing(arm).delta
+    rank = ARMS.index("delta-200" if delta > 1 else arm)
+    return row["split"] != "val", options.scene.rolling == "drag", rank, delta, row["arm"]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -165,7 +167,7 @@ def picture(rows: list[dict[str, Any]]) -> Chart:
         note="Learned policies, val split. drag: nothing but a slow drag stops an object that rolls, as in Habitat; "
         "friction: rolling friction. rl: the policy alone; delta-200: trained until objects stay for 200 steps; "
         "stop: halts before it lets go; ik, ik+: the inverse-kinematics hand-over. Bars: from the lowest to the "
-        "highest of three training seeds (where there is one seed, 95 % intervals over episodes).",
+        "highest of three training seeds.",
     )
 
 

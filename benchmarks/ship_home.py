@@ -89,14 +89,22 @@ def curve(path: Path, total: int) -> list[float | None]:
 
 
 def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
-    """The picture of a task's policies: a curve for each, the mean of its seeds, within their range.
-
-    Seeds that were trained for another number of steps are another curve.
-    """
+    """The pictures of a task's policies; where there is place for several Deltas it has one of its own."""
     seeds: dict[tuple[str, int], list[dict[str, Any]]] = {}
     for name, entry in scores.items():
         if name.startswith(f"{task}/") and "curve" in entry:
             seeds.setdefault((name.split("/")[1], entry["steps"]), []).append(entry)
+    lasting = [policy for policy, _ in seeds if policy.startswith("place-")]
+    apart = lasting if len(lasting) > 1 else []
+    usual = {key: entries for key, entries in seeds.items() if key[0] not in apart}
+    _draw(f"home-learning-{task}", f"How the skills of {task} are learned", usual)
+    if apart:
+        places = {key: entries for key, entries in seeds.items() if key[0] in ("place", *apart)}
+        _draw(f"home-learning-{task}-place", f"How place is learned on {task} for several Deltas", places)
+
+
+def _draw(name: str, title: str, seeds: dict[tuple[str, int], list[dict[str, Any]]]) -> None:
+    """A curve for each policy and number of training steps: the mean of the seeds, within their range."""
     series = []
     for number, ((policy, total), entries) in enumerate(seeds.items()):
         curves = np.array([entry["curve"] for entry in entries], float)
@@ -106,14 +114,14 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
         bounds = (curves.min(axis=0), curves.max(axis=0)) if len(entries) > 1 else (None, None)
         series.append(Series(f"{policy} ({rates} %)", steps, curves.mean(axis=0), category(number), *bounds))
     chart = Chart(
-        f"home-learning-{task}",
-        f"How the skills of {task} are learned",
+        name,
+        title,
         Axis("environment steps"),
         Axis("training return of an episode, mean and range of seeds; in brackets: success on val starts, each seed"),
         tuple(series),
         wide=True,
     )
-    write_whole(IMAGES / f"home-learning-{task}.png", render_png(chart))
+    write_whole(IMAGES / f"{name}.png", render_png(chart))
 
 
 def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:

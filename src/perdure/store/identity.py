@@ -82,7 +82,8 @@ class Identity:
         if self.digest != other.digest:
             fields = describe_difference(self.config, other.config)
             raise StoreError(
-                f"{other.key!r} is in {where} with another config: {fields}. Choose another key or remove that unit."
+                f"{other.key!r} is in {where} with another config: {fields}. "
+                "Write to another folder, or remove this unit's."
             )
 
 
