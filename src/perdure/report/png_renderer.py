@@ -233,7 +233,8 @@ def _draw_tags(axes: Axes, series: Sequence[Series]) -> None:
                 "color": item.colour.light,
                 "linewidth": 0.7,
                 "alpha": 0.6,
-                "shrinkA": 1,
+                "relpos": (0.0, 0.5),  # from the middle of the text a sloping line would strike through it
+                "shrinkA": 2,
                 "shrinkB": 2,
             },
         )
