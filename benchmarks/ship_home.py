@@ -94,8 +94,8 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
     for name, entry in scores.items():
         if name.startswith(f"{task}/") and "curve" in entry:
             seeds.setdefault((name.split("/")[1], entry["steps"]), []).append(entry)
-    lasting = [policy for policy, _ in seeds if policy.startswith("place-")]
-    apart = lasting if len(lasting) > 1 else []
+    lasting = {policy for policy, _ in seeds if policy.startswith("place-")}
+    apart = lasting if len(lasting) > 1 else set()
     usual = {key: entries for key, entries in seeds.items() if key[0] not in apart}
     _draw(f"home-learning-{task}", f"How the skills of {task} are learned", usual)
     if apart:
