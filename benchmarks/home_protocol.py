@@ -80,6 +80,7 @@ def numbers(comparison: Comparison, arm: str) -> dict[str, Any]:
             for row in comparison.modes[arm].filter(counting="stabilizing").iter_rows(named=True)
         },
         "modes_by_train_seed": modes_by_train_seed(comparison, arm),
+        "kinds_by_train_seed": kinds_by_train_seed(placed),
     }
 
 
@@ -92,6 +93,17 @@ def modes_by_train_seed(comparison: Comparison, arm: str) -> dict[str, dict[str,
     found: dict[str, dict[str, int]] = {}
     for seed, stage, mechanism, count in counts.iter_rows():
         found.setdefault(str(seed), {})[f"{stage}, {mechanism}"] = count
+    return found
+
+
+def kinds_by_train_seed(placements: pl.DataFrame) -> dict[str, dict[str, dict[str, float]]]:
+    """How many objects of each kind a training seed's policies lose, and the median speed in [m/s] at the release."""
+    lost, speed = (~pl.col("stabilizing")).sum().alias("lost"), pl.col("object_speed").median()
+    counts = placements.group_by("train_seed", "kind").agg(pl.len(), lost, speed).sort("train_seed", "kind")
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for seed, kind, count, bad, median in counts.iter_rows():
+        row = {"placements": count, "not_stable": bad, "object_speed": round(median, 3)}
+        found.setdefault(str(seed), {})[kind] = row
     return found
 
 

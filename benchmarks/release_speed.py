@@ -1,0 +1,99 @@
+"""How fast an object may move when it is let go: the share of placements that stay, by its speed at the release.
+
+python benchmarks/release_speed.py HOME_RUNS
+
+HOME_RUNS is the `--out` of `perdure home run`. Counted are all placements of val episodes in the world `drag`, of all
+tasks and training seeds there, those of policies alone (`rl`, `delta-N`) apart from those of arms that come to rest
+before they let go (`stop`, `ik`, `ik+`). One stays that is still in its goal when the task is over
+(goal-stabilizing). Writes the table of docs/home/results.md and docs/images/home-release-speed.png.
+"""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from home_protocol import GROUPS, PAGE, put
+
+from perdure.home.objects import KINDS
+from perdure.home.outcomes import analyse
+from perdure.home.page import read_cast
+from perdure.home.protocol import placing
+from perdure.home.protocol.naming import read_arm
+from perdure.report.charts import Axis, Chart, Series
+from perdure.report.palette import category
+from perdure.report.png_renderer import render_png
+from perdure.store import write_whole
+
+PICTURE = PAGE.parents[1] / "images" / "home-release-speed.png"
+EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
+"""Speeds in [m/s]."""
+FEWEST = 20
+"""Placements; of fewer the picture draws no point and the table has no share."""
+SHAPES = ("apples", "cans", "bowls", "boxes")
+
+
+def placements(folder: Path) -> pl.DataFrame:
+    """One row for each: its group of objects, its speed's interval, who let go, whether it stayed."""
+    records, _ = read_cast(sorted(folder.rglob("logs.parquet")))
+    found = analyse(records).placements.filter(split="val")
+    rows = []
+    for arm, kind, speed, stayed in found.select("arm", "kind", "object_speed", "stabilizing").iter_rows():
+        name, options = read_arm(arm)
+        if options.scene.rolling == "drag" and options.jaws == "never":
+            alone = name == "rl" or placing(name).delta > 1
+            interval = int(np.digitize(speed, EDGES[1:], right=True))
+            rows.append((GROUPS[KINDS[kind].shape], alone, interval, speed, stayed))
+    return pl.DataFrame(rows, schema=["group", "alone", "interval", "speed", "stayed"], orient="row")
+
+
+def table(counts: pl.DataFrame) -> str:
+    """Of how many stayed how many, in Markdown; one row for each interval."""
+    heads = [(alone, group) for alone in (True, False) for group in SHAPES]
+    names = [f"{group}, {'alone' if alone else 'at rest first'}" for alone, group in heads]
+    lines = [f"| speed at the release [m/s] | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    for number, (low, high) in enumerate(pairwise(EDGES)):
+        cells = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"]
+        for alone, group in heads:
+            part = counts.filter(interval=number, alone=alone, group=group)
+            stayed, count = (part["stayed"].item(), part["count"].item()) if len(part) else (0, 0)
+            cells.append(f"{100 * stayed / count:.0f} % of {count}" if count >= FEWEST else f"{stayed} of {count}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def picture(counts: pl.DataFrame) -> Chart:
+    """Policies alone: share that stays over the interval's median speed."""
+    series = []
+    for number, group in enumerate(SHAPES):
+        part = counts.filter(pl.col("count") >= FEWEST, alone=True, group=group).sort("interval")
+        share = (part["stayed"] / part["count"]).to_numpy()
+        series.append(Series(group, part["speed"].to_numpy(), share, category(number), points=True, tag=group))
+    return Chart(
+        "home-release-speed",
+        "How fast may an object be when it is let go?",
+        Axis("speed at the release [m/s]", low=0.0, high=1.05 * max(float(each.x.max()) for each in series)),
+        Axis("placements that stay until the task is over", percent=True, low=0.0, high=1.0),
+        tuple(series),
+        note="Placements of policies alone (rl, delta-N), all tasks, val split, drag. Each point: an interval of "
+        "speed, at the median of its placements.",
+    )
+
+
+def main(folder: Path) -> None:
+    """Counts, writes, prints."""
+    grouped = placements(folder).group_by("group", "alone", "interval")
+    counts = grouped.agg(pl.len().alias("count"), pl.col("stayed").sum(), pl.col("speed").median())
+    text = table(counts)
+    write_whole(PAGE, put(PAGE.read_text(), "release_speed", text))
+    write_whole(PICTURE, render_png(picture(counts)))
+    print(text)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    main(Path(sys.argv[1]))
