@@ -88,7 +88,7 @@ format: setup ## Format the code, and mend what the linter can mend
 	@$(BIN)/ruff format .
 
 verify: setup ## Run the long checks
-	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify $(PYTEST)
+	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify -n $(PROCESSES) --dist worksteal $(PYTEST)
 
 PEERS = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	print(*project["optional-dependencies"]["$(1)"], sep="\n")
