@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from marks import put
 
 from perdure.home.objects import KINDS
 from perdure.home.outcomes import COUNTINGS, analyse
@@ -98,11 +99,11 @@ def modes_by_train_seed(comparison: Comparison, arm: str) -> dict[str, dict[str,
 
 def kinds_by_train_seed(placements: pl.DataFrame) -> dict[str, dict[str, dict[str, float]]]:
     """How many objects of each kind a training seed's policies lose, and the median speed in [m/s] at the release."""
-    lost, speed = (~pl.col("stabilizing")).sum().alias("lost"), pl.col("object_speed").median()
-    counts = placements.group_by("train_seed", "kind").agg(pl.len(), lost, speed).sort("train_seed", "kind")
+    bad, speed = (~pl.col("stabilizing")).sum(), pl.col("object_speed").median()
+    counts = placements.group_by("train_seed", "kind").agg(pl.len(), bad, speed).sort("train_seed", "kind")
     found: dict[str, dict[str, dict[str, float]]] = {}
-    for seed, kind, count, bad, median in counts.iter_rows():
-        row = {"placements": count, "not_stable": bad, "object_speed": round(median, 3)}
+    for seed, kind, count, not_stable, median in counts.iter_rows():
+        row = {"placements": count, "not_stable": not_stable, "object_speed": round(median, 3)}
         found.setdefault(str(seed), {})[kind] = row
     return found
 
@@ -181,13 +182,6 @@ def picture(rows: list[dict[str, Any]]) -> Chart:
         "stop: halts before it lets go; ik, ik+: the inverse-kinematics hand-over. Bars: from the lowest to the "
         "highest of three training seeds.",
     )
-
-
-def put(page: str, task: str, text: str) -> str:
-    """The page with what stands between a task's marks replaced."""
-    begin, end = f"<!-- {task}: begin -->\n", f"\n<!-- {task}: end -->"
-    before, rest = page.split(begin)
-    return f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}"
 
 
 def key(row: dict[str, Any]) -> tuple[str, str, str]:

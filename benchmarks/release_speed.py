@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from home_protocol import GROUPS, PAGE, put
+from home_protocol import GROUPS, PAGE
+from marks import put
 
 from perdure.home.objects import KINDS
 from perdure.home.outcomes import analyse
@@ -40,14 +41,19 @@ def placements(folder: Path) -> pl.DataFrame:
     """One row for each: its group of objects, its speed's interval, who let go, whether it stayed."""
     records, _ = read_cast(sorted(folder.rglob("logs.parquet")))
     found = analyse(records).placements.filter(split="val")
-    rows = []
-    for arm, kind, speed, stayed in found.select("arm", "kind", "object_speed", "stabilizing").iter_rows():
-        name, options = read_arm(arm)
+    alone = {}
+    for label in found["arm"].unique():
+        arm, options = read_arm(label)
         if options.scene.rolling == "drag" and options.jaws == "never":
-            alone = name == "rl" or placing(name).delta > 1
-            interval = int(np.digitize(speed, EDGES[1:], right=True))
-            rows.append((GROUPS[KINDS[kind].shape], alone, interval, speed, stayed))
-    return pl.DataFrame(rows, schema=["group", "alone", "interval", "speed", "stayed"], orient="row")
+            alone[label] = arm == "rl" or placing(arm).delta > 1
+    found = found.filter(pl.col("arm").is_in(list(alone)))
+    return found.select(
+        pl.col("kind").replace_strict({name: GROUPS[kind.shape] for name, kind in KINDS.items()}).alias("group"),
+        pl.col("arm").replace_strict(alone).alias("alone"),
+        pl.Series("interval", np.digitize(found["object_speed"].to_numpy(), EDGES[1:], right=True)),
+        pl.col("object_speed").alias("speed"),
+        pl.col("stabilizing").alias("stayed"),
+    )
 
 
 def table(counts: pl.DataFrame) -> str:
@@ -60,7 +66,8 @@ def table(counts: pl.DataFrame) -> str:
         for alone, group in heads:
             part = counts.filter(interval=number, alone=alone, group=group)
             stayed, count = (part["stayed"].item(), part["count"].item()) if len(part) else (0, 0)
-            cells.append(f"{100 * stayed / count:.0f} % of {count}" if count >= FEWEST else f"{stayed} of {count}")
+            few = f"{stayed} of {count}" if count else "-"
+            cells.append(f"{100 * stayed / count:.0f} % of {count}" if count >= FEWEST else few)
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from marks import put
 
 from perdure.home.protocol import placing
 from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
@@ -38,8 +39,6 @@ HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
 IMAGES = HERE.parent / "docs" / "images"
 PAGE = HERE.parent / "docs" / "home" / "training.md"
-BEGIN, END = "<!-- scores: begin -->\n", "<!-- scores: end -->"
-"""Between them stands the table."""
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
 how it lets go is what the arms are compared by."""
@@ -187,9 +186,7 @@ def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> 
     lent(scores, renewed)
     _write(scores)
     text = table(scores)
-    page = PAGE.read_text()
-    before, rest = page.split(BEGIN)
-    write_whole(PAGE, f"{before}{BEGIN}\n{text}\n\n{END}{rest.split(END)[1]}")
+    write_whole(PAGE, put(PAGE.read_text(), "scores", text))
     print(text)
     for task in {name.split("/")[0] for name in scores}:
         draw(task, dict(sorted(scores.items())))

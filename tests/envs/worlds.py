@@ -34,8 +34,6 @@ class Case:
 
     name: str
     build: Callable[[Sequence[int]], World]
-    partial: bool = True
-    """Whether a running lane may be left out of a step."""
 
 
 def counting_world(seeds: Sequence[int], **options: Any) -> GymnasiumWorld:
@@ -46,16 +44,13 @@ def counting_vector(seeds: Sequence[int], mode: AutoresetMode, **options: Any) -
     return VectorEnvWorld(SyncVectorEnv(factories(len(seeds), **options), autoreset_mode=mode), seeds)
 
 
-def _task(name: str, partial: bool = True) -> Case:
-    return Case(name, lambda seeds: make_world(name, seeds), partial)
+def _task(name: str) -> Case:
+    return Case(name, lambda seeds: make_world(name, seeds))
 
 
 def _all_cases() -> list[Any]:
-    listings = [listing for listing in list_tasks() if not listing.name.startswith("gymnasium:")]
-    cases = []
-    for each in listings:
-        case = _task(each.name, partial=each.family != "Home")  # a `VectorEnv`, which moves all lanes at once
-        cases.append(pytest.param(case, id=each.name, marks=[] if each.name in SAMPLE else pytest.mark.verify))
+    names = [listing.name for listing in list_tasks() if not listing.name.startswith("gymnasium:")]
+    cases = [pytest.param(_task(name), id=name, marks=[] if name in SAMPLE else pytest.mark.verify) for name in names]
     cases += [pytest.param(_task(name), id=name) for name in ("gymnasium:Pendulum-v1", "gymnasium:Hopper-v5")]
     counting = Case("counting", lambda seeds: counting_world(seeds, one_memory=True))
     falling = Case("falling", lambda seeds: counting_world(seeds, falls_after=4))
@@ -65,7 +60,7 @@ def _all_cases() -> list[Any]:
         def build(seeds: Sequence[int], mode: AutoresetMode = mode) -> World:
             return counting_vector(seeds, mode, falls_after=4)
 
-        cases.append(pytest.param(Case(f"vector-{mode.name}", build, partial=False), id=f"vector-{mode.name}"))
+        cases.append(pytest.param(Case(f"vector-{mode.name}", build), id=f"vector-{mode.name}"))
     return cases
 
 
