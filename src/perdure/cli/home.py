@@ -16,6 +16,7 @@ USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
   perdure home analyse LOGS --out PAGE       stages, failure modes, what stayed; with --out as a page
   perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
+  perdure home overlaps LOGS                 objects at rest that lie inside each other: is the world sound?
 
 Each command explains its options with --help.
 """
@@ -30,6 +31,7 @@ COMMANDS = {
     "run": "home_run",
     "analyse": "home_analyse",
     "failures": "home_failures",
+    "overlaps": "home_overlaps",
 }
 """Command to the module of this package that carries it out; loaded only when it is asked for."""
 

@@ -41,7 +41,12 @@ class HomeRun:
     jaws: Literal["never", "apart"] = "never"
     """Whether an object that was held touches the robot again: never (M3) or once they are apart (habitat-lab)."""
     rolling: Literal["friction", "drag"] = "friction"
-    """What stops objects that roll: rolling friction, or a drag as in Habitat, which has no rolling friction."""
+    """What stops objects that roll: rolling friction, or nothing but a drag of 20 % a second (no rolling friction)."""
+    apple: Literal["sphere", "hull"] = "sphere"
+    """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
+    release_velocity: Literal["kept", "base-removed", "zero"] = "kept"
+    """Velocity of an object as the hand opens: unchanged; without the moving base's part (M3 teleports the base with
+    what it holds); or zero."""
     physics_hz: int = 120
     """Physics steps per second."""
     lanes: int = 50
@@ -66,7 +71,12 @@ def main(args: list[str]) -> None:
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
-    scene = SceneOptions(physics_hz=flags.physics_hz, rolling=flags.rolling)
+    scene = SceneOptions(
+        physics_hz=flags.physics_hz,
+        rolling=flags.rolling,
+        apple=flags.apple,
+        release_velocity=flags.release_velocity,
+    )
     options = ExecutorOptions(lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
     protocol = Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, chosen, options)

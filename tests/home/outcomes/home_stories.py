@@ -143,6 +143,9 @@ class Story:
             contact_force=columns["force"],
             latched=latched_stages(self.episode.home_task, facts[:steps])[-1],
             diverged=self.diverged,
+            final_poses=np.array([[*each.position, *each.quaternion] for each in self.episode.objects]),
+            final_speeds=np.zeros(len(self.episode.objects)),
+            final_held=NOTHING,
         )
 
 

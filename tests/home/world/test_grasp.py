@@ -7,6 +7,7 @@ from perdure.home.episodes import Placement
 from perdure.home.layouts import Pose, make_apartment
 from perdure.home.robot import reach
 from perdure.home.robot.data import REST_ARM
+from perdure.home.robot.shapes import ROBOT_BIT
 from perdure.home.world import ACTION_SIZE, ARM, FORWARD, GRIP, Errand, World, build_scene
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -132,9 +133,26 @@ def test_whether_the_robot_meets_an_object_again_is_a_switch(room, jaws, touches
     act(world, 3, grip=-1.0)
     lane = world.lane(0)
     geoms = lane.scene.object_geoms[0]
-    assert not lane.model.geom_conaffinity[geoms].any()  # still overlapping: not yet in either case
+    assert not (lane.model.geom_conaffinity[geoms] & ROBOT_BIT).any()  # still overlapping: not yet in either case
     act(world, 15, forward=-1.0)
-    assert bool(lane.model.geom_conaffinity[geoms].any()) is touches
+    assert bool((lane.model.geom_conaffinity[geoms] & ROBOT_BIT).any()) is touches
+
+
+def test_two_objects_that_were_both_held_still_collide(room):
+    """Each is taken and let go in turn, the second above the first: it comes to rest on top, not inside."""
+    half = 0.0418
+    world = world_with(room, (0.0, 0.0), (0.3, 0.0), above=0.02, held=0)
+    act(world, 20, grip=-1.0)
+    lane = world.lane(0)
+    lower = lane.object(0)[0][:3].copy()
+    above = np.add(lower, (0.0, 0.0, 2.0 * half + 0.01))
+    lane.hold_object(1, above, np.eye(3))
+    act(world, grip=-1.0)
+    pose = lane.object(1)[0]  # let go right above the other, upright and at rest
+    pose[:3], pose[3:] = above, lane.object(0)[0][3:]
+    lane.object(1)[1][:] = 0.0
+    act(world, 60)
+    assert lane.object(1)[0][2] - lane.object(0)[0][2] == pytest.approx(2.0 * half, abs=0.002)
 
 
 def asleep(world, number):

@@ -7,6 +7,7 @@ in the hand the executor gives the arm the time to do the same.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -18,7 +19,19 @@ from numpy.typing import NDArray
 from perdure.home.execute.actor import Actor
 from perdure.home.layouts import Pose
 from perdure.home.skills import Progress, Skill
-from perdure.home.world import ACTION_SIZE, ARM, ARM_STEP, GRIP, RELEASE, Sensors, World
+from perdure.home.tasks import AT
+from perdure.home.world import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    BASE_SPEED,
+    FORWARD,
+    GRIP,
+    RELEASE,
+    TURN,
+    Sensors,
+    World,
+)
 from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
@@ -27,8 +40,14 @@ Motion = Generator[FloatArray, None, None]
 
 STILL = 0.02
 """Speed of the gripper point in [m/s] below which the hand hangs still."""
-STOP_STEPS = 15
-"""Steps within which a stop must have brought the hand to rest; then it is as still as it gets."""
+BASE_TOLERANCE = 0.01
+"""Error of the base in [m] and [rad] within which it stands where it stood at the freeze (OURS)."""
+RETURN_RATE, RETURN_SPEED = 10.0, 0.3
+"""The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
+STOP_STEPS = 45
+"""Steps within which a stop must have brought base and hand to rest; then the object is let go as it is."""
+NOT_ABOVE = "not above the goal"
+"""Outcome of a descent that did not begin: the object was let go at rest, beside its goal region."""
 
 
 @dataclass
@@ -38,6 +57,11 @@ class Held:
     sensors: Sensors
     outcome: str = "done"
     """How it went: "done", or the reason of a fall-back."""
+    frozen: Pose = field(init=False)
+    """Where the robot stood when the policy was frozen."""
+
+    def __post_init__(self) -> None:
+        self.frozen = self.base
 
     @property
     def arm(self) -> FloatArray:
@@ -50,6 +74,19 @@ class Held:
         """Where the robot stands."""
         x, y, yaw = (float(value) for value in self.sensors.base[0])
         return Pose(x, y, yaw)
+
+    @property
+    def base_error(self) -> tuple[float, float]:
+        """Way back to where the robot stood at the freeze: forward in [m], turn to the left in [rad]."""
+        base, frozen = self.base, self.frozen
+        forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
+        return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
+
+    @property
+    def above_goal(self) -> bool:
+        """Whether the held object's middle is within the goal's radius of 0.15 m, seen from above."""
+        offset = self.sensors.object[0, :2] - self.sensors.goal[0, :2]
+        return bool(np.hypot(*offset) <= AT)
 
     @property
     def speed(self) -> float:
@@ -124,9 +161,14 @@ class HandOver(ABC):
         return release()
 
 
-def stand_still(arm: FloatArray | None = None) -> FloatArray:
-    """An action that keeps the base where it is, and moves the arm by joint steps in [rad]."""
+def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
+    """Return an action that holds the base where it stood at the freeze and moves the arm by joint steps in [rad].
+
+    The base needs about 0.2 s to stop from full speed, in which it rolls 0.15 m; M3's stops at once. So it drives back.
+    """
     action = np.zeros(ACTION_SIZE)
+    for part, error in zip((FORWARD, TURN), held.base_error, strict=True):
+        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
     if arm is not None:
         action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action
@@ -140,8 +182,8 @@ def release() -> FloatArray:
 
 
 def stop(held: Held) -> Motion:
-    """Base and arm stand still until the hand hangs still."""
+    """Bring the base back to where it stood at the freeze, the arm unmoved, until the hand hangs still."""
     for _ in range(STOP_STEPS):
-        yield stand_still()
-        if held.speed < STILL:
+        yield hold_base(held)
+        if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
             return

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.arms.hand_over import HandOver, Held, Motion, stand_still, stop
+from perdure.home.arms.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
 from perdure.home.robot import reach
 from perdure.home.robot.toward import toward
 from perdure.home.world import CONTROL_HZ
@@ -23,8 +23,9 @@ OUT_OF_REACH = 0.02
 class Ik(HandOver):
     """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
 
-    When (x, y, z - epsilon) is out of reach the object is let go where the stop has brought it (outcome "out of
-    reach"); when the way down ends early because something is below (the servos lag), it is let go there ("blocked").
+    The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
+    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is let go where the stop
+    left it. When something below ends the descent early (the servos lag), it is let go there ("blocked").
     """
 
     name = "ik"
@@ -34,6 +35,9 @@ class Ik(HandOver):
     def motion(self, held: Held) -> Motion:
         """See `HandOver.motion`."""
         yield from stop(held)
+        if not held.above_goal:
+            held.outcome = NOT_ABOVE
+            return
         start = held.sensors.gripper_in_base[0].copy()
         rotation = held.sensors.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
@@ -44,7 +48,7 @@ class Ik(HandOver):
         wanted = start.copy()
         for _ in range(steps):
             wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
-            yield stand_still(toward(held.arm, wanted - self._told(held), rotation=rotation))
+            yield hold_base(held, toward(held.arm, wanted - self._told(held), rotation=rotation))
         yield from stop(held)
         if np.linalg.norm(held.sensors.gripper_in_base[0] - end) > OUT_OF_REACH:
             held.outcome = "blocked"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.arms.hand_over import HandOver, Held, Motion, stand_still, stop
+from perdure.home.arms.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
 from perdure.home.robot import gripper_pose
 from perdure.home.robot.data import TORSO_HEIGHT
 from perdure.home.robot.toward import toward
@@ -47,6 +47,9 @@ class IkPlus(HandOver):
     def motion(self, held: Held) -> Motion:
         """See `HandOver.motion`."""
         yield from stop(held)
+        if not held.above_goal:
+            held.outcome = NOT_ABOVE
+            return
         place, now = gripper_pose(TORSO_HEIGHT, held.arm)
         yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
         if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
@@ -59,7 +62,7 @@ class IkPlus(HandOver):
                 break
             wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
             position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
-            yield stand_still(toward(held.arm, wanted - position, rotation=rotation))
+            yield hold_base(held, toward(held.arm, wanted - position, rotation=rotation))
         yield from stop(held)
 
 
@@ -69,7 +72,7 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
         position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         if there(rotation):
             return
-        yield stand_still(toward(held.arm, place - position, rotation=wanted))
+        yield hold_base(held, toward(held.arm, place - position, rotation=wanted))
 
 
 def touches(held: Held) -> bool:

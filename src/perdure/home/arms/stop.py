@@ -9,7 +9,7 @@ from perdure.home.arms.hand_over import HandOver, Held, Motion, stop
 
 @dataclass
 class Stop(HandOver):
-    """Base and arm stand still; when the hand hangs still it opens."""
+    """The base returns to where it stood at the freeze; when the hand hangs still it opens."""
 
     name = "stop"
 

@@ -21,6 +21,7 @@ from perdure.home.execute.log import Ending, EpisodeLog, Recorder, SkillRun
 from perdure.home.skills import Progress, Skill
 from perdure.home.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts, latched_stages
 from perdure.home.world import ACTION_SIZE, Jaws, SceneOptions, Sensors, World, episode_scene
+from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -120,7 +121,7 @@ class Executor:
                     each = running[lane]
                     assert each is not None
                     if (each.settling is not None and each.settling >= options.settle_steps) or each.diverged:
-                        yield self._finish(each)
+                        yield self._finish(world, int(lane), each)
                         running[lane] = self._start(world, int(lane), waiting.pop()) if waiting else None
                         if running[lane] is not None:
                             self._begin_skills(world, [int(lane)], running)
@@ -256,7 +257,8 @@ class Executor:
             each.diverged |= diverged
             each.recorder.add(table[row])
 
-    def _finish(self, each: _Running) -> EpisodeLog:
+    def _finish(self, world: World, lane: int, each: _Running) -> EpisodeLog:
+        poses, velocities = world.objects(np.array([lane]), len(each.episode.objects))
         objects, held, drawer, fridge, active, base, gripper, up, speed, force = each.recorder.arrays()
         facts = WorldFacts(objects, each.episode.goal_positions, held.astype(np.int64), drawer, fridge)
         return EpisodeLog(
@@ -273,6 +275,9 @@ class Executor:
             contact_force=force,
             latched=latched_stages(each.episode.home_task, facts[: each.step])[-1],
             diverged=each.diverged,
+            final_poses=poses[0],
+            final_speeds=norm(velocities[0]),
+            final_held=world.lane(lane).held,
         )
 
 

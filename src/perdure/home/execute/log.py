@@ -65,6 +65,12 @@ class EpisodeLog:
     """Which stages were reached, as the benchmark counts. Shape (stages,)."""
     diverged: bool
     """Whether the simulation blew up: nothing after that counts."""
+    final_poses: FloatArray
+    """Position and quaternion (w, x, y, z) of every object, clutter too, after the last step. Shape (objects, 7)."""
+    final_speeds: FloatArray
+    """Their speeds in [m/s]. Shape (objects,)."""
+    final_held: int
+    """Number of the object in the hand after the last step, -1 for none."""
 
 
 class Recorder:

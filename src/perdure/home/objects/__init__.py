@@ -3,9 +3,12 @@
 Contents:
     KINDS, Kind     sizes, masses, shapes and friction
     YcbObjects      boxes of the kinds, and how to add an object to a model
+    AppleShape      what an apple is to the physics
+    OBJECT_BIT      collision bit that all objects share
 """
 
 from perdure.home.objects.kinds import KINDS, Kind
-from perdure.home.objects.ycb import YcbObjects
+from perdure.home.objects.shapes import AppleShape
+from perdure.home.objects.ycb import OBJECT_BIT, YcbObjects
 
-__all__ = ["KINDS", "Kind", "YcbObjects"]
+__all__ = ["KINDS", "OBJECT_BIT", "AppleShape", "Kind", "YcbObjects"]

@@ -10,13 +10,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from perdure.home.objects.kinds import Kind, Vec3
 
+AppleShape = Literal["sphere", "hull"]
+"""What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""
 RELIEF = 3e-4
 """How far in [m] the pieces an object does not rest on stand back: more than a resting object sinks in (OURS)."""
 CORNER = 0.018
 """Radius in [m] of the upright edges of a rounded box (OURS)."""
+HULL_CORNERS = 2000
+"""Corners of the apple's convex hull, evenly spread (OURS; Habitat-sim collides the hull of a scan, which we lack)."""
 SIDES = 8
 """Wedges in the wall of a bowl: the corners of its rim lie on the rim's circle, four of them on the axes."""
 FOOT, FLOOR = 0.031, 0.006
@@ -48,9 +53,11 @@ class Piece:
     corners: tuple[Vec3, ...] = ()
 
 
-def pieces(kind: Kind) -> tuple[Piece, ...]:
-    """The convex pieces a kind collides with."""
+def pieces(kind: Kind, apple: AppleShape = "sphere") -> tuple[Piece, ...]:
+    """Return the convex pieces a kind collides with; a ball is a sphere or, as in Habitat-sim, a convex hull."""
     x, y, z = kind.half
+    if kind.shape == "sphere" and apple == "hull":
+        return (Piece("hull", rolls=True, name=f"{kind.name}/hull", corners=_ball_corners(x)),)
     if kind.shape == "cylinder":
         return can_pieces(x, z)
     if kind.shape == "rounded_box":
@@ -61,6 +68,17 @@ def pieces(kind: Kind) -> tuple[Piece, ...]:
         floor = Piece("box", (FOOT, FOOT, FLOOR / 2.0), (0.0, 0.0, FLOOR / 2.0 - z))
         return floor, *bowl_wall(kind)
     return (Piece(kind.shape, (x, y, z), rolls=kind.shape == "sphere"),)
+
+
+def _ball_corners(radius: float) -> tuple[Vec3, ...]:
+    """Return `HULL_CORNERS` points on a sphere, spread by the golden angle (Fibonacci lattice)."""
+    golden_angle = math.pi * (3.0 - math.sqrt(5.0))
+    corners = []
+    for k in range(HULL_CORNERS):
+        height = 1.0 - (2.0 * k + 1.0) / HULL_CORNERS
+        across, angle = math.sqrt(1.0 - height * height), golden_angle * k
+        corners.append((radius * across * math.cos(angle), radius * across * math.sin(angle), radius * height))
+    return tuple(corners)
 
 
 def can_pieces(radius: float, half: float) -> tuple[Piece, ...]:

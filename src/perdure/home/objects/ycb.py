@@ -12,10 +12,12 @@ from perdure.home.errors import HomeError
 from perdure.home.objects.kinds import KINDS, Kind, Vec3
 from perdure.home.objects.lathe import add_shell
 from perdure.home.objects.looks import COATS, looks
-from perdure.home.objects.shapes import Piece, moments, pieces
+from perdure.home.objects.shapes import AppleShape, Piece, moments, pieces
 
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
+OBJECT_BIT = 8
+"""Collision bit that objects share: two objects collide whatever either of them does with the robot."""
 BOTH, SEEN, HIDDEN = 0, 2, 3
 """Geom groups: collides and is seen; only seen; only collides."""
 
@@ -26,9 +28,11 @@ class YcbObjects:
 
     Attributes:
         looks: Whether parts that are only seen are built (False makes a smaller model with the same physics).
+        apple: What an apple is to the physics.
     """
 
     looks: bool = True
+    apple: AppleShape = "sphere"
 
     def kind(self, name: str) -> Kind:
         """A kind by its YCB name; HomeError when there is none of that name."""
@@ -61,10 +65,12 @@ class YcbObjects:
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
         shell = self.looks and what.shape in ("bowl", "sphere")
         hidden = self.looks and what.shape != "box"
-        for piece in pieces(what):
+        for piece in pieces(what, self.apple):
             geom = _add_piece(spec, body, piece)
             geom.friction = (what.sliding, TORSIONAL, what.rolling if piece.rolls else 0.0)
             geom.condim = 6 if piece.rolls else 3
+            geom.contype |= OBJECT_BIT
+            geom.conaffinity |= OBJECT_BIT
             geom.group = HIDDEN if hidden else BOTH
             geom.rgba = COATS[kind]
         if self.looks:

@@ -4,11 +4,12 @@ Contents:
     write_logs, read_logs, write_records        logs as Parquet, see `schema`
     read_notes, noted_policies                  what the writer of a file added to it, who acted among that
     record_of, EpisodeRecord, Target, Run       what is kept of an episode
-    Event, Release, Track
+    Event, Release, Track, FinalObject
     History                                     every pose at every step, for logs of other simulators
     latched, stabilizing, stages_stabilizing    both ways of counting, from a record
     placement_mechanism, label, outcome         why it failed; `mechanisms` holds the rules and thresholds
     analyse, Analysis                           all tables
+    find_overlaps, Overlap                      objects at rest that lie inside each other
 """
 
 from perdure.home.outcomes.analysis import Analysis, analyse
@@ -18,7 +19,8 @@ from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, ou
 from perdure.home.outcomes.files import noted_policies, read_logs, read_notes, write_logs, write_records
 from perdure.home.outcomes.history import History
 from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
-from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, Release, Run, Target, Track
+from perdure.home.outcomes.overlaps import Overlap, find_overlaps
+from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Event, FinalObject, Release, Run, Target, Track
 
 __all__ = [
     "COUNTINGS",
@@ -28,15 +30,18 @@ __all__ = [
     "Counting",
     "EpisodeRecord",
     "Event",
+    "FinalObject",
     "History",
     "Label",
     "Mechanism",
+    "Overlap",
     "Release",
     "Run",
     "Target",
     "Track",
     "analyse",
     "episode_hash",
+    "find_overlaps",
     "label",
     "latched",
     "noted_policies",

@@ -13,7 +13,7 @@ from perdure.home.execute.log import EpisodeLog, SkillRun
 from perdure.home.objects import KINDS
 from perdure.home.outcomes.counting import latched
 from perdure.home.outcomes.history import History
-from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, Run, Target
+from perdure.home.outcomes.records import UNTRAINED, EpisodeRecord, FinalObject, Run, Target
 from perdure.home.world import CONTROL_HZ
 
 
@@ -47,6 +47,7 @@ def record_of(log: EpisodeLog, run: Mapping[str, str]) -> EpisodeRecord:
         runs=tuple(_run(history, each, steps) for each in log.skills),
         events=history.events,
         releases=history.releases,
+        final_objects=_final_objects(log),
     )
     if not log.diverged and latched(record) != tuple(map(bool, log.latched)):
         raise HomeError(f"{record.name}: its facts reach the stages {latched(record)}, its log says {log.latched}")
@@ -80,6 +81,15 @@ def _target(episode: Episode, number: int) -> Target:
         raise HomeError(f"{episode.name} has a target of the kind {goal.kind!r}; there are {', '.join(KINDS)}")
     container = "" if link is None else "fridge" if link == "top_door" else "drawer"
     return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)
+
+
+def _final_objects(log: EpisodeLog) -> tuple[FinalObject, ...]:
+    kinds = [placement.kind for placement in log.episode.objects]
+    rows = zip(kinds, log.final_poses.tolist(), log.final_speeds.tolist(), strict=True)
+    return tuple(
+        FinalObject(kind, (pose[0], pose[1], pose[2]), (pose[3], pose[4], pose[5], pose[6]), speed, k == log.final_held)
+        for k, (kind, pose, speed) in enumerate(rows)
+    )
 
 
 def _history(log: EpisodeLog, length: int) -> History:

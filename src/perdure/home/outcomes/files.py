@@ -14,7 +14,7 @@ from perdure.home.errors import HomeError
 from perdure.home.execute.log import EpisodeLog
 from perdure.home.outcomes.convert import record_of
 from perdure.home.outcomes.records import EpisodeRecord
-from perdure.home.outcomes.schema import SCHEMA_NAME, SCHEMA_VERSION, columns, from_frame, to_frame
+from perdure.home.outcomes.schema import READABLE_VERSIONS, SCHEMA_NAME, SCHEMA_VERSION, columns, from_frame, to_frame
 from perdure.store import write_whole
 
 if TYPE_CHECKING:
@@ -60,11 +60,14 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
     frame, notes = _read_parquet(Path(path))
     if notes.get("schema") != SCHEMA_NAME:
         raise HomeError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
-    if notes.get("version") != SCHEMA_VERSION:
-        raise HomeError(f"{path} has version {notes.get('version')}; this package reads version {SCHEMA_VERSION}")
-    if dict(frame.schema) != columns():
-        names = {**frame.schema, **columns()}
-        wrong = sorted(name for name in names if frame.schema.get(name) != columns().get(name))
+    version = notes.get("version", "")
+    if version not in READABLE_VERSIONS:
+        known = " and ".join(READABLE_VERSIONS)
+        raise HomeError(f"{path} has version {version or 'unknown'}; this package reads versions {known}")
+    expected = columns(version)
+    if dict(frame.schema) != expected:
+        names = {**frame.schema, **expected}
+        wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
         raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong}")
     if notes.pop("sha256", None) != _digest(frame, notes):
         raise HomeError(f"{path} is damaged: its content does not fit the SHA-256 it was written with")
@@ -133,7 +136,7 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
 def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
     """SHA-256 of metadata and content: Parquet's own checks let most flipped bits through."""
     digest = hashlib.sha256(repr(sorted(notes.items())).encode())
-    for name in columns():
+    for name in columns(notes.get("version", SCHEMA_VERSION)):
         digest.update(name.encode())
         _feed(digest, frame[name])
     return digest.hexdigest()

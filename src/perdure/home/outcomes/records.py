@@ -137,6 +137,22 @@ class Release:
         return int(self.track.step[0])
 
 
+@dataclass(frozen=True)
+class FinalObject:
+    """An object after the last step, target or clutter."""
+
+    kind: str
+    """YCB name."""
+    position: Vec3
+    """Of its middle in the room in [m]."""
+    quaternion: tuple[float, float, float, float]
+    """Attitude of its frame in the room (w, x, y, z)."""
+    speed: float
+    """In [m/s]."""
+    held: bool
+    """Whether it is in the hand."""
+
+
 @dataclass(frozen=True, eq=False)
 class EpisodeRecord:
     """An episode as logs keep it. Stages and placements are counted from the events, see `counting`.
@@ -166,6 +182,8 @@ class EpisodeRecord:
     events: tuple[Event, ...]
     """Of rising steps, the first at step 0."""
     releases: tuple[Release, ...] = field(default=())
+    final_objects: tuple[FinalObject, ...] = field(default=())
+    """All objects after the last step, targets first; empty where the writer did not keep them."""
 
     def __post_init__(self) -> None:
         """A record that contradicts itself raises HomeError with its name."""

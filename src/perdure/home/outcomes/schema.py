@@ -1,4 +1,4 @@
-"""The table `perdure.home.episodes.log`, version 1: one row per episode, as Parquet; any simulator can write it.
+"""The table `perdure.home.episodes.log`, version 2: one row per episode, as Parquet; any simulator can write it.
 
 | column | type | meaning |
 |---|---|---|
@@ -15,6 +15,8 @@
 | | | "task limit"), `success`, `forced_release`, `force`, `reach` |
 | events | list | `step`, `held`, `in_goal` (list of bool), `drawer`, `fridge`: the state until the next event |
 | releases | list | `target`, `object_speed`, `gripper_speed`, `base_speed`, `track` |
+| final_objects | list | every object after the last step, targets first: `kind`, `x`, `y`, `z`, `qw`, `qx`, `qy`, |
+| | | `qz`, `speed`, `held`; an empty list where unknown. Version 1 has no such column |
 
 Lengths are in [m], speeds in [m/s], forces in [N], the fridge in [rad]; z is up. Steps count from 0: the state after
 the first control step. A run acts in steps `begin` to `end` - 1.
@@ -43,19 +45,21 @@ import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.outcomes.counting import stabilizing, stage_steps, stages_stabilizing
-from perdure.home.outcomes.records import EpisodeRecord, Event, Release, Run, Target, Track
+from perdure.home.outcomes.records import EpisodeRecord, Event, FinalObject, Release, Run, Target, Track
 
 if TYPE_CHECKING:
     import polars as pl
 
-SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "1"
+SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "2"
+READABLE_VERSIONS = ("1", "2")
+FINAL_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TRACK_COLUMNS = ("x", "y", "z", "up", "gripper_x", "gripper_y", "gripper_z", "base_x", "base_y", "base_yaw")
 _PLAIN = ("task", "split", "index", "episode_hash", "arm", "train_seed", "eval_seed", "control_hz", "steps", "length")
 _RUN = ("number", "skill", "target", "begin", "end", "ending", "success", "forced_release", "force", "reach")
 
 
-def columns() -> dict[str, pl.DataType]:
-    """The columns and their types."""
+def columns(version: str = SCHEMA_VERSION) -> dict[str, pl.DataType]:
+    """Return the columns of a version of the table and their types."""
     import polars as pl
 
     text, whole, real, flag = pl.String(), pl.Int64(), pl.Float64(), pl.Boolean()
@@ -66,6 +70,7 @@ def columns() -> dict[str, pl.DataType]:
     track = {"step": pl.List(pl.Int32()), **{name: pl.List(pl.Float32()) for name in TRACK_COLUMNS}}
     kinds = (text, text, whole, text, text, whole, whole, real, whole, whole)
     run_kinds = (whole, text, whole, whole, whole, text, flag, flag, real, real)
+    final = rows(kind=text, **dict.fromkeys(FINAL_POSE, pl.Float32()), speed=pl.Float32(), held=flag)
     return {
         **dict(zip(_PLAIN, kinds, strict=True)),
         "diverged": flag,
@@ -76,6 +81,7 @@ def columns() -> dict[str, pl.DataType]:
         "runs": rows(**dict(zip(_RUN, run_kinds, strict=True))),
         "events": rows(step=whole, held=whole, in_goal=pl.List(flag), drawer=real, fridge=real),
         "releases": rows(target=whole, object_speed=real, gripper_speed=real, base_speed=real, track=pl.Struct(track)),
+        **({} if version == "1" else {"final_objects": final}),
     }
 
 
@@ -109,6 +115,14 @@ def _to_row(record: EpisodeRecord) -> dict[str, Any]:
         "runs": [{name: getattr(run, name) for name in _RUN} for run in record.runs],
         "events": [{**vars(event), "in_goal": list(event.in_goal)} for event in record.events],
         "releases": [_release_row(release) for release in record.releases],
+        "final_objects": [
+            {
+                "kind": each.kind,
+                **dict(zip(FINAL_POSE, (*each.position, *each.quaternion), strict=True)),
+                **{"speed": each.speed, "held": each.held},
+            }
+            for each in record.final_objects
+        ],
     }
 
 
@@ -137,12 +151,18 @@ def _from_row(row: Mapping[str, Any]) -> EpisodeRecord:
         runs=tuple(Run(**run) for run in row["runs"]),
         events=tuple(Event(**{**event, "in_goal": tuple(event["in_goal"])}) for event in row["events"]),
         releases=tuple(_release(release) for release in row["releases"]),
+        final_objects=tuple(_final_object(each) for each in row.get("final_objects", ())),
     )
     if row["stages"] != _stages(record):
         raise HomeError(f"{record.name}: its stages do not follow from its events")
     if tuple(t["stabilizing"] for t in row["targets"]) != stabilizing(record):
         raise HomeError(f"{record.name}: which placements are goal-stabilizing does not follow from its events")
     return record
+
+
+def _final_object(row: Mapping[str, Any]) -> FinalObject:
+    x, y, z, qw, qx, qy, qz = (row[name] for name in FINAL_POSE)
+    return FinalObject(row["kind"], (x, y, z), (qw, qx, qy, qz), row["speed"], row["held"])
 
 
 def _release(row: Mapping[str, Any]) -> Release:

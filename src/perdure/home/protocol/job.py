@@ -82,6 +82,8 @@ class Job:
             "jaws": options.jaws,
             "physics_hz": options.scene.physics_hz,
             "rolling": options.scene.rolling,
+            "apple": options.scene.apple,
+            "release_velocity": options.scene.release_velocity,
             "settle_steps": options.settle_steps,
             "mujoco": version("mujoco"),
             "perdure": version("perdure"),

@@ -27,7 +27,16 @@ from perdure.home.world.actions import (
 from perdure.home.world.lane import Jaws, Lane
 from perdure.home.world.rivals import NEIGHBOURHOOD, RIVALS
 from perdure.home.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
-from perdure.home.world.scene import CONTROL_HZ, PHYSICS_HZ, Rolling, Scene, SceneOptions, build_scene, episode_scene
+from perdure.home.world.scene import (
+    CONTROL_HZ,
+    PHYSICS_HZ,
+    ReleaseVelocity,
+    Rolling,
+    Scene,
+    SceneOptions,
+    build_scene,
+    episode_scene,
+)
 from perdure.home.world.sensors import Errand, Sensors
 from perdure.home.world.world import World
 
@@ -56,6 +65,7 @@ __all__ = [
     "Errand",
     "Jaws",
     "Lane",
+    "ReleaseVelocity",
     "Rolling",
     "Scene",
     "SceneOptions",

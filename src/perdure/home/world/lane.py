@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.layouts import Pose
+from perdure.home.objects import OBJECT_BIT
 from perdure.home.robot.data import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.world.actions import GRASP_RADIUS
 from perdure.home.world.nearby import MOVED
@@ -165,7 +166,11 @@ class Lane:
         self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
-        """Lets go of whatever is held; it keeps its velocity. `part` False: as if it had never been held."""
+        """Lets go of whatever is held, with the velocity `SceneOptions.release_velocity` says.
+
+        Args:
+            part: False: as if it had never been held.
+        """
         if self.held_link >= 0:
             self.data.eq_active[self.scene.grip(self.held_link)] = 0
             self.held_link = -1
@@ -173,9 +178,34 @@ class Lane:
             self.data.eq_active[self.scene.weld(self.held)] = 0
             self._counted[self.scene.object_geoms[self.held]] = False
             self._parting.add(self.held)
-            if not part:
+            if part:
+                self._set_release_velocity(self.held)
+            else:
                 self._collide(self.held, True)
             self.held = -1
+
+    def _set_release_velocity(self, number: int) -> None:
+        """Takes the base's motion, or all motion, from an object's velocity.
+
+        With base velocity v_b, yaw rate w and base position p_b, an object at p that moves rigidly with the base has
+        the velocity v_b + w z x (p - p_b). M3 teleports the base together with what it holds, which gives none of it.
+        """
+        how = self.scene.options.release_velocity
+        if how == "kept":
+            return
+        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
+        if how == "zero":
+            self.qvel[speed : speed + 6] = 0.0
+            return
+        forward_x, forward_y, yaw_rate = self.robot_velocity[:3]
+        x, y = self.qpos[address : address + 2] - self.robot[:2]
+        self.qvel[speed] -= forward_x - yaw_rate * y
+        self.qvel[speed + 1] -= forward_y + yaw_rate * x
+        to_object = np.empty(4)
+        self._mujoco.mju_negQuat(to_object, self.qpos[address + 3 : address + 7])
+        spin = np.empty(3)  # a free joint's angular velocity is along the object's own axes
+        self._mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, yaw_rate]), to_object)
+        self.qvel[speed + 3 : speed + 6] -= spin
 
     def part(self, gripper: FloatArray) -> None:
         """With `jaws` "apart": objects let go meet the robot again once the gripper is farther than they are long."""
@@ -230,8 +260,8 @@ class Lane:
         self._looked_from = None
 
     def _collide(self, number: int, robot: bool) -> None:
-        """Whether an object and the robot's geoms meet."""
-        self.model.geom_conaffinity[self.scene.object_geoms[number]] = int(robot)
+        """Whether an object and the robot's geoms meet; objects always collide with each other."""
+        self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
         if robot:
             self._parting.discard(number)
 

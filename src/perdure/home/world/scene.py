@@ -5,6 +5,7 @@ A scene is pristine: a lane steps its own copy of the model (a grasp switches a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from perdure.home.episodes import Episode, Placement
 from perdure.home.errors import HomeError
 from perdure.home.layouts import Apartment, build_apartment
-from perdure.home.objects import YcbObjects
+from perdure.home.objects import AppleShape, YcbObjects
 from perdure.home.robot import add_fetch
 from perdure.home.robot.data import JOINTS
 from perdure.home.world.handles import Handles
@@ -32,9 +33,12 @@ PHYSICS_HZ = 120
 """Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
 HANDLE_SOLREF = (0.02, 1.0)
 """How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
-HABITAT_DRAG = 0.2
-"""Linear and angular damping of objects in Habitat in [1/s] (habitat-sim, `AbstractObjectAttributes.cpp`)."""
+HABITAT_DRAG = -math.log(1.0 - 0.2)
+"""Linear and angular damping of objects in [1/s]. Habitat-sim sets 0.2 (`AbstractObjectAttributes.cpp`), which Bullet
+applies as v <- v (1 - 0.2)^dt: 20 % of the speed in a second."""
 Rolling = Literal["friction", "drag"]
+ReleaseVelocity = Literal["kept", "base-removed", "zero"]
+"""Velocity of an object as the hand opens: unchanged, without the part that the moving base gives it, or none."""
 MAX_CACHED = 256
 
 
@@ -50,7 +54,9 @@ class SceneOptions:
     targets: tuple[int, ...] | None = None
     """The targets that are there, None for all."""
     rolling: Rolling = "friction"
-    """What stops an object that rolls: rolling friction (`docs/home/objects.md`), or Habitat's air drag alone."""
+    """What stops an object that rolls: rolling friction (`docs/home/objects.md`), or a slow drag alone."""
+    apple: AppleShape = "sphere"
+    release_velocity: ReleaseVelocity = "kept"
     sleep: bool = True
     """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
 
@@ -58,8 +64,9 @@ class SceneOptions:
         """A physics rate that is no multiple of the control rate raises HomeError."""
         if self.physics_hz < CONTROL_HZ or self.physics_hz % CONTROL_HZ:
             raise HomeError(f"physics_hz must be a multiple of {CONTROL_HZ}, not {self.physics_hz}")
-        if self.rolling not in get_args(Rolling):
-            raise HomeError(f"rolling must be one of {', '.join(get_args(Rolling))}, not {self.rolling!r}")
+        for name, kind in (("rolling", Rolling), ("apple", AppleShape), ("release_velocity", ReleaseVelocity)):
+            if (value := getattr(self, name)) not in get_args(kind):
+                raise HomeError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
 
     @property
     def substeps(self) -> int:
@@ -214,7 +221,7 @@ def build_scene(
     spec = mujoco.MjSpec()
     _set_physics(spec, options)
     build_apartment(apartment, spec, looks=options.looks)
-    objects = YcbObjects(looks=options.looks)
+    objects = YcbObjects(looks=options.looks, apple=options.apple)
     for number, placement in enumerate(placements):
         objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
     add_fetch(spec, looks=options.looks)
@@ -270,7 +277,7 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
 
 
 def _let_roll(scene: Scene) -> None:
-    """Objects roll and spin without friction, and lose 20 % of their speed and spin in a second, as in Habitat."""
+    """Let objects roll and spin without friction; they lose 20 % of their speed and spin in a second."""
     model = scene.model
     for number, geoms in enumerate(scene.object_geoms):
         model.geom_condim[geoms] = 3
