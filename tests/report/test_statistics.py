@@ -15,6 +15,7 @@ from perdure.report import (
     Units,
     bootstrap_interval,
     difference_interval,
+    estimate_interval,
     make_units,
     mean_interval,
     survival_interval,
@@ -51,6 +52,38 @@ def test_a_50_percent_interval_covers_about_half_the_time_and_a_wrong_mean_is_mi
 
     assert 0.40 <= coverage(draw, 5.0, Bootstrap(confidence=0.5, resamples=400)) <= 0.60
     assert coverage(draw, 6.5, Bootstrap(resamples=400)) < 0.12
+
+
+def test_students_interval_as_in_the_tables():
+    """t(2) = 4.3027 at 97.5 %: 2 -+ 4.3027 / sqrt(3)."""
+    interval = estimate_interval(Units(np.array([1.0, 3.0, 2.0]), "x"), rng())
+    assert (interval.lower, interval.upper) == pytest.approx((2.0 - 2.484140, 2.0 + 2.484140), abs=1e-5)
+    assert interval.method == "Student t"
+    assert estimate_interval(Units(np.arange(10.0), "x"), rng()).method == "bootstrap"
+
+
+def test_with_three_units_student_covers_95_percent_and_a_bootstrap_far_less():
+    source, student, bootstrap = rng(4), 0, 0
+    for _ in range(1500):
+        units = Units(source.normal(5.0, 2.0, 3), "x")
+        interval = estimate_interval(units, source)
+        student += bool(interval.lower <= 5.0 <= interval.upper)
+    for _ in range(300):
+        interval = bootstrap_interval(Units(source.normal(5.0, 2.0, 3), "x"), source, Bootstrap(resamples=200))
+        bootstrap += bool(interval.lower <= 5.0 <= interval.upper)
+    assert 0.935 < student / 1500 < 0.965
+    assert bootstrap / 300 < 0.82
+
+
+@pytest.mark.parametrize(("statistic", "trim"), [("mean", 0.0), ("iqm", 0.25)])
+def test_few_units_differ_as_scipys_welch_and_yuen_tests_say(statistic, trim):
+    """At a bound of the 95 % interval the p-value of the test is 0.05."""
+    from scipy.stats import ttest_ind
+
+    left, right = np.array([3.1, 4.7, 2.2, 6.0, 3.3, 9.9, 4.1]), np.array([1.0, 0.2, 2.5, 1.7, 0.9])
+    found = difference_interval(Units(left, "x"), Units(right, "x"), rng(), Bootstrap(statistic))
+    for bound in (float(found.lower), float(found.upper)):
+        assert ttest_ind(left - bound, right, equal_var=False, trim=trim).pvalue == pytest.approx(0.05, abs=1e-6)
 
 
 def test_resampling_lanes_instead_of_runs_misses_the_mean_which_is_why_runs_are_the_units():
@@ -193,7 +226,7 @@ def test_a_difference_is_signed_labelled_and_degenerates_quietly():
     assert same.label == "training seeds against evaluation seeds only"
     assert single.estimate == 4.0
     assert np.isnan(single.lower)
-    assert 2.0 <= half.lower < 3.0 < half.upper <= 4.0
+    assert (half.lower, half.upper) == pytest.approx((3.0 - 4.302653 / 3**0.5, 3.0 + 4.302653 / 3**0.5))
     with pytest.raises(ReportError, match="one number per unit"):
         difference_interval(Units(np.zeros((3, 2)), "x"), right, rng())
 

@@ -7,11 +7,14 @@ import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
 from perdure.cli.parse import check_folder, parse, policies
+
+if TYPE_CHECKING:
+    from perdure.home.protocol import Protocol
 
 
 @dataclass(frozen=True)
@@ -57,20 +60,12 @@ class HomeRun:
     """Where logs are kept."""
 
 
-def main(args: list[str]) -> None:
-    """``perdure home run``."""
-    flags = parse(HomeRun, args, "home run")
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
+def make_protocol(flags: HomeRun) -> Protocol:
+    """Return what the flags ask for."""
     from perdure.home.execute import ExecutorOptions
-    from perdure.home.outcomes import analyse
-    from perdure.home.page import read_cast, write_page
-    from perdure.home.protocol import Protocol, run_protocol
+    from perdure.home.protocol import Protocol
     from perdure.home.world import SceneOptions
 
-    chosen = policies(flags.policies)
-    check_folder(flags.out)
     scene = SceneOptions(
         physics_hz=flags.physics_hz,
         rolling=flags.rolling,
@@ -79,7 +74,21 @@ def main(args: list[str]) -> None:
     )
     options = ExecutorOptions(lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
-    protocol = Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, chosen, options)
+    return Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options)
+
+
+def main(args: list[str]) -> None:
+    """``perdure home run``."""
+    flags = parse(HomeRun, args, "home run")
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from perdure.home.outcomes import analyse
+    from perdure.home.page import read_cast, write_page
+    from perdure.home.protocol import run_protocol
+
+    check_folder(flags.out)
+    protocol = make_protocol(flags)
     for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
         protocol.cast(train_seed)
     command = shlex.join(["perdure", "home", "run", *args])

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
         Units,
         bootstrap_interval,
         difference_interval,
+        estimate_interval,
         make_units,
         mean_interval,
         survival_interval,
+        t_interval,
     )
 
 __all__ = [
@@ -46,11 +48,13 @@ __all__ = [
     "bootstrap_interval",
     "check_table",
     "difference_interval",
+    "estimate_interval",
     "make_units",
     "mean_interval",
     "read_table",
     "summary_text",
     "survival_interval",
+    "t_interval",
     "write_report",
     "write_table",
 ]
@@ -60,7 +64,8 @@ _NAMES = {
     "schema": ("COLUMNS", "SCHEMA_NAME", "SCHEMA_VERSION", "check_table", "read_table", "write_table"),
     "statistics": (
         *("Bootstrap", "Interval", "Units", "bootstrap_interval"),
-        *("difference_interval", "make_units", "mean_interval", "survival_interval"),
+        *("difference_interval", "estimate_interval", "make_units", "mean_interval"),
+        *("survival_interval", "t_interval"),
     ),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

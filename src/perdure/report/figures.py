@@ -137,8 +137,8 @@ def _survival_chart(title: str, chosen: Sequence[Estimate], colours: Sequence[Co
 
 
 def _bands(chosen: Sequence[Estimate]) -> str:
-    labels = sorted({item.returns.label for item in chosen})
-    return f"Bands: pointwise 95 % intervals over {' or '.join(labels)}."
+    kinds = sorted({f"{item.returns.label} ({item.returns.method})" for item in chosen})
+    return f"Bands: pointwise 95 % intervals over {' or '.join(kinds)}."
 
 
 def _choice_chart(estimates: Sequence[Estimate]) -> list[Chart]:

@@ -23,11 +23,13 @@ from perdure.store import write_whole
 PAGE = "report.html"
 SEED = 0
 """Of the bootstrap's generator: the same table, the same intervals."""
-METHOD = """Every policy and clock ran closed loop from the same start states. Intervals are 95 % percentile bootstrap
-intervals (2,000 resamples): the lanes of one training run are averaged first and training runs are resampled. With one
-training run the lanes are resampled, and the interval is labelled “evaluation seeds only”: it says nothing about
-training again. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane earned in its
-first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane's first 1,000."""
+METHOD = """Every policy and clock ran closed loop from the same start states. The lanes of one training run are
+averaged first; training runs are the units of the 95 % intervals. With one training run its lanes are the units, and
+the interval is labelled “evaluation seeds only”: it says nothing about training again. Fewer than ten units give
+Student's t interval, more a percentile bootstrap (2,000 resamples); a share of the lanes of one training run gives
+Wilson's score interval. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane
+earned in its first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane's
+first 1,000."""
 
 
 def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:

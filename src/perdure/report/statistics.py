@@ -3,15 +3,19 @@
 The unit that is resampled is the training run: the lanes (evaluation seeds) of one run are averaged first, because they
 share everything the training did [Agarwal et al., 2021, "Deep Reinforcement Learning at the Edge of the Statistical
 Precipice"; Patterson et al., 2024, "Empirical Design in Reinforcement Learning"]. With one training run only, the lanes
-are resampled and the interval says so: it then speaks about start states, not about training again.
+are the units and the interval says so: it then speaks about start states, not about training again.
+
+Fewer than `FEW_UNITS` units get Student's t interval, more a bootstrap: a percentile bootstrap of three units is their
+range, which covers the mean of normal scores 74 times in 100 (two units: 47), Student's t interval 95 times.
 """
 
 from __future__ import annotations
 
 import inspect
+import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -25,6 +29,11 @@ Statistic = Literal["mean", "iqm"]
 
 TRAINING_SEEDS = "training seeds"
 EVALUATION_SEEDS_ONLY = "evaluation seeds only"
+STUDENT_T, BOOTSTRAP, WILSON = "Student t", "bootstrap", "Wilson score"
+FEW_UNITS = 10
+"""Below this many units intervals are Student's t."""
+_TRIMMED: dict[Statistic, float] = {"mean": 0.0, "iqm": 0.25}
+"""Share of the units that a statistic leaves out at each end."""
 _BATCH_ELEMENTS = 4_000_000
 
 
@@ -91,9 +100,11 @@ class Interval:
     """nan where no interval can be made: one unit only, or a value that is not finite."""
     upper: FloatArray
     label: str
-    """What was resampled."""
+    """What the units are: `TRAINING_SEEDS` or `EVALUATION_SEEDS_ONLY`."""
     count: int
-    """How many units were resampled."""
+    """How many units there are."""
+    method: str = BOOTSTRAP
+    """`STUDENT_T`, `BOOTSTRAP` or `WILSON`."""
 
 
 def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
@@ -118,12 +129,60 @@ def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
     return Units(np.stack([rows[index == run].mean(axis=0) for run in range(len(distinct))]), TRAINING_SEEDS)
 
 
+def estimate_interval(units: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
+    """Estimate a statistic over units: Student's t interval below `FEW_UNITS` units, else a bootstrap interval."""
+    return (t_interval if units.count < FEW_UNITS else bootstrap_interval)(units, rng, how)
+
+
+def t_interval(units: Units, rng: np.random.Generator | None = None, how: Bootstrap = DEFAULT) -> Interval:
+    """Estimate a statistic over units with Student's t interval at every point of a curve on its own.
+
+    mean -+ t(h - 1) sqrt((n - 1) s_w^2 / (h (h - 1))), h the units that the statistic keeps of n, s_w^2 the variance of
+    the winsorized units [Tukey and McLaughlin, 1963, Sankhya A 25; Yuen, 1974, Biometrika 61]. For the mean h = n and
+    this is Student's interval. Exact for normal scores of the units.
+
+    A single unit, or a value that is not finite, gives nan bounds. Units that all agree give bounds equal to the
+    estimate: they show no spread, which is not certainty.
+
+    Args:
+        units: Rows, from `make_units`.
+        rng: Unused; here so that it can stand in for `bootstrap_interval`.
+        how: Statistic and confidence.
+    """
+    from scipy.stats import t
+
+    columns = units.values.reshape(units.count, -1)
+    finite = np.isfinite(columns).all(axis=0)
+    estimate, half = np.full(columns.shape[1], np.nan), np.full(columns.shape[1], np.nan)
+    estimate[finite] = _STATISTICS[how.statistic](columns[:, finite], axis=0)
+    squared_error, freedom = _squared_error(columns[:, finite], how.statistic)
+    if freedom > 0:
+        half[finite] = t.ppf(0.5 + how.confidence / 2.0, freedom) * np.sqrt(squared_error)
+    shape = units.values.shape[1:]
+    lower, upper = ((estimate + sign * half).reshape(shape) for sign in (-1.0, 1.0))
+    return Interval(estimate.reshape(shape), lower, upper, units.label, units.count, STUDENT_T)
+
+
+def _squared_error(columns: FloatArray, statistic: Statistic) -> tuple[FloatArray, int]:
+    """Return the squared standard error of a trimmed mean of each column, and its degrees of freedom."""
+    count = len(columns)
+    cut = int(_TRIMMED[statistic] * count)
+    kept = count - 2 * cut
+    if kept < 2:
+        return np.full(columns.shape[1], np.nan), 0
+    ordered = np.sort(columns, axis=0)
+    winsorized = np.clip(ordered, ordered[cut], ordered[count - 1 - cut])
+    spread = ((winsorized - winsorized.mean(axis=0)) ** 2).sum(axis=0)
+    return spread / (kept * (kept - 1)), kept - 1
+
+
 def bootstrap_interval(units: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
     """Estimate a statistic over units, with a bootstrap interval at every point of a curve on its own.
 
     A single unit, or a value that is not finite, gives nan bounds. Units that all agree give bounds equal to the
     estimate: they show no spread, which is not certainty. Few units give intervals that are too narrow: with 5 normal
-    scores a 95 % percentile interval covers the true mean about 84 times in 100, with 24 about 94 times.
+    scores a 95 % percentile interval covers the true mean about 84 times in 100, with 24 about 94 times. So
+    `estimate_interval` takes `t_interval` for few.
 
     Args:
         units: Rows to resample, from `make_units`.
@@ -149,8 +208,8 @@ def bootstrap_interval(units: Units, rng: np.random.Generator, how: Bootstrap = 
 
 
 def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
-    """Average lanes within training runs, then bootstrap over runs: `make_units` and `bootstrap_interval` in one."""
-    return bootstrap_interval(make_units(values, runs), rng, how)
+    """Average lanes within training runs, then estimate over runs: `make_units` and `estimate_interval` in one."""
+    return estimate_interval(make_units(values, runs), rng, how)
 
 
 def survival_interval(
@@ -159,7 +218,8 @@ def survival_interval(
     """Share of lanes still alive, with an interval at every step on its own.
 
     With one training run the lanes are independent yes-or-no trials and the interval is Wilson's score interval
-    [Wilson, 1927], which keeps a width when all lanes survive. With several runs the shares of the runs are resampled.
+    [Wilson, 1927], which keeps a width when all lanes survive. With several runs the runs' shares are the units of
+    `estimate_interval`, whose bounds are kept within 0 and 1.
 
     Args:
         alive: Shape (lanes, steps), or (lanes,) for one step.
@@ -169,10 +229,11 @@ def survival_interval(
     """
     units = make_units(alive, runs)
     if units.label == TRAINING_SEEDS:
-        return bootstrap_interval(units, rng, Bootstrap("mean", how.method, how.confidence, how.resamples))
+        found = estimate_interval(units, rng, Bootstrap("mean", how.method, how.confidence, how.resamples))
+        return replace(found, lower=np.clip(found.lower, 0.0, 1.0), upper=np.clip(found.upper, 0.0, 1.0))
     share = units.values.mean(axis=0)
     lower, upper = wilson(share, units.count, how.confidence)
-    return Interval(share, lower, upper, units.label, units.count)
+    return Interval(share, lower, upper, units.label, units.count, WILSON)
 
 
 def wilson(share: ArrayLike, count: int, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
@@ -195,10 +256,11 @@ def wilson(share: ArrayLike, count: int, confidence: float = 0.95) -> tuple[Floa
 
 
 def difference_interval(left: Units, right: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
-    """Difference of two independent groups' statistics, left minus right, with a bootstrap interval.
+    """Difference of two independent groups' statistics, left minus right, with an interval.
 
-    Both groups are resampled, each within itself. Units that belong together in pairs are better served by
-    `bootstrap_interval` over their differences.
+    With fewer than `FEW_UNITS` units in a group it is Welch's t interval (Yuen's for the IQM), else a bootstrap in
+    which both groups are resampled, each within itself. Units that belong together in pairs are better served by
+    `estimate_interval` over their differences.
 
     Args:
         left: Units whose values are numbers, shape (count,).
@@ -219,6 +281,9 @@ def difference_interval(left: Units, right: Units, rng: np.random.Generator, how
     count = min(left.count, right.count)
     if count < 2 or not np.isfinite(estimate):
         return Interval(estimate, bound, bound, label, count)
+    if count < FEW_UNITS:
+        half = _welch_half_width(a, b, how)
+        return Interval(estimate, estimate - half, estimate + half, label, count, STUDENT_T)
     if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:
         return Interval(estimate, estimate, estimate, label, count)
 
@@ -227,6 +292,20 @@ def difference_interval(left: Units, right: Units, rng: np.random.Generator, how
 
     lower, upper = _resample((a[:, None], b[:, None]), difference, rng, how)
     return Interval(estimate, lower[0], upper[0], label, count)
+
+
+def _welch_half_width(left: FloatArray, right: FloatArray, how: Bootstrap) -> FloatArray:
+    """Half the width of Welch's interval: t(f) sqrt(d1 + d2), f = (d1 + d2)^2 / (d1^2/f1 + d2^2/f2)."""
+    from scipy.stats import t
+
+    (first, first_freedom), (second, second_freedom) = (
+        _squared_error(values[:, None], how.statistic) for values in (left, right)
+    )
+    d1, d2 = float(first[0]), float(second[0])
+    if d1 + d2 == 0.0:
+        return np.zeros(())
+    freedom = (d1 + d2) ** 2 / (d1**2 / first_freedom + d2**2 / second_freedom)
+    return np.asarray(t.ppf(0.5 + how.confidence / 2.0, freedom) * math.sqrt(d1 + d2))
 
 
 def _resample(

@@ -45,4 +45,4 @@ def _row(item: Estimate) -> Row:
         wording.share(float((group.stuck_steps > 0).mean())),
         ", ".join(f"{number} {reason}" for reason, number in reasons.most_common()),
     )
-    return Row(cells, returns.label)
+    return Row(cells, f"{returns.label} ({returns.method}, {returns.count} units)")

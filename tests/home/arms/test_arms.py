@@ -21,8 +21,8 @@ class Hasty:
 
     sees = False
 
-    def __init__(self, at=12):
-        self.at = at
+    def __init__(self, at=12, forward=0.3):
+        self.at, self.forward = at, forward
         self.asked = 0
 
     def begin(self, world, lane, skill):
@@ -31,7 +31,7 @@ class Hasty:
     def act(self, world, lanes, skill, sensors, progress):
         self.asked += 1
         actions = np.zeros((len(lanes), ACTION_SIZE))
-        actions[:, 0] = 0.3
+        actions[:, 0] = self.forward
         actions[:, ARM] = (-0.5, 0.5, 0.2, -0.3, 0.0, 0.5, 0.0)
         actions[:, GRIP] = np.where(progress.elapsed >= self.at, -1.0, 0.0)
         return actions
@@ -94,6 +94,30 @@ def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
         speed[name] = float(np.linalg.norm(seen[-2].gripper_velocity[0]))
     assert speed["rl"] > 0.2  # the control: without it a stop would prove nothing
     assert speed["stop"] < 0.03
+
+
+@pytest.mark.parametrize("name", ["stop", "ik", "ik+"])
+def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table, name):
+    """At 0.75 m/s backwards the base rolls on; M3's stops at once."""
+    actor = make_arm(name, Hasty(at=8, forward=-0.5))
+    seen = play(start(table), actor)
+    frozen = 9  # the policy acted in eight steps; it asked to let go after the eighth
+    away = [float(np.hypot(*(each.base[0, :2] - seen[frozen - 1].base[0, :2]))) for each in seen]
+    assert max(away[frozen:]) > 0.03, "the control: without driving back it would be let go there"
+    assert away[-2] < 0.012
+    assert abs(seen[-2].base[0, 2] - seen[frozen - 1].base[0, 2]) < 0.012
+
+
+@pytest.mark.parametrize("name", ["ik", "ik+"])
+def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
+    """The thesis assumes that the hand is right above the goal region."""
+    world = start(table)
+    goal = np.add(world.errand(0).goal, (0.2, 0.0, 0.0))
+    world.assign(0, Errand(0, tuple(map(float, goal))))
+    actor = make_arm(name, Hasty(at=0))
+    seen = play(world, actor)
+    assert actor.outcomes == ["not above the goal"]
+    assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.01
 
 
 def test_ik_goes_straight_down_by_epsilon_with_the_base_still(table):

@@ -169,8 +169,9 @@ def test_success_over_runs_as_worked_out_by_hand():
     (row,) = analyse(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
     assert (row["episodes"], row["runs"], row["mean"]) == (8, 4, 0.5)
     assert row["standard_error"] == pytest.approx(math.sqrt(0.5 / 3) / 2)
-    assert (row["lower"], row["upper"]) == (0.25, 0.75)  # two training seeds, 3 of 4 and 1 of 4
-    assert row["resampled"] == "training seeds"
+    # Two training seeds, 3 of 4 and 1 of 4: 0.5 -+ 12.7 * 0.25, kept within 0 and 1.
+    assert (row["lower"], row["upper"]) == (0.0, 1.0)
+    assert (row["units"], row["method"]) == ("training seeds", "Student t")
 
 
 def test_four_successes_of_four_are_no_certainty():
@@ -179,10 +180,10 @@ def test_four_successes_of_four_are_no_certainty():
     assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
 
 
-def test_one_run_has_no_standard_error_and_says_what_was_resampled():
+def test_one_run_has_no_standard_error_and_names_its_units_and_method():
     stages = analyse([record_of(good(index), RUN) for index in range(3)]).stages
     assert stages["standard_error"].is_nan().all()
-    assert set(stages["resampled"]) == {"evaluation seeds only"}
+    assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Wilson score")}
 
 
 def test_an_episode_that_is_there_twice_is_refused():

@@ -57,7 +57,7 @@ class TestNumbers:
 
     def test_arms_are_compared_on_the_same_episodes(self, page):
         (found,) = table(page, "The same episodes under two arms")
-        assert list(found.values()) == ["ik against rl", "4", "3", "0", "+75.0 points"]
+        assert list(found.values()) == ["ik against rl", "4", "3", "0", "+75.0 points [-4.6, +100.0]"]
         assert "different episodes" not in page
 
     def test_arms_that_ran_other_episodes_are_warned_of(self, tmp_path):

@@ -1,4 +1,4 @@
-"""What stops an object that rolls: friction, or a drag alone as in Habitat."""
+"""Worlds: what stops an object that rolls, what shape an apple has, which velocity an object has when it is let go."""
 
 import numpy as np
 import pytest
@@ -38,6 +38,41 @@ def test_with_friction_it_stops_after_a_hand(empty_room):
     assert rolled(empty_room) == pytest.approx(0.7 * SPEED**2 * RADIUS / (1.2e-3 * 9.81), rel=0.05)
 
 
-def test_an_unknown_way_of_rolling_is_refused():
-    with pytest.raises(HomeError, match="rolling must be one of friction, drag, not 'ice'"):
-        SceneOptions(rolling="ice")
+def test_the_drag_takes_a_fifth_of_the_speed_in_a_second():
+    """Bullet applies a damping of 0.2 as v <- v (1 - 0.2)^dt."""
+    assert np.exp(-HABITAT_DRAG) == pytest.approx(0.8)
+
+
+def test_a_hull_comes_to_rest_on_a_face_where_a_sphere_rolls_on(empty_room):
+    sphere, hull = (rolled(empty_room, rolling="drag", apple=apple) for apple in ("sphere", "hull"))
+    assert hull < 0.9 * sphere
+
+
+@pytest.mark.parametrize(
+    ("how", "wanted"), [("kept", (0.6, 0.0, 0.0)), ("base-removed", (0.1, 0.2, 0.0)), ("zero", (0.0, 0.0, 0.0))]
+)
+def test_what_an_object_keeps_of_the_base_s_motion_when_it_is_let_go(empty_room, how, wanted):
+    """The base drives at 0.5 m/s along x and turns at -0.5 rad/s: 0.4 m ahead it moves at (0.5, -0.2) m/s."""
+    bare, middle, _ = empty_room
+    x, y = map(float, middle)
+    apple = Placement("013_apple", (x + 0.4, y, 0.5), (1.0, 0.0, 0.0, 0.0), "floor")
+    world = World(1)
+    world.reset(0, build_scene(bare, [apple], options=SceneOptions(release_velocity=how)), Pose(x, y, 0.0), held=0)
+    lane = world.lane(0)
+    address, speed = lane.scene.object_qpos[0], lane.scene.object_qvel[0]
+    lane.qpos[address : address + 2] = x + 0.4, y
+    lane.qpos[address + 3 : address + 7] = np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0  # its y axis is up
+    lane.robot_velocity[:3] = 0.5, 0.0, -0.5
+    lane.qvel[speed : speed + 6] = 0.6, 0.0, 0.0, 0.0, -0.5, 0.0
+    lane.release()
+    assert lane.qvel[speed : speed + 3] == pytest.approx(wanted)
+    assert lane.qvel[speed + 3 : speed + 6] == pytest.approx((0.0, -0.5 if how == "kept" else 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("option", "valid"),
+    [("rolling", "friction, drag"), ("apple", "sphere, hull"), ("release_velocity", "kept, base-removed, zero")],
+)
+def test_an_unknown_world_is_refused(option, valid):
+    with pytest.raises(HomeError, match=f"{option} must be one of {valid}, not 'ice'"):
+        SceneOptions(**{option: "ice"})

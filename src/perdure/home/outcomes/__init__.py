@@ -2,21 +2,31 @@
 
 Contents:
     write_logs, read_logs, write_records        logs as Parquet, see `schema`
-    read_notes, noted_policies                  what the writer of a file added to it, who acted among that
+    read_notes, noted_policies,                 what the writer of a file added to it: which policies acted, how the
+    noted_hand_overs                            release strategy went
     record_of, EpisodeRecord, Target, Run       what is kept of an episode
     Event, Release, Track, FinalObject
     History                                     every pose at every step, for logs of other simulators
     latched, stabilizing, stages_stabilizing    both ways of counting, from a record
     placement_mechanism, label, outcome         why it failed; `mechanisms` holds the rules and thresholds
     analyse, Analysis                           all tables
+    paired_difference                           two release strategies on the same episodes
     find_overlaps, Overlap                      objects at rest that lie inside each other
 """
 
 from perdure.home.outcomes.analysis import Analysis, analyse
 from perdure.home.outcomes.convert import episode_hash, record_of
 from perdure.home.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
+from perdure.home.outcomes.differences import paired_difference
 from perdure.home.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
-from perdure.home.outcomes.files import noted_policies, read_logs, read_notes, write_logs, write_records
+from perdure.home.outcomes.files import (
+    noted_hand_overs,
+    noted_policies,
+    read_logs,
+    read_notes,
+    write_logs,
+    write_records,
+)
 from perdure.home.outcomes.history import History
 from perdure.home.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.outcomes.overlaps import Overlap, find_overlaps
@@ -44,8 +54,10 @@ __all__ = [
     "find_overlaps",
     "label",
     "latched",
+    "noted_hand_overs",
     "noted_policies",
     "outcome",
+    "paired_difference",
     "placement",
     "placement_mechanism",
     "read_logs",

@@ -105,6 +105,23 @@ def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
     return {skill: str(name) for skill, name in names.items()}
 
 
+def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
+    """How often each outcome of a release strategy came: the note `hand_overs`, empty where it is missing.
+
+    Raises:
+        HomeError: If it is something else than a JSON object of counts.
+    """
+    try:
+        counts = json.loads(notes.get("hand_overs", "{}"))
+    except ValueError:
+        counts = None
+    if not isinstance(counts, dict) or not all(type(count) is int and count >= 0 for count in counts.values()):
+        raise HomeError(
+            f"the note hand_overs of logs must be a JSON object, outcome to count, not {notes['hand_overs']!r}"
+        )
+    return {str(outcome): count for outcome, count in counts.items()}
+
+
 def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
     """HomeError when there is no record, or one episode of one arm and its seeds is there twice."""
     if not records:

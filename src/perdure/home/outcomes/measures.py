@@ -1,9 +1,9 @@
-"""Success per stage over runs: mean, standard error and a bootstrap interval.
+"""Success per stage over runs: mean, standard error and a 95 % interval.
 
 A run is one training seed with one evaluation seed over all episodes of a split: the benchmark's 3 x 3 runs of 100
 episodes. Mean and standard error are those over the runs (as M3 and the thesis report them). Runs that share a training
-seed are not independent, so the interval resamples training seeds where there are several; where there is one,
-it is Wilson's over episodes, which keeps a width when all succeed, and its label says so.
+seed are not independent, so training seeds are the units of the interval where there are several (Student's t below
+ten of them); where there is one it is Wilson's over episodes, which keeps a width when all succeed, and says so.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def stage_table(records: Sequence[EpisodeRecord], rng: np.random.Generator) -> p
     """One row per task, split, arm, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
-    `lower` and `upper` of the 95 % interval, `resampled`: over what.
+    `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
 
     Args:
         records: The episodes.
@@ -51,10 +51,12 @@ def stage_table(records: Sequence[EpisodeRecord], rng: np.random.Generator) -> p
             interval = survival_interval(reached, seeds, rng)
             for k, name in enumerate(names):
                 bounds = (float(mean[k]), float(error[k]), float(interval.lower[k]), float(interval.upper[k]))
-                rows.append((*group, counting, name, len(part), len(set(runs)), *bounds, interval.label))
+                rows.append(
+                    (*group, counting, name, len(part), len(set(runs)), *bounds, interval.label, interval.method)
+                )
     real = dict.fromkeys(("mean", "standard_error", "lower", "upper"), pl.Float64)
     keys = {**dict.fromkeys((*GROUP, "counting", "stage"), pl.String), "episodes": pl.Int64, "runs": pl.Int64}
-    return pl.DataFrame(rows, schema={**keys, **real, "resampled": pl.String}, orient="row")
+    return pl.DataFrame(rows, schema={**keys, **real, "units": pl.String, "method": pl.String}, orient="row")
 
 
 def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:

@@ -72,7 +72,8 @@ def overlap_depth(first: FinalObject, second: FinalObject, apple: AppleShape = "
     data = mujoco.MjData(model)
     data.qpos[:] = (*first.position, *first.quaternion, *second.position, *second.quaternion)
     mujoco.mj_kinematics(model, data)
-    return max(0.0, *(-mujoco.mj_geomDistance(model, data, one, other, 1.0, None) for one, other in pairs))
+    nearest = min(float(mujoco.mj_geomDistance(model, data, one, other, 1.0, None)) for one, other in pairs)
+    return max(0.0, -nearest)
 
 
 def _radius(kind: str) -> float:

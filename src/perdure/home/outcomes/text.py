@@ -33,8 +33,8 @@ def _block(analysis: Analysis, group: tuple[str, ...]) -> str:
         f"{group[0]} {group[1]}, {group[2]}: {len(episodes)} episodes, runs: {stages['runs'][0]}, "
         f"then {min(settled):.1f} to {max(settled):.1f} s of settling, {sum(episodes['diverged'].to_list())} diverged"
     )
-    resampled = f"intervals: 95 %, resampled over {stages['resampled'][0]}"
-    parts = [head, f"success per stage ({resampled})", _table(_stage_rows(stages))]
+    intervals = f"95 % intervals over {stages['units'][0]}: {stages['method'][0]}"
+    parts = [head, f"success per stage ({intervals})", _table(_stage_rows(stages))]
     parts += ["outcomes", _table(_outcome_rows(part(analysis.outcomes)))]
     for counting in COUNTINGS:
         modes = part(analysis.modes).filter(pl.col("counting") == counting)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from perdure.home.outcomes import EpisodeRecord, noted_policies, read_logs, read_notes
+from perdure.home.outcomes import EpisodeRecord, noted_hand_overs, noted_policies, read_logs, read_notes
 from perdure.store import Store, StoreError
 
 Group = tuple[str, str, str]
@@ -22,6 +23,8 @@ class Cast:
     acting: Mapping[Group, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
     """For each task, split and arm: skill to the names of what acted in it, one for each training seed."""
     commands: tuple[str, ...] = ()
+    hand_overs: Mapping[Group, Mapping[str, int]] = field(default_factory=dict)
+    """For each task, split and arm: how often each outcome of the release strategy came, see `HandOver.outcomes`."""
 
     def skills(self, task: str, split: str) -> list[str]:
         """Skills of which anything is known."""
@@ -41,6 +44,7 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
     records: list[EpisodeRecord] = []
     acting: dict[Group, dict[str, dict[str, None]]] = {}
     commands: dict[str, None] = {}
+    hand_overs: dict[Group, Counter[str]] = {}
     for path in paths:
         read, notes = read_logs(path), read_notes(path)
         records += read
@@ -48,10 +52,12 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
         policies = noted_policies(notes)
         policies = _beside(Path(path)) if policies is None else policies
         for group in {(record.task, record.split, record.arm) for record in read}:
+            if counts := noted_hand_overs(notes):
+                hand_overs.setdefault(group, Counter()).update(counts)
             for skill, name in policies.items():
                 acting.setdefault(group, {}).setdefault(skill, {})[name] = None
     cast = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
-    return records, Cast(cast, tuple(commands))
+    return records, Cast(cast, tuple(commands), hand_overs)
 
 
 def _beside(path: Path) -> dict[str, str]:

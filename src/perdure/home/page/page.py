@@ -88,5 +88,6 @@ def _tables(comparison: Comparison, cast: Cast) -> list[str]:
         tables.mode_table(comparison),
         tables.placement_table(comparison),
         tables.release_table(comparison),
+        tables.hand_over_table(comparison, cast),
         tables.cast_table(comparison, cast),
     ]

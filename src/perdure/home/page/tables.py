@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import combinations
 
-from perdure.home.outcomes import COUNTINGS, UNTRAINED
+from perdure.home.outcomes import COUNTINGS, UNTRAINED, paired_difference
+from perdure.home.outcomes.differences import SAME_EPISODE
 from perdure.home.page.cast import Cast
 from perdure.home.page.comparison import Comparison, percent
 from perdure.home.page.failures import mode_counts, mode_labels
 from perdure.home.page.success import WORDS
 from perdure.report import document
-from perdure.report.statistics import EVALUATION_SEEDS_ONLY, TRAINING_SEEDS
-
-if TYPE_CHECKING:
-    import polars as pl
+from perdure.report.statistics import EVALUATION_SEEDS_ONLY, TRAINING_SEEDS, Interval
 
 UNKNOWN = "not recorded"
 
@@ -37,7 +34,7 @@ def success_table(comparison: Comparison) -> str:
             )
         )
     note = (
-        f"Mean +- standard error over runs (none for one run) [95 % interval {_resampled(comparison)}]. "
+        f"Mean +- standard error over runs (none for one run) [95 % interval {_units(comparison)}]. "
         "Counted, did not last: the benchmark counts the episode as a success, yet an object left its goal after its "
         "place had ended."
     )
@@ -45,22 +42,26 @@ def success_table(comparison: Comparison) -> str:
 
 
 def paired_table(comparison: Comparison) -> str:
-    """Each arm against the first on the episodes that both ran; nothing for a single arm."""
+    """Every two arms on the episodes that both ran; nothing for a single arm."""
     rows = []
-    keys = ["eval_seed", "index"]
-    first, *others = comparison.arms
-    for second in others:
-        left, right = (comparison.episodes[arm].group_by(keys).agg(_share_stabilizing()) for arm in (first, second))
-        both = left.join(right, on=keys)
-        ahead = both["share_right"] - both["share"]
-        counts = (len(both), int((ahead > 0).sum()), int((ahead < 0).sum()))
-        rows.append((f"{second} against {first}", *map(str, counts), _mean_difference(ahead.to_list())))
+    for first, second in combinations(comparison.arms, 2):
+        left, right = (comparison.episodes[arm] for arm in (first, second))
+        both = left.join(right, on=SAME_EPISODE)
+        if both.is_empty():
+            continue
+        better, worse = (
+            int((both[f"stabilizing{a}"] & ~both[f"stabilizing{b}"]).sum()) for a, b in (("_right", ""), ("", "_right"))
+        )
+        found = paired_difference(left, right)
+        cells = (f"{len(both):,}", str(better), str(worse), _points(found))
+        rows.append((f"{second} against {first}", *cells))
     if not rows:
         return ""
     headings = ("arms", "same episodes", "better", "worse", "mean difference")
     note = (
-        "Goal-stabilizing success on equal episodes from equal start poses, averaged over training seeds. "
-        "Differences of a few episodes are no evidence."
+        "Goal-stabilizing success with the same policies from the same start. Mean difference [95 % interval over "
+        "training seeds, Student t; over episodes where there is one training seed]. Not corrected for the number of "
+        "comparisons."
     )
     return document.table("The same episodes under two arms", headings, rows, note)
 
@@ -116,6 +117,17 @@ def release_table(comparison: Comparison) -> str:
     return document.table("At the release", headings, rows, "Median (10 % to 90 %).")
 
 
+def hand_over_table(comparison: Comparison, cast: Cast) -> str:
+    """How often each outcome of a release strategy came; nothing where no logs note it."""
+    counts = {arm: cast.hand_overs.get((comparison.task, comparison.split, arm), {}) for arm in comparison.arms}
+    outcomes = sorted({outcome for each in counts.values() for outcome in each})
+    if not outcomes:
+        return ""
+    rows = [(arm, *(str(each.get(outcome, 0)) for outcome in outcomes)) for arm, each in counts.items() if each]
+    note = "Done: the whole motion ran. Anything else is a fall-back: the object was let go at rest, where it was."
+    return document.table("Release strategies: how the motion went", ("arm", *outcomes), rows, note)
+
+
 def cast_table(comparison: Comparison, cast: Cast) -> str:
     """Which policy acted in which skill."""
     task, split = comparison.task, comparison.split
@@ -131,13 +143,14 @@ def _named(name: str) -> str:
     return "scripted oracle" if name == "oracle" else name
 
 
-def _resampled(comparison: Comparison) -> str:
-    over = {comparison.stages[arm]["resampled"][0] for arm in comparison.arms}
+def _units(comparison: Comparison) -> str:
+    """What the intervals are over, and how they were computed."""
+    found = {comparison.stages[arm].select("units", "method").row(0) for arm in comparison.arms}
     words = {
         TRAINING_SEEDS: "over training seeds",
         EVALUATION_SEEDS_ONLY: "over episodes where there is one training seed: it says nothing about training again",
     }
-    return ", ".join(words[each] for each in sorted(over, reverse=True))
+    return ", ".join(f"{words[units]} ({method})" for units, method in sorted(found, reverse=True))
 
 
 def _seeds(comparison: Comparison, arm: str) -> str:
@@ -152,14 +165,9 @@ def _mean(row: dict[str, float]) -> str:
     return f"{100 * row['mean']:.1f}{error} %{bounds}"
 
 
-def _share_stabilizing() -> pl.Expr:
-    import polars as pl
-
-    return pl.col("stabilizing").mean().alias("share")
-
-
-def _mean_difference(values: Sequence[float]) -> str:
-    return f"{100 * sum(values) / len(values):+.1f} points" if values else ""
+def _points(difference: Interval) -> str:
+    mean, low, high = (100 * float(each) for each in (difference.estimate, difference.lower, difference.upper))
+    return f"{mean:+.1f} points" + ("" if math.isnan(low) else f" [{low:+.1f}, {high:+.1f}]")
 
 
 def _counted(cell: tuple[int, float, float] | None) -> str:

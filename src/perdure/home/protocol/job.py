@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
+from perdure.home.arms import HandOver
 from perdure.home.episodes import load_episodes
 from perdure.home.errors import HomeError
-from perdure.home.execute import Executor
+from perdure.home.execute import Actor, Executor
 from perdure.home.outcomes import UNTRAINED, write_logs
 from perdure.home.protocol.policies import SkillPolicy, make_actors, read_policy
 from perdure.home.protocol.protocol import Protocol
@@ -108,11 +110,8 @@ class Job:
     def run(self, told: Told) -> None:
         """Runs the unit and keeps its logs; tells 1 whenever an episode has ended."""
         protocol, unit = self.protocol, self.unit
-        executor = Executor(
-            protocol.skills(),
-            make_actors(self.policies, protocol.placing.arm),
-            replace(protocol.options, eval_seed=unit.eval_seed),
-        )
+        actors = make_actors(self.policies, protocol.placing.arm)
+        executor = Executor(protocol.skills(), actors, replace(protocol.options, eval_seed=unit.eval_seed))
         episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]
         logs = []
         for log in executor.run(episodes):
@@ -120,7 +119,7 @@ class Job:
             told(1)
         logs.sort(key=lambda log: log.episode.index)
         with Store(self.out).write(self.key, self.config) as folder:
-            write_logs(folder / LOGS, logs, self.notes)
+            write_logs(folder / LOGS, logs, {**self.notes, **_hand_overs(actors["place"])})
 
     def to_json(self) -> dict[str, Any]:
         """For another process, see `from_json`."""
@@ -147,3 +146,8 @@ class Job:
             if job.config["policies"][skill] != known:
                 raise HomeError(f"{policies[skill].source} has changed since this run began")
         return job
+
+
+def _hand_overs(place: Actor) -> dict[str, str]:
+    """What the logs note of the release strategy: how often each outcome came, nothing for the policy alone."""
+    return {"hand_overs": json.dumps(Counter(place.outcomes))} if isinstance(place, HandOver) else {}
