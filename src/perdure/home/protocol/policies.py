@@ -100,7 +100,9 @@ def choose_policies(
 
     Args:
         task: Name of the task.
-        train_seed: Which of the training seeds; `{seed}` in a path stands for it. UNTRAINED where nobody is learned.
+        train_seed: Which of the training seeds, counted from 0: number k takes each skill's shipped policy with the
+            k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
+            stands for it. UNTRAINED where no skill is learned.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
         how: Which place policy is needed; the benchmark's when None.
 
@@ -121,11 +123,12 @@ def choose_policies(
         path: Path | None
         if named is None:
             policy = how.policy if skill == "place" else skill
-            path, seeds = shipped_policy(task, policy, train_seed), shipped_seeds(task, policy)
+            seeds = shipped_seeds(task, policy)
+            path = shipped_policy(task, policy, seeds[train_seed]) if 0 <= train_seed < len(seeds) else None
             if path is None and seeds and train_seed != UNTRAINED:
                 raise HomeError(
-                    f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there is "
-                    f"{', '.join(map(str, seeds))}): train one (perdure home train {skill} --task {task} --seeds "
+                    f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
+                    f"{len(seeds)}): train one (perdure home train {skill} --task {task} --seeds "
                     f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
                 )
             if path is None and skill == "place" and how.policy != "place":
