@@ -1,9 +1,10 @@
 """Runs every row of the home results, the most important first; killed, it goes on where it stopped.
 
-python benchmarks/home_rows.py HOME_RUNS [--list]
+python benchmarks/home_rows.py HOME_RUNS [TASK ...]
+python benchmarks/home_rows.py --list
 
-Each row is a `perdure home run` command, which `--list` prints. `python benchmarks/home_protocol.py HOME_RUNS` then
-makes the tables, the pictures and the README's numbers of the logs.
+Each row is a `perdure home run` command, which `--list` prints; TASK: only rows of these tasks. `python
+benchmarks/home_protocol.py HOME_RUNS` then makes the tables, the pictures and the README's numbers of the logs.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ def rows() -> list[str]:
     return [" ".join(row.split()) for row in (*unseen, *worlds, *known, *plus, *deltas, *jaws, *nine_known)]
 
 
-def main(out: Path) -> None:
+def main(out: Path, tasks: list[str]) -> None:
     """Runs what is missing; a line for each row."""
     cores = len(os.sched_getaffinity(0))
-    wanted = rows()
+    wanted = [row for row in rows() if row.split()[0] in (tasks or TASKS)]
     for number, row in enumerate(wanted, 1):
         began, arguments = time.monotonic(), shlex.split(row)
         command = shlex.join(["perdure", "home", "run", *arguments])
@@ -56,7 +57,7 @@ def main(out: Path) -> None:
 if __name__ == "__main__":
     if "--list" in sys.argv:
         print("\n".join(f"perdure home run {row}" for row in rows()))
-    elif len(sys.argv) == 2:
-        main(Path(sys.argv[1]))
+    elif len(sys.argv) >= 2 and set(sys.argv[2:]) <= set(TASKS):
+        main(Path(sys.argv[1]), sys.argv[2:])
     else:
         sys.exit(__doc__)

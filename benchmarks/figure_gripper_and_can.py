@@ -1,0 +1,87 @@
+"""Render the Fetch's gripper before and after it lets go of a soup can, like figure 2-4 of the thesis.
+
+python benchmarks/figure_gripper_and_can.py
+
+Nothing is posed. Each row is a release from a `val` episode that the shipped policies (training seed 0) run with the
+release strategy `rl`. The left panel shows the last control step with the can in the hand, the right panel a moment
+later, both from the same camera. The camera looks along the can's axis and slightly across it. The two
+episodes were chosen because nothing hides the can. Writes docs/images/home-gripper-and-can.png.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.episodes import Episode, load_episodes
+from perdure.home.execute import Executor, ExecutorOptions
+from perdure.home.view.beside import make_take
+from perdure.home.view.cameras import Shot
+from perdure.home.view.double import Double
+from perdure.home.view.files import save_picture
+from perdure.home.view.studio import Studio
+from perdure.home.view.words import write_title
+from perdure.home.world import CONTROL_HZ, World
+
+FloatArray = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+PICTURE = Path(__file__).parents[1] / "docs" / "images" / "home-gripper-and-can.png"
+CAN = "005_tomato_soup_can"
+ROWS = (
+    ("tidy_house", 53, 0.17, "The jaws are left and right of the curved wall, not at the flat ends."),
+    ("prepare_groceries", 41, -0.30, "The jaws are above and below the curved wall, not at the flat ends."),
+)
+"""Task, number of the episode, how far across the can's axis the camera stands in [m], text over the left panel."""
+ALONG, UP = 0.42, 0.13
+"""Where the camera stands from the gripper point in [m]: along the can's axis, and upward."""
+LATER = 5
+"""Control steps between the two panels: the can has landed."""
+SIZE, GAP, COLORS = (660, 460), 8, 256
+
+
+def release(task: str, number: int) -> tuple[Episode, FloatArray, FloatArray]:
+    """Run an episode up to its first release of a soup can and return it with two states.
+
+    Returns:
+        The episode, and MuJoCo's `qpos` at the last step in the hand and `LATER` steps after it. Shape (nq,) each.
+    """
+    episode, strategy = load_episodes(task, "val")[number], make_take(task, "rl")
+    states, held = list[FloatArray](), list[bool]()
+
+    def keep(world: World, episodes: Mapping[int, Episode]) -> None:
+        lane = world.lane(0)
+        states.append(lane.qpos.copy())
+        held.append(lane.held >= 0 and episode.objects[lane.held].kind == CAN)
+
+    list(Executor(strategy.skills, strategy.actors, ExecutorOptions(lanes=1, threads=1)).run([episode], keep))
+    last = next(step for step, (now, then) in enumerate(pairwise(held)) if now and not then)
+    return episode, states[last], states[last + LATER]
+
+
+def row(task: str, number: int, across: float, caption: str) -> Picture:
+    """Render the two panels of a release next to each other. See `ROWS` for the arguments."""
+    episode, before, after = release(task, number)
+    title = task.replace("_", " ").title().replace(" ", "")
+    later = f"{title}, {LATER / CONTROL_HZ:.2f} s later"
+    texts = ((f"{title}, last moment in the hand", caption), (later, "The can lies on its curved wall."))
+    panels: list[Picture] = []
+    with Double(episode, 0) as double, Studio(double.lane, SIZE) as studio:
+        double.put(before)
+        point, level = double.lane.gripper.copy(), double.lane.gripper_axes[:2].copy()
+        level /= np.linalg.norm(level, axis=0)  # a held can has the gripper's axes: z along the can, y from jaw to jaw
+        eye = point + np.array([*(ALONG * level[:, 2] + across * level[:, 1]), UP])
+        for state, words in zip((before, after), texts, strict=True):
+            double.put(state)
+            panels += [write_title(studio.take(Shot(eye, point)), *words)]
+    return np.concatenate([panels[0], np.full((len(panels[0]), GAP, 3), 255, np.uint8), panels[1]], axis=1)
+
+
+if __name__ == "__main__":
+    first, second = (row(*each) for each in ROWS)
+    gap = np.full((GAP, first.shape[1], 3), 255, np.uint8)
+    print(save_picture(np.concatenate([first, gap, second]), PICTURE, COLORS))
