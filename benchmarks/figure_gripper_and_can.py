@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.episodes import Episode, load_episodes
-from perdure.home.execute import Executor, ExecutorOptions
-from perdure.home.view.beside import make_take
-from perdure.home.view.cameras import Shot
-from perdure.home.view.double import Double
-from perdure.home.view.files import save_picture
-from perdure.home.view.studio import Studio
-from perdure.home.view.words import write_title
-from perdure.home.world import CONTROL_HZ, World
+from perdure.home.benchmark.episodes import Episode, load_episodes
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.sim.world import CONTROL_HZ, World
+from perdure.home.video.beside import make_take
+from perdure.home.video.cameras import Shot
+from perdure.home.video.double import Double
+from perdure.home.video.files import save_picture
+from perdure.home.video.studio import Studio
+from perdure.home.video.words import write_title
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -18,11 +18,11 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.gym import HomeSkillVectorEnv
-from perdure.home.protocol.policies import shipped_policy
+from perdure.home.evaluate.protocol.policies import shipped_policy
+from perdure.home.sim.world import ARM, GRASP, GRIP, RELEASE
 from perdure.home.skills import Place
+from perdure.home.skills.gym import HomeSkillVectorEnv
 from perdure.home.skills.place import GOAL_RADIUS
-from perdure.home.world import ARM, GRASP, GRIP, RELEASE
 from perdure.policy import Policy, load_policy
 
 TASK, APPLE = "set_table", 1

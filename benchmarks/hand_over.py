@@ -12,13 +12,13 @@ from collections import Counter
 
 import numpy as np
 
-from perdure.home.arms import Ik
-from perdure.home.arms.ik import EPSILON, SPEED
-from perdure.home.episodes import load_episodes
-from perdure.home.execute import Executor, ExecutorOptions
-from perdure.home.outcomes import analyse, record_of
-from perdure.home.protocol import Protocol, choose_policies, make_actors
-from perdure.home.world import SceneOptions
+from perdure.home.agents.release import Ik
+from perdure.home.agents.release.ik import EPSILON, SPEED
+from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.outcomes import analyse, record_of
+from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
+from perdure.home.sim.world import SceneOptions
 
 TASK, ROLLING = "set_table", "drag"
 PAIRS = (

@@ -19,12 +19,12 @@ import numpy as np
 import polars as pl
 from marks import put
 
-from perdure.home.objects import KINDS
-from perdure.home.outcomes import COUNTINGS, analyse, paired_difference
-from perdure.home.page import Cast, read_cast
-from perdure.home.page.comparison import Comparison, comparisons
-from perdure.home.protocol.naming import read_arm
-from perdure.home.tasks import TASKS
+from perdure.home.benchmark.tasks import TASKS
+from perdure.home.evaluate.outcomes import COUNTINGS, analyse, paired_difference
+from perdure.home.evaluate.page import Cast, read_cast
+from perdure.home.evaluate.page.comparison import Comparison, comparisons
+from perdure.home.evaluate.protocol.naming import read_arm
+from perdure.home.sim.objects import KINDS
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from perdure.cli.home_run import HomeRun, make_protocol
 from perdure.cli.parse import parse
-from perdure.home.protocol import run_protocol
+from perdure.home.evaluate.protocol import run_protocol
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
 DRAG = "--rolling drag"

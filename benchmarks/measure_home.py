@@ -20,14 +20,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from perdure.home.episodes import Episode, load_episodes, start_pose
-from perdure.home.execute import Executor, ExecutorOptions, Scripted
-from perdure.home.gym import HomeSkillVectorEnv
-from perdure.home.oracle import Oracle
-from perdure.home.outcomes import read_logs
-from perdure.home.protocol import Protocol, choose_policies, run_protocol
+from perdure.home.agents import Scripted
+from perdure.home.agents.oracle import Oracle
+from perdure.home.benchmark.episodes import Episode, episode_scene, load_episodes, start_pose
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.outcomes import read_logs
+from perdure.home.evaluate.protocol import Protocol, choose_policies, run_protocol
+from perdure.home.sim.world import CONTROL_HZ, PHYSICS_HZ, World
 from perdure.home.skills import get_skill
-from perdure.home.world import CONTROL_HZ, PHYSICS_HZ, World, episode_scene
+from perdure.home.skills.gym import HomeSkillVectorEnv
 
 REPEATS = 3
 LANES = 12
@@ -63,7 +64,7 @@ class Recording(World):
 
 def scene() -> dict[str, float]:
     """Lane steps a second: full scenes, all collisions, where at least half of the lanes manipulate."""
-    import perdure.home.execute.executor as executor_module
+    import perdure.home.evaluate.execute.executor as executor_module
 
     episodes = load_episodes("set_table", "val").episodes[:LANES]
     skills = {step.skill: get_skill(step.skill) for step in episodes[0].home_task.skills}

@@ -14,9 +14,9 @@ import sys
 
 import numpy as np
 
-from perdure.home.episodes import Episode, load_episodes, start_pose
-from perdure.home.tasks import TASKS
-from perdure.home.world import CONTROL_HZ, SceneOptions, World, episode_scene
+from perdure.home.benchmark.episodes import Episode, episode_scene, load_episodes, start_pose
+from perdure.home.benchmark.tasks import TASKS
+from perdure.home.sim.world import CONTROL_HZ, SceneOptions, World
 
 RATES = (60, 120, 240, 480)
 GOAL_RADIUS, SECONDS = 0.15, 5

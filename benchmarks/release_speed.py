@@ -19,11 +19,11 @@ import polars as pl
 from home_protocol import GROUPS, PAGE
 from marks import put
 
-from perdure.home.objects import KINDS
-from perdure.home.outcomes import analyse
-from perdure.home.page import read_cast
-from perdure.home.protocol import placing
-from perdure.home.protocol.naming import read_arm
+from perdure.home.evaluate.outcomes import analyse
+from perdure.home.evaluate.page import read_cast
+from perdure.home.evaluate.protocol import placing
+from perdure.home.evaluate.protocol.naming import read_arm
+from perdure.home.sim.objects import KINDS
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png

@@ -24,10 +24,10 @@ import numpy as np
 import polars as pl
 from marks import put
 
-from perdure.home.protocol import placing
-from perdure.home.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
-from perdure.home.tasks import TASKS
-from perdure.home.training import RECIPES, evaluate_skill
+from perdure.home.benchmark.tasks import TASKS
+from perdure.home.evaluate.protocol import placing
+from perdure.home.evaluate.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
+from perdure.home.skills.training import RECIPES, evaluate_skill
 from perdure.policy import Policy, load_policy, save_policy
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category

@@ -14,9 +14,9 @@ The JSON is what a few lines in an evaluation loop can write, in the simulator's
                      "gripper": [x, y, z], "base": [x, y, z, heading], "force": 0.0,
                      "drawer": 0.0, "fridge": 0.0}, ...]}]}
 
-Skills have the names of `perdure.home.tasks`, `ending` is "stopped", "timed out" or "task limit"; "forced": true where
-the gripper was opened by force. The history has one entry per control step and goes on after `steps` for a settling
-time in which the robot stands still: 5 s, or "it stays" cannot be said.
+Skills have the names of `perdure.home.benchmark.tasks`, `ending` is "stopped", "timed out" or "task limit";
+"forced": true where the gripper was opened by force. The history has one entry per control step and goes on after
+`steps` for a settling time in which the robot stands still: 5 s, or "it stays" cannot be said.
 """
 
 import argparse
@@ -26,8 +26,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from perdure.home.outcomes import EpisodeRecord, History, Target, analyse, read_logs, write_records
-from perdure.home.tasks import WorldFacts
+from perdure.home.benchmark.tasks import WorldFacts
+from perdure.home.evaluate.outcomes import EpisodeRecord, History, Target, analyse, read_logs, write_records
 
 
 def z_up(points) -> np.ndarray:

@@ -17,13 +17,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-import perdure.home.gym  # noqa: F401  registers the skills
+import perdure.home.skills.gym  # noqa: F401  registers the skills
 from perdure.home import load_episodes
-from perdure.home.arms import make_arm
-from perdure.home.execute import Executor, ExecutorOptions, Predicting
-from perdure.home.outcomes import analyse, read_logs, write_logs
-from perdure.home.protocol import Protocol, choose_policies, make_actors
-from perdure.home.world import SceneOptions
+from perdure.home.agents import Predicting
+from perdure.home.agents.release import make_arm
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.outcomes import analyse, read_logs, write_logs
+from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
+from perdure.home.sim.world import SceneOptions
 
 TASK = "set_table"
 ROLLING = "drag"  # as in Habitat: an object that rolls is hardly slowed; "friction" is kinder

@@ -30,6 +30,10 @@ ALLOWED = {
 }
 """Package to the packages it may import, at run time and for type checking alike."""
 
+HOME = "perdure.home"
+ROOMS = ("sim", "benchmark", "skills", "agents", "evaluate", "video")
+"""The rooms of `perdure.home`, each above those before it."""
+
 ONLY = {("report", "store"): {"write_whole"}}
 """Where an arrow carries certain names only."""
 
@@ -50,20 +54,22 @@ class Import(NamedTuple):
     """It stands under ``if TYPE_CHECKING``."""
 
 
-def imports_of(root):
+def imports_of(root, package="perdure"):
     """Every import of one part of the package in ``root`` by another, wherever in a file it stands."""
-    return [found for path in sorted(root.rglob("*.py")) for found in _imports_in(path, root)]
+    return [found for path in sorted(root.rglob("*.py")) for found in _imports_in(path, root, package)]
 
 
-def _imports_in(path, root):
+def _imports_in(path, root, package):
     parts = path.relative_to(root).with_suffix("").parts
     tree = ast.parse(path.read_text(), str(path))
     typed = {
         id(node) for guard in ast.walk(tree) if _guards_types(guard) for part in guard.body for node in ast.walk(part)
     }
     for node in ast.walk(tree):
-        for module, name in _modules(node, ("perdure", *parts[:-1])):
-            target, _, rest = module.removeprefix("perdure").removeprefix(".").partition(".")
+        for module, name in _modules(node, (*package.split("."), *parts[:-1])):
+            if module != package and not module.startswith(f"{package}."):
+                continue
+            target, _, rest = module.removeprefix(package).removeprefix(".").partition(".")
             if not target:  # from perdure import envs
                 target, name = name, ""
             if target and target != parts[0]:
@@ -172,3 +178,64 @@ def test_a_planted_right_import_is_not_found(tmp_path):
     (found,) = imports_of(tmp_path)
     assert (found.source, found.target, found.name) == ("ppo", "policy", "Policy")
     assert forbidden([found]) == []
+
+
+def upward(imports):
+    """Imports inside `perdure.home` that do not go down from room to room, as sentences."""
+    below = {room: {"errors", *ROOMS[:floor]} for floor, room in enumerate(ROOMS)} | {"errors": set()}
+    below["__init__"] = {"errors", *ROOMS}
+    return [
+        f"{each.place}: {each.source} must not import {each.target}"
+        for each in imports
+        if each.target not in below.get(each.source, set())
+    ]
+
+
+def test_imports_inside_home_go_down_from_room_to_room():
+    found = imports_of(ROOT / "home", HOME)
+    assert upward(found) == []
+    assert {("video", "sim"), ("skills", "benchmark"), ("evaluate", "agents")} <= {(e.source, e.target) for e in found}
+
+
+def test_every_folder_of_home_with_code_is_a_room():
+    folders = {path.name for path in (ROOT / "home").iterdir() if (path / "__init__.py").exists()}
+    assert folders == set(ROOMS)
+
+
+@pytest.mark.parametrize(
+    ("room", "source"),
+    [
+        ("sim", "from perdure.home.benchmark.tasks import AT"),
+        ("skills", "def late():\n    from perdure.home.agents import Learned"),
+        ("benchmark", "from ..evaluate import outcomes"),
+        ("agents", "import perdure.home.video.film"),
+    ],
+)
+def test_a_planted_import_that_goes_up_is_found(tmp_path, room, source):
+    (tmp_path / room).mkdir()
+    (tmp_path / room / "planted.py").write_text(source + "\n")
+    (sentence,) = upward(imports_of(tmp_path, HOME))
+    assert sentence.startswith(f"{room}/planted.py:")
+
+
+def circles(root, package):
+    """Parts of a package that import each other in a circle."""
+    below = {}
+    for each in imports_of(root, package):
+        below.setdefault(each.source, set()).add(each.target)
+    open_parts = set(below) | {part for parts in below.values() for part in parts}
+    while free := {part for part in open_parts if not below.get(part, set()) & open_parts}:
+        open_parts -= free
+    return open_parts - {"__init__"}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_two_parts_of_a_room_import_each_other(room):
+    assert circles(ROOT / "home" / room, f"{HOME}.{room}") == set()
+
+
+def test_a_planted_circle_is_found(tmp_path):
+    for one, other in (("objects", "robot"), ("robot", "objects")):
+        (tmp_path / one).mkdir()
+        (tmp_path / one / "planted.py").write_text(f"from perdure.home.sim.{other} import thing\n")
+    assert circles(tmp_path, "perdure.home.sim") == {"objects", "robot"}

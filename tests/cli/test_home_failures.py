@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from perdure.__main__ import main
+from perdure.home.benchmark.tasks import LIMITS
 from perdure.home.errors import HomeError
-from perdure.home.execute import ExecutorOptions
-from perdure.home.outcomes import read_logs, write_logs, write_records
-from perdure.home.protocol import Protocol, run_protocol
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.outcomes import read_logs, write_logs, write_records
+from perdure.home.evaluate.protocol import Protocol, run_protocol
+from perdure.home.sim.camera.gl import open_context
 from perdure.home.skills import SKILLS
-from perdure.home.tasks import LIMITS
-from perdure.home.view.gl import open_context
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "outcomes"))
 from home_stories import good
@@ -55,8 +55,8 @@ def command(monkeypatch, capsys):
 @pytest.fixture
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
-    monkeypatch.setattr("perdure.home.view.failures.SIZE", (240, 160))
-    monkeypatch.setattr("perdure.home.view.studio.SHADOWS", 256)
+    monkeypatch.setattr("perdure.home.video.failures.SIZE", (240, 160))
+    monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
     try:
         open_context(16, 16).free()
     except HomeError:
@@ -107,7 +107,7 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
 )
 def test_what_a_user_gets_wrong_ends_in_one_line(record, command, tmp_path, monkeypatch, arguments, names):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("perdure.home.view.run_again", lambda *given: pytest.fail("it was found out too late"))
+    monkeypatch.setattr("perdure.home.video.run_again", lambda *given: pytest.fail("it was found out too late"))
     others = {
         "logs": record,
         "foreign": replace(record, arm="TP+SRL"),

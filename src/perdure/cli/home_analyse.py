@@ -24,8 +24,8 @@ class HomeAnalyse:
 def main(args: list[str]) -> None:
     """``perdure home analyse``."""
     flags = parse(HomeAnalyse, args, "home analyse")
-    from perdure.home.outcomes import analyse
-    from perdure.home.page import read_cast, write_page
+    from perdure.home.evaluate.outcomes import analyse
+    from perdure.home.evaluate.page import read_cast, write_page
 
     paths = log_files(flags.logs)
     if flags.out is not None:

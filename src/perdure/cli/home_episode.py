@@ -36,8 +36,8 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from perdure.home.episodes import load_episodes, start_pose
-    from perdure.home.outcomes import episode_hash
+    from perdure.home.benchmark.episodes import load_episodes, start_pose
+    from perdure.home.evaluate.outcomes import episode_hash
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     apartment = episode.apartment()
@@ -58,8 +58,9 @@ def main(args: list[str]) -> None:
         table.add_row(str(number) if number < len(episode.goals) else "", *row)
     Console(width=140).print(table)
     if flags.render is not None:
-        from perdure.home.view import goal_marks, render_lane, save_picture
-        from perdure.home.world import SceneOptions, World, episode_scene
+        from perdure.home.benchmark.episodes import episode_scene
+        from perdure.home.sim.world import SceneOptions, World
+        from perdure.home.video import goal_marks, render_lane, save_picture
 
         world = World(1)
         world.reset(0, episode_scene(episode, SceneOptions(looks=True)), pose)

@@ -37,8 +37,8 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """``perdure home failures``."""
     flags = parse(HomeFailures, args, "home failures")
-    from perdure.home.view import draw, failure_sheet, read_failures, run_again, save_picture, take_again
-    from perdure.home.view.gl import open_context
+    from perdure.home.sim.camera.gl import open_context
+    from perdure.home.video import draw, failure_sheet, read_failures, run_again, save_picture, take_again
 
     chosen = policies(flags.policies)
     check_folder(flags.out)

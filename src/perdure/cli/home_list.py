@@ -18,10 +18,10 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from perdure.home.episodes import load_episodes
-    from perdure.home.objects import KINDS
+    from perdure.home.benchmark.episodes import load_episodes
+    from perdure.home.benchmark.tasks import LIMITS, TASKS
+    from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
-    from perdure.home.tasks import LIMITS, TASKS
 
     console = Console()
     tasks = Table("task", "targets", "objects", "val", "eval", "steps", "stages", title="Tasks")

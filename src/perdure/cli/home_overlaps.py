@@ -27,7 +27,7 @@ class HomeOverlaps:
 def main(args: list[str]) -> None:
     """``perdure home overlaps``."""
     flags = parse(HomeOverlaps, args, "home overlaps")
-    from perdure.home.outcomes import find_overlaps, read_logs
+    from perdure.home.evaluate.outcomes import find_overlaps, read_logs
 
     episodes = unknown = found = 0
     for path in log_files(flags.logs):

@@ -20,6 +20,6 @@ class HomePlan:
 def main(args: list[str]) -> None:
     """``perdure home plan``."""
     flags = parse(HomePlan, args, "home plan")
-    from perdure.home.plan import print_plan
+    from perdure.home.benchmark.plan import print_plan
 
     print_plan(flags.task)

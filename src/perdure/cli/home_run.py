@@ -14,7 +14,7 @@ import tyro
 from perdure.cli.parse import check_folder, parse, policies
 
 if TYPE_CHECKING:
-    from perdure.home.protocol import Protocol
+    from perdure.home.evaluate.protocol import Protocol
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class HomeRun:
 
 def make_protocol(flags: HomeRun) -> Protocol:
     """Return what the flags ask for."""
-    from perdure.home.execute import ExecutorOptions
-    from perdure.home.protocol import Protocol
-    from perdure.home.world import SceneOptions
+    from perdure.home.evaluate.execute import ExecutorOptions
+    from perdure.home.evaluate.protocol import Protocol
+    from perdure.home.sim.world import SceneOptions
 
     scene = SceneOptions(
         physics_hz=flags.physics_hz,
@@ -83,9 +83,9 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from perdure.home.outcomes import analyse
-    from perdure.home.page import read_cast, write_page
-    from perdure.home.protocol import run_protocol
+    from perdure.home.evaluate.outcomes import analyse
+    from perdure.home.evaluate.page import read_cast, write_page
+    from perdure.home.evaluate.protocol import run_protocol
 
     check_folder(flags.out)
     protocol = make_protocol(flags)

@@ -42,7 +42,7 @@ def main(args: list[str]) -> None:
     flags = parse(HomeTrain, args, "home train")
     from rich.console import Console
 
-    from perdure.home.training import FLAGS, evaluate_skill, train_skill
+    from perdure.home.skills.training import FLAGS, evaluate_skill, train_skill
     from perdure.policy import load_policy
     from perdure.ppo.progress import progress_bar
 

@@ -12,7 +12,7 @@ import tyro
 from perdure.cli.parse import parse, policies
 
 if TYPE_CHECKING:
-    from perdure.home.execute import EpisodeLog
+    from perdure.home.evaluate.execute import EpisodeLog
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class HomeVideo:
 def main(args: list[str]) -> None:
     """``perdure home video``."""
     flags = parse(HomeVideo, args, "home video")
-    from perdure.home.episodes import load_episodes
+    from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.errors import HomeError
-    from perdure.home.view import FilmOptions, contact_sheet, film_beside, film_episode, make_take, save_picture
+    from perdure.home.video import FilmOptions, contact_sheet, film_beside, film_episode, make_take, save_picture
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, flags.seed, flags.jaws, flags.rolling)

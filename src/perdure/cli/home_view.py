@@ -31,8 +31,8 @@ class HomeView:
 def main(args: list[str]) -> None:
     """``perdure home view``."""
     flags = parse(HomeView, args, "home view")
-    from perdure.home.episodes import load_episodes
-    from perdure.home.view import serve_episode
+    from perdure.home.benchmark.episodes import load_episodes
+    from perdure.home.video import serve_episode
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     try:

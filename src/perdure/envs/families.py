@@ -146,7 +146,7 @@ FAMILIES: tuple[Family, ...] = (
     EnvPoolFamily("EnvPool MuJoCo", "envpool.mujoco.gym"),
     EnvPoolFamily("EnvPool dm_control", "envpool.mujoco.dmc"),
     EnvPoolFamily("EnvPool Shadow hand", "envpool.mujoco.robotics", prefix="Hand"),
-    VectorFamily("Home", "perdure.home.gym", "perdure/Home"),
+    VectorFamily("Home", "perdure.home.skills.gym", "perdure/Home"),
     GymnasiumFamily(),
 )
 

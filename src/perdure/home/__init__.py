@@ -10,10 +10,10 @@ It reads from top to bottom like the benchmark itself:
 Importing this package imports NumPy and nothing heavier; MuJoCo, SciPy and matplotlib are imported where they are used.
 """
 
-from perdure.home.episodes import Episode, load_episodes, start_pose
+from perdure.home.benchmark.episodes import Episode, load_episodes, start_pose
+from perdure.home.benchmark.tasks import TASKS, HomeTask, WorldFacts, get_task
 from perdure.home.errors import HomeError
-from perdure.home.layouts import Apartment, build_apartment, free_space, make_apartment
-from perdure.home.tasks import TASKS, HomeTask, WorldFacts, get_task
+from perdure.home.sim.apartments import Apartment, build_apartment, free_space, make_apartment
 
 __all__ = [
     "TASKS",

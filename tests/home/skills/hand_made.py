@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from perdure.home.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-from perdure.home.world import BEAMS, RIVALS, SCAN_RANGE, Sensors
+from perdure.home.sim.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.world import BEAMS, RIVALS, SCAN_RANGE, Sensors
 
 REST = np.array(REST_POSITION)
 BOWL, OTHER, DRAWER = 0, 4, 3

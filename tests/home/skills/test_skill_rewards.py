@@ -16,9 +16,9 @@ from hand_made import (
     step_reward,
 )
 
-from perdure.home.robot.data import REST_ARM
+from perdure.home.sim.robot.data import REST_ARM
+from perdure.home.sim.world import ARM, GRIP
 from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, Pick, Place, ResetArm, get_skill
-from perdure.home.world import ARM, GRIP
 
 HELD = sensors(held=BOWL, object=[1.0, 0.5, 0.8])
 

@@ -5,8 +5,8 @@ import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, sensors, succeeds
 
 from perdure.home import HomeError
+from perdure.home.sim.world import ACTION_SIZE, FORWARD, STOP, TURN
 from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
-from perdure.home.world import ACTION_SIZE, FORWARD, STOP, TURN
 
 HELD = sensors(held=BOWL, object=[1.0, 0.0, 0.8])
 PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))

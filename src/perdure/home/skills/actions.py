@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, TURN
 from perdure.home.skills.skill import Skill
-from perdure.home.world import ACTION_SIZE, ARM, FORWARD, GRIP, TURN
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,6 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import Sensors
+from perdure.home.sim.world.sensors import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
@@ -19,8 +21,6 @@ from perdure.home.skills.observation import (
     proprioception,
 )
 from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-from perdure.home.world import Sensors
-from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import Sensors
+from perdure.home.sim.world.sensors import turn
 from perdure.home.skills.articulated import Articulated
-from perdure.home.world import Sensors
-from perdure.home.world.sensors import turn
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, Sensors
 from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of
-from perdure.home.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

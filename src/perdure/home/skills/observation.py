@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
+from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
+from perdure.home.sim.world import BEAMS, SCAN_RANGE, Sensors
 from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
-from perdure.home.world import BEAMS, SCAN_RANGE, Sensors
 
 FloatArray = NDArray[np.float64]
 

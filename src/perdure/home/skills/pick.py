@@ -9,6 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
+from perdure.home.sim.world.sensors import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
@@ -20,8 +22,6 @@ from perdure.home.skills.observation import (
     reaching,
 )
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-from perdure.home.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
-from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

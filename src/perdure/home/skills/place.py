@@ -9,7 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.benchmark.tasks import LIMITS
 from perdure.home.errors import HomeError
+from perdure.home.sim.world import GRIP, Sensors
+from perdure.home.sim.world.sensors import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
@@ -20,9 +23,6 @@ from perdure.home.skills.observation import (
     unit,
 )
 from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-from perdure.home.tasks import LIMITS
-from perdure.home.world import GRIP, Sensors
-from perdure.home.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

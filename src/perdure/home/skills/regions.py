@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.benchmark.tasks import SkillName
 from perdure.home.errors import HomeError
-from perdure.home.layouts import Apartment, FreeSpace, Pose, free_space
-from perdure.home.tasks import SkillName
+from perdure.home.sim.apartments import Apartment, FreeSpace, Pose, free_space
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import REST_ARM, ROLLS
+from perdure.home.sim.robot.data import REST_ARM, ROLLS
+from perdure.home.sim.world import ACTION_SIZE, ARM, Sensors
 from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill
-from perdure.home.world import ACTION_SIZE, ARM, Sensors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -14,10 +14,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.robot.data import BASE_RADIUS, REST_POSITION
-from perdure.home.tasks import LIMITS, SkillName
-from perdure.home.world import ARM_STEP, BASE_SPEED, Sensors
-from perdure.home.world.sensors import norm
+from perdure.home.benchmark.tasks import LIMITS, SkillName
+from perdure.home.sim.robot.data import BASE_RADIUS, REST_POSITION
+from perdure.home.sim.world import ARM_STEP, BASE_SPEED, Sensors
+from perdure.home.sim.world.sensors import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -1,0 +1,16 @@
+"""Agents: what acts in a skill.
+
+Contents:
+    Actor         the interface: actions for some lanes at a time
+    Scripted      skills that bring their own motion
+    Learned       a policy of perdure
+    Predicting    a policy of any library, as a function
+    oracle        a scripted agent that knows the whole simulated state
+    release       release strategies: what happens between the policy's command to open the hand and the opening
+"""
+
+from perdure.home.agents.actor import Actor, Scripted
+from perdure.home.agents.learned import Learned
+from perdure.home.agents.predicting import Predicting
+
+__all__ = ["Actor", "Learned", "Predicting", "Scripted"]

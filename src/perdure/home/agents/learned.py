@@ -1,0 +1,47 @@
+"""A learned skill policy as an actor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.errors import HomeError
+from perdure.home.sim.world import Sensors, World
+from perdure.home.skills import Progress, Skill
+from perdure.home.skills.actions import used, whole
+from perdure.policy import Policy
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Learned:
+    """Acts with the mean of a policy that was trained on the skill's Gymnasium environment.
+
+    A lane's action does not depend on how many lanes act with it (see `Policy.act`).
+    """
+
+    sees = True
+
+    def __init__(self, policy: Policy) -> None:
+        """Takes the policy; whether it fits a skill is checked when it first acts."""
+        self.policy = policy
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """Refuses a policy whose observations or actions are not those of the skill."""
+        sizes = self.policy.task.observation_size, self.policy.task.action_size
+        wanted = len(skill.elements), len(used(skill))
+        if sizes != wanted:
+            raise HomeError(
+                f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
+                f"{skill.name} has {wanted[0]} and {wanted[1]}"
+            )
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Actor.act`."""
+        actions = self.policy.act(skill.observe(sensors, progress), progress.elapsed)
+        return whole(np.asarray(actions, dtype=np.float64), used(skill))
+
+    def overtime(self, lane: int) -> bool:
+        """Never needs more time."""
+        return False

@@ -1,0 +1,73 @@
+"""The oracle as an actor: for each lane a motion that it continues step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.articulate import articulate
+from perdure.home.agents.oracle.motions import Motion, View
+from perdure.home.agents.oracle.navigate import navigate
+from perdure.home.agents.oracle.pick import pick
+from perdure.home.agents.oracle.place import place
+from perdure.home.sim.world import ACTION_SIZE, STOP, Sensors, World
+from perdure.home.skills import Progress, Skill
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOVES = {
+    "open_drawer": (0.45, 0.02),
+    "close_drawer": (0.0, 0.02),
+    "open_fridge": (1.55, 0.05),
+    "close_fridge": (0.0, 0.05),
+}
+"""Where to bring drawers and doors, and how exactly, in [m] or [rad]."""
+
+
+class Oracle:
+    """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
+
+    sees = False
+
+    def __init__(self) -> None:
+        """Nothing is planned before a skill begins."""
+        self._motions: dict[int, Motion | None] = {}
+        self._views: dict[int, View] = {}
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """See `Actor.begin`."""
+        view = View(world, lane, world.sense(np.array([lane])), skill.base_speed)
+        self._views[lane] = view
+        self._motions[lane] = self._motion(view, skill)
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Actor.act`. A motion that has ended leaves the robot standing, or says "stop"."""
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        for row, lane in enumerate(lanes):
+            number = int(lane)
+            self._views[number].sensors = sensors[row : row + 1]
+            motion = self._motions[number]
+            if motion is not None:
+                try:
+                    actions[row] = next(motion)
+                    actions[row, STOP] = -1.0  # it knows better than the map where to stop
+                    continue
+                except StopIteration:
+                    self._motions[number] = None
+            actions[row, STOP] = float(skill.name == "navigate")
+        return actions
+
+    def overtime(self, lane: int) -> bool:
+        """Never needs more time."""
+        return False
+
+    def _motion(self, view: View, skill: Skill) -> Motion:
+        if skill.name == "pick":
+            return pick(view)
+        if skill.name == "place":
+            return place(view)
+        if skill.name == "navigate":
+            errand = view.world.errand(view.number)
+            return navigate(view, errand, errand.toward)
+        return articulate(view, *MOVES[skill.name])

@@ -1,0 +1,268 @@
+"""Motions that oracle skills are made of, as generators: each yields an action and is sent what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
+from perdure.home.sim.robot.kinematics import pose_and_jacobian
+from perdure.home.sim.world import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    CONTROL_HZ,
+    FORWARD,
+    GRIP,
+    LEAVE,
+    TURN,
+    Lane,
+    Sensors,
+    World,
+)
+from perdure.home.sim.world.sensors import wrap
+from perdure.home.skills import rest_error
+
+FloatArray = NDArray[np.float64]
+Motion = Generator[FloatArray, None, None]
+
+PATIENCE = 15
+"""Steps in which a robot must move to count as moving."""
+CREEP = 0.04
+"""So little in that time, in [m] (0.3 m for a radian), is no motion."""
+TRIES = 3
+"""How often a robot that got stuck on its way tries on before it gives the way up."""
+JAMMED_RAD = 0.25
+"""Lag of a joint in [rad] beyond which the arm is jammed."""
+AHEAD = 6
+"""How many way points (5 cm each) before itself a robot looks at."""
+ARRIVED_RAD = 0.02
+"""Largest lag of a joint in [rad] at which an arm pose counts as reached."""
+
+
+def never() -> bool:
+    """Always False."""
+    return False
+
+
+@dataclass
+class View:
+    """One lane as an oracle skill sees it; `sensors` (one row) is renewed before each action."""
+
+    world: World
+    number: int
+    sensors: Sensors
+    base_speed: float
+
+    @property
+    def lane(self) -> Lane:
+        """The lane itself: an oracle may know everything."""
+        return self.world.lane(self.number)
+
+    @property
+    def jammed(self) -> bool:
+        """Whether something keeps the arm from where its servos are told to be."""
+        return float(np.abs(self.sensors.arm_target[0] - self.sensors.arm[0]).max()) > JAMMED_RAD
+
+    @property
+    def base(self) -> Pose:
+        """Where the robot stands."""
+        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def arm(self) -> FloatArray:
+        """Where the arm's servos are told to be. Shape (7,)."""
+        target: FloatArray = self.sensors.arm_target[0]
+        return target
+
+    def action(
+        self, forward: float = 0.0, turn: float = 0.0, arm: FloatArray | None = None, grip: float = LEAVE
+    ) -> FloatArray:
+        """An action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
+        action = np.zeros(ACTION_SIZE)
+        action[FORWARD], action[TURN], action[GRIP] = forward / self.base_speed, turn / self.base_speed, grip
+        if arm is not None:
+            action[ARM] = arm / ARM_STEP
+        return np.clip(action, -1.0, 1.0)
+
+
+def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
+    """A step straight towards an arm pose, no joint farther than the benchmark allows. Shape (7,)."""
+    step = goal - now
+    return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
+
+
+def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = never) -> Motion:
+    """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
+
+    Rolls go the shorter way round. Ends early as soon as `until` holds.
+    """
+    for pose in poses:
+        goal = unwound(pose, view.arm)
+        while np.abs(goal - view.arm).max() > 1e-9:
+            if until():
+                return
+            yield view.action(arm=arm_step(view.arm, goal))
+    yield from settled(view, settle)
+
+
+def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
+    """The same arm pose, its rolls (they turn without end) within half a turn of where they are now. Shape (7,)."""
+    same = pose.copy()
+    for joint in ROLLS:
+        same[joint] += 2.0 * np.pi * np.round((now[joint] - pose[joint]) / (2.0 * np.pi))
+    return same
+
+
+def settled(view: View, steps: int = 10) -> Motion:
+    """Waits up to some steps until the arm is where its servos were told to be."""
+    for _ in range(steps):
+        if np.abs(view.sensors.arm[0] - view.arm).max() < ARRIVED_RAD:
+            return
+        yield view.action()
+
+
+def rest_arm(view: View) -> Motion:
+    """The arm back to its pose of rest, rolls the shorter way round."""
+    yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
+
+
+def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:
+    """Turns to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
+    yield from turn_to(view, yaw)
+    start = view.base
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    for _ in range(int(30 + 60 * abs(distance))):
+        gone = float((np.array([view.base.x, view.base.y]) - (start.x, start.y)) @ along)
+        left = distance - gone
+        if abs(left) < 0.01 or until():
+            break
+        error = float(wrap(np.array(yaw - view.base.yaw)))
+        yield view.action(forward=float(np.clip(4.0 * left, -1.0, 1.0)), turn=float(np.clip(4.0 * error, -1.0, 1.0)))
+    yield view.action()
+
+
+def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
+    """Turns on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
+    stuck = Stuck()
+    direction = 0.0
+    for _ in range(200):
+        error = float(wrap(np.array(yaw - view.base.yaw)))
+        if abs(error) < within:
+            return
+        if direction and abs(error) > 0.3:
+            error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
+        yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
+        if stuck.after(view.base) or view.jammed:
+            yield from back_off(view)
+            direction = -float(np.sign(error)) if stuck.count > 1 else 0.0
+
+
+def follow(view: View, points: FloatArray) -> Motion:
+    """Drives along close way points: always towards the one a little ahead; backs off where it gets stuck.
+
+    Ends before the last one where it got stuck again and again.
+    """
+    stuck = Stuck()
+    here = backed = 0
+    for _ in range(450):
+        now = np.array([view.base.x, view.base.y])
+        away = np.linalg.norm(points[here : here + 12] - now, axis=1)
+        here += int(away.argmin())
+        last = len(points) - 1
+        if here >= last - 1 and np.linalg.norm(points[last] - now) < 0.03:
+            return
+        ahead = points[min(here + AHEAD, last)] - now
+        far, left = float(np.hypot(*ahead)), float(np.linalg.norm(points[last] - now))
+        error = float(wrap(np.arctan2(ahead[1], ahead[0]) - view.base.yaw))
+        if left < 0.12 and abs(error) > 0.5 * np.pi:
+            return
+        slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
+        speed = float(np.clip(3.0 * max(left, far if here + AHEAD < last else 0.0), 0.05, 1.3))
+        yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
+        if stuck.after(view.base) or view.jammed:
+            yield from back_off(view)
+            here, backed = max(here - 4, 0), backed + 1
+            if backed > TRIES:
+                return
+
+
+def unjam(view: View) -> Motion:
+    """Straight back until the arm is free."""
+    for _ in range(20):
+        if not view.jammed:
+            return
+        yield view.action(forward=-0.6)
+
+
+def back_off(view: View) -> Motion:
+    """A short way straight back: what blocks the robot is nearly always before it, where its arm is."""
+    for _ in range(12):
+        yield view.action(forward=-0.6)
+
+
+@dataclass
+class Stuck:
+    """Whether a robot that should move has hardly moved for a while; one whose arm is caught still creeps."""
+
+    steps: int = 0
+    count: int = 0
+    """How often it got stuck."""
+    anchor: Pose | None = None
+    """Where it was when counting began."""
+
+    def after(self, base: Pose) -> bool:
+        """One step on: True when it has hardly moved for `PATIENCE` steps; then counting begins anew."""
+        self.anchor = self.anchor or base
+        self.steps += 1
+        if self.steps < PATIENCE:
+            return False
+        old, self.anchor, self.steps = self.anchor, base, 0
+        turned = abs(float(wrap(np.array(base.yaw - old.yaw))))
+        stuck = abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * turned < CREEP
+        self.count += stuck
+        return stuck
+
+
+def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
+    """Joint steps that bring a point of the hand nearer to a point of the room; its rotation is free. Shape (7,).
+
+    Damped least squares; what the three equations leave open draws the arm to its pose of rest.
+
+    Args:
+        view: The lane.
+        point: Where to, in the room. Shape (3,).
+        speed: How fast at most, in [m/s].
+        tool: The point of the hand, from the gripper point along the gripper's axes. Shape (3,).
+    """
+    position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
+    arm = rotation @ tool
+    away = view.base.to_local(point) - position - arm
+    far = float(np.linalg.norm(away))
+    away = away * min(1.0, speed / CONTROL_HZ / max(far, 1e-9))
+    rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
+    inverse = rows.T @ np.linalg.inv(rows @ rows.T + 0.03**2 * np.eye(3))
+    home = np.clip(0.02 * rest_error(view.sensors.arm_target)[0], -0.01, 0.01)
+    step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
+    step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
+    within: FloatArray = np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm
+    return within
+
+
+def together(first: Motion, second: Motion) -> Motion:
+    """Two motions at once, of the base and of the arm: their actions are added; lasts until both have ended."""
+    running: list[Motion] = [first, second]
+    while running:
+        total = np.zeros(ACTION_SIZE)
+        for motion in tuple(running):
+            try:
+                total += next(motion)
+            except StopIteration:
+                running.remove(motion)
+        if running:
+            yield np.clip(total, -1.0, 1.0)

@@ -1,0 +1,98 @@
+"""Oracle navigation: to a cell from which the next skill's arm motion works, the shortest way, then face the aim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.articulate import plan_handle
+from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.motions import Motion, View, follow, turn_to
+from perdure.home.agents.oracle.pick import plan_pick
+from perdure.home.agents.oracle.place import plan_place
+from perdure.home.agents.oracle.placing import ReachPlan, ahead, around
+from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
+from perdure.home.sim.apartments.footprint import apartment_footprints
+from perdure.home.sim.world import Errand
+from perdure.home.skills.errands import positions
+
+FloatArray = NDArray[np.float64]
+
+BEST_DISTANCE = {
+    "pick": 0.72,
+    "place": 0.72,
+    "open_drawer": 0.85,
+    "close_drawer": 0.5,
+    "open_fridge": 0.95,
+    "close_fridge": 0.9,
+}
+"""From where each skill works best, along the floor in [m]."""
+ARM_LOW, ARM_REACH = 0.7, 0.75
+"""Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
+CLOSENESS = 0.06
+"""How many metres of distance a unit of `arm_cost` is worth when a standing place is chosen."""
+ELSEWHERE = 0.3
+"""How far from a standing place that could not be reached the next one must be, in [m]."""
+PLACES = 10
+"""Standing places that are tried."""
+STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
+"""How far the next skill may drive on from there, in [m]."""
+
+
+def navigate(view: View, errand: Errand, toward: str) -> Motion:
+    """Drives to where `toward` works."""
+    assert errand.route is not None
+    route = errand.route
+    goals = np.nonzero(route.values == 0.0)[0]
+    aim = np.array(errand.aim)
+    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
+    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
+    while stands:
+        plan = _plan(view, errand, toward, stands)
+        stand = stands[0] if plan is None else plan.base
+        cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
+        way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
+        yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
+        if _apart(view.base, stand) < ELSEWHERE:
+            break
+        stands = [other for other in stands if _apart(other, stand) > ELSEWHERE]  # it cannot be reached
+    yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return float(np.hypot(one.x - other.x, one.y - other.y))
+
+
+@lru_cache(maxsize=64)
+def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
+    """What a metre costs at each free cell: more where the arm at rest, half a metre ahead, may meet tall furniture."""
+    space = free_space(apartment, dict(opened))
+    tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
+    near = plane.clearance(space.centers, tall)
+    cost: FloatArray = 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
+    return cost
+
+
+def _plan(view: View, errand: Errand, toward: str, stands: list[Pose]) -> ReachPlan | None:
+    """The skill's own plan from the first standing place that works, each with a step ahead or back."""
+    best: ReachPlan | None = None
+    ghost = Ghost(view.lane)
+    aim = np.array(errand.aim)
+    for stand in stands:
+        places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
+        if toward == "pick":
+            plan = plan_pick(ghost, view.sensors.object[0].copy(), errand.target, stand, places)
+        elif toward == "place":
+            plan = plan_place(ghost, aim, stand, places)
+        else:
+            plan = plan_handle(ghost, errand.link, stand, places)
+        if plan is not None:
+            plan = replace(plan, base=stand)
+        if plan is not None and (best is None or plan.depth < best.depth):
+            best = plan
+        if best is not None and best.free:
+            break
+    return best

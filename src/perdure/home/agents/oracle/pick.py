@@ -1,0 +1,120 @@
+"""Oracle pick: stand where the arm reaches, come from above (or from the front in a fridge), grasp, go back to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.motions import (
+    Motion,
+    View,
+    move_arm,
+    never,
+    rest_arm,
+    settled,
+    together,
+    turn_and_go,
+    unjam,
+    unwound,
+)
+from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
+from perdure.home.agents.oracle.wishes import pick_wishes, wishes_aside
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.world import GRASP, GRASP_RADIUS
+from perdure.home.sim.world.handles import Handles
+
+FloatArray = NDArray[np.float64]
+
+ATTEMPTS = 3
+SAFE = 0.002
+"""What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
+
+
+def pick(view: View) -> Motion:
+    """Picks the errand's object."""
+    target = int(view.sensors.target[0])
+    for _ in range(ATTEMPTS):
+        yield from unjam(view)
+        plan = plan_pick(Ghost(view.lane), view.sensors.object[0].copy(), target, view.base)
+        if plan is None:
+            return
+        yield from approach(view, plan, lambda: _can_grasp(view, target))
+        if _can_grasp(view, target):
+            yield view.action(grip=GRASP)
+        yield from retreat(view, plan)
+        if view.lane.held >= 0:
+            return
+
+
+def _can_grasp(view: View, target: int) -> bool:
+    """Whether a grasp now would take the target."""
+    lane, gripper = view.lane, view.sensors.gripper[0]
+    middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
+    distance = np.linalg.norm(middles - gripper, axis=1)
+    handles = Handles.of(lane.scene.apartment).at(lane.qpos[lane.scene.link_qpos])
+    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE
+    return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - SAFE and not handle_near)
+
+
+def plan_pick(
+    ghost: Ghost, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
+) -> ReachPlan | None:
+    """Where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
+    lane = ghost.lane
+    addresses = lane.scene.object_qpos
+    others = [lane.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
+    handles = ghost.handles()
+    rivals = np.concatenate([np.array(others).reshape(-1, 3), handles])
+    rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
+    inside = ghost.in_fridge(point)
+    wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
+    firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
+    if stands is not None:
+        return plan_reach(ghost, stands, wishes, firm)
+    origin = np.array([base.x, base.y])
+    return plan_from_here(ghost, base, wishes, point, firm, lambda: wishes_aside(point, origin, rivals))
+
+
+def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
+    """Drives to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
+
+    Ends early as soon as `until` holds.
+    """
+    drive = turn_and_go(view, plan.entry.yaw, _along(view, plan.entry))
+    arm = move_arm(view, list(plan.poses[:1]), 0, until)
+    if _clear_on_the_way(view, plan):
+        yield from together(drive, arm)
+    else:
+        yield from drive
+        yield from arm
+    if plan.entry != plan.base:  # in over a shelf, then down
+        yield from settled(view)
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base), until)
+    yield from move_arm(view, list(plan.poses[1:]), until=until)
+
+
+def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
+    """Whether the arm may already move while the base drives."""
+    ghost, now, end = Ghost(view.lane), view.base, plan.entry
+    for share in (0.0, 0.5):
+        stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
+        if ghost.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
+            return False
+    return True
+
+
+def retreat(view: View, plan: ReachPlan) -> Motion:
+    """The way back: up, out, and the arm to rest."""
+    yield from move_arm(view, [plan.poses[0]], settle=0)
+    if plan.entry != plan.base:
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.entry))
+    yield from rest_arm(view)
+
+
+def _along(view: View, stand: Pose) -> float:
+    """How far ahead a standing place is."""
+    away = np.array([stand.x - view.base.x, stand.y - view.base.y])
+    return float(away @ (np.cos(stand.yaw), np.sin(stand.yaw)))

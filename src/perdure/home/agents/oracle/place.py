@@ -1,0 +1,52 @@
+"""Oracle place: hold the object level above its goal, wait until it hangs still, let go, go back to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.motions import Motion, View, rest_arm, unjam
+from perdure.home.agents.oracle.pick import approach, retreat
+from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
+from perdure.home.agents.oracle.wishes import place_wishes
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.objects import YcbObjects
+from perdure.home.sim.world import RELEASE
+
+FloatArray = NDArray[np.float64]
+
+HEIGHT = 0.015
+"""How far above its goal the object is let go in [m]."""
+PALM = 0.058
+"""How high above a surface a level hand must be in [m]: its wrist reaches 5.2 cm down. Flat objects fall the rest."""
+STILL = 0.03
+"""Speed of the gripper in [m/s] below which it counts as still."""
+
+
+def place(view: View) -> Motion:
+    """Places the errand's object."""
+    target = int(view.sensors.target[0])
+    if view.lane.held != target:
+        yield from rest_arm(view)
+        return
+    goal = view.sensors.goal[0].copy()
+    yield from unjam(view)
+    plan = plan_place(Ghost(view.lane), goal, view.base)
+    if plan is None:
+        return
+    yield from approach(view, plan)
+    for _ in range(20):
+        if np.linalg.norm(view.sensors.gripper_velocity[0]) < STILL:
+            break
+        yield view.action()
+    yield view.action(grip=RELEASE)
+    yield from retreat(view, plan)
+
+
+def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+    """Where to stand and how to bring the held object to its goal."""
+    held = ghost.lane.held
+    half = YcbObjects().box(ghost.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    wishes = place_wishes(goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), ghost.in_fridge(goal))
+    return plan_from_here(ghost, base, wishes, goal) if stands is None else plan_reach(ghost, stands, wishes)

@@ -1,0 +1,30 @@
+"""Ways to let go of what is placed. All are actors around the one that places.
+
+Contents:
+    ARMS, make_arm    by name: rl (the policy alone), stop, ik, ik+
+    HandOver          what they share: freeze, move, open the hand, go on
+    Stop, Ik, IkPlus
+"""
+
+from perdure.home.agents.actor import Actor
+from perdure.home.agents.release.hand_over import HandOver
+from perdure.home.agents.release.ik import Ik
+from perdure.home.agents.release.ik_plus import IkPlus
+from perdure.home.agents.release.stop import Stop
+from perdure.home.errors import HomeError
+
+_HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
+ARMS: tuple[str, ...] = ("rl", *_HAND_OVERS)
+"""Names of all, as `--place` takes them."""
+
+
+def make_arm(name: str, inner: Actor) -> Actor:
+    """The arm of that name around an actor; `rl` is the actor itself."""
+    if name == "rl":
+        return inner
+    if name not in _HAND_OVERS:
+        raise HomeError(f"no placing arm is named {name!r}; there are {', '.join(ARMS)}")
+    return _HAND_OVERS[name](inner)
+
+
+__all__ = ["ARMS", "HandOver", "Ik", "IkPlus", "Stop", "make_arm"]

@@ -1,0 +1,189 @@
+"""The hand-over: what happens between the policy's wish to let go and the moment the hand opens.
+
+An arm wraps the actor that places. As soon as that actor wants to let go of the target it is frozen; the arm's own
+motion runs, one action per step; then the hand opens and the actor goes on. At a place time-out with the target still
+in the hand the executor gives the arm the time to do the same.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.actor import Actor
+from perdure.home.benchmark.tasks import AT
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.world import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    BASE_SPEED,
+    FORWARD,
+    GRIP,
+    RELEASE,
+    TURN,
+    Sensors,
+    World,
+)
+from perdure.home.sim.world.sensors import norm
+from perdure.home.skills import Progress, Skill
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Motion = Generator[FloatArray, None, None]
+
+STILL = 0.02
+"""Speed of the gripper point in [m/s] below which the hand hangs still."""
+BASE_TOLERANCE = 0.01
+"""Error of the base in [m] and [rad] within which it stands where it stood at the freeze (OURS)."""
+RETURN_RATE, RETURN_SPEED = 10.0, 0.3
+"""The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
+STOP_STEPS = 45
+"""Steps within which a stop must have brought base and hand to rest; then the object is let go as it is."""
+NOT_ABOVE = "not above the goal"
+"""Outcome of a descent that did not begin: the object was let go at rest, beside its goal region."""
+
+
+@dataclass
+class Held:
+    """One lane while its hand-over runs; `sensors` (one row) is renewed before each action."""
+
+    sensors: Sensors
+    outcome: str = "done"
+    """How it went: "done", or the reason of a fall-back."""
+    frozen: Pose = field(init=False)
+    """Where the robot stood when the policy was frozen."""
+
+    def __post_init__(self) -> None:
+        self.frozen = self.base
+
+    @property
+    def arm(self) -> FloatArray:
+        """Where the arm's servos are told to be. Shape (7,)."""
+        target: FloatArray = self.sensors.arm_target[0]
+        return target
+
+    @property
+    def base(self) -> Pose:
+        """Where the robot stands."""
+        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def base_error(self) -> tuple[float, float]:
+        """Way back to where the robot stood at the freeze: forward in [m], turn to the left in [rad]."""
+        base, frozen = self.base, self.frozen
+        forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
+        return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
+
+    @property
+    def above_goal(self) -> bool:
+        """Whether the held object's middle is within the goal's radius of 0.15 m, seen from above."""
+        offset = self.sensors.object[0, :2] - self.sensors.goal[0, :2]
+        return bool(np.hypot(*offset) <= AT)
+
+    @property
+    def speed(self) -> float:
+        """Of the gripper point in the room in [m/s]."""
+        return float(norm(self.sensors.gripper_velocity)[0])
+
+
+@dataclass
+class HandOver(ABC):
+    """An actor for `place` that hands over to a motion of its own before it lets go."""
+
+    inner: Actor
+    name: ClassVar[str]
+    outcomes: list[str] = field(default_factory=list)
+    """How each hand-over went, in the order in which they ended."""
+    _motions: dict[int, Motion] = field(default_factory=dict)
+    _held: dict[int, Held] = field(default_factory=dict)
+
+    @property
+    def sees(self) -> bool:
+        """See `Actor.sees`."""
+        return self.inner.sees
+
+    @abstractmethod
+    def motion(self, held: Held) -> Motion:
+        """Actions until the hand may open; the opening itself is not one of them."""
+
+    def begin(self, world: World, lane: int, skill: Skill) -> None:
+        """See `Actor.begin`."""
+        self._motions.pop(lane, None)
+        self.inner.begin(world, lane, skill)
+
+    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+        """See `Actor.act`."""
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        running = np.array([int(lane) in self._motions for lane in lanes])
+        if not running.all():
+            free = np.flatnonzero(~running)
+            wanted = self.inner.act(world, lanes[free], skill, sensors[free], progress[free])
+            for row, action in zip(map(int, free), wanted, strict=True):
+                out_of_time = progress.elapsed[row] >= skill.limit
+                if sensors.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
+                    self._freeze(int(lanes[row]), sensors[row : row + 1])
+                else:
+                    actions[row] = action
+        for row, lane in enumerate(map(int, lanes)):
+            if lane in self._motions:
+                actions[row] = self._continue(lane, sensors[row : row + 1])
+        return actions
+
+    def overtime(self, lane: int) -> bool:
+        """Whether a lane needs more time than its limit: while it has something to put down."""
+        return True
+
+    def _freeze(self, lane: int, sensors: Sensors) -> None:
+        self._held[lane] = Held(sensors)
+        self._motions[lane] = self.motion(self._held[lane])
+
+    def _continue(self, lane: int, sensors: Sensors) -> FloatArray:
+        """The next action of a lane's motion; the opening of the hand when it has ended."""
+        held = self._held[lane]
+        held.sensors = sensors
+        if sensors.holds_target[0]:
+            try:
+                return next(self._motions[lane])
+            except StopIteration:
+                pass
+        else:
+            held.outcome = "lost on the way"
+        del self._motions[lane]
+        self.outcomes.append(held.outcome)
+        return release()
+
+
+def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
+    """Return an action that holds the base where it stood at the freeze and moves the arm by joint steps in [rad].
+
+    The base needs about 0.2 s to stop from full speed, in which it rolls 0.15 m; M3's stops at once. So it drives back.
+    """
+    action = np.zeros(ACTION_SIZE)
+    for part, error in zip((FORWARD, TURN), held.base_error, strict=True):
+        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
+    if arm is not None:
+        action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
+    return action
+
+
+def release() -> FloatArray:
+    """An action that opens the hand and does nothing else."""
+    action = np.zeros(ACTION_SIZE)
+    action[GRIP] = RELEASE
+    return action
+
+
+def stop(held: Held) -> Motion:
+    """Bring the base back to where it stood at the freeze, the arm unmoved, until the hand hangs still."""
+    for _ in range(STOP_STEPS):
+        yield hold_base(held)
+        if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
+            return

@@ -1,0 +1,62 @@
+"""`ik`: the thesis' hand-over. Freeze the policy, hold the base still, go straight down by epsilon, let go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from perdure.home.agents.release.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
+from perdure.home.sim.robot import reach
+from perdure.home.sim.robot.toward import toward
+from perdure.home.sim.world import CONTROL_HZ
+
+EPSILON = 0.05
+"""How far down in [m]; `docs/home/world.md` shows what other values do."""
+SPEED = 0.15
+"""How fast in [m/s]."""
+OUT_OF_REACH = 0.02
+"""How far from its end the way may end in [m] before it counts as out of reach."""
+
+
+@dataclass
+class Ik(HandOver):
+    """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
+
+    The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
+    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is let go where the stop
+    left it. When something below ends the descent early (the servos lag), it is let go there ("blocked").
+    """
+
+    name = "ik"
+    epsilon: float = EPSILON
+    speed: float = SPEED
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)
+        if not held.above_goal:
+            held.outcome = NOT_ABOVE
+            return
+        start = held.sensors.gripper_in_base[0].copy()
+        rotation = held.sensors.gripper_rotation[0].copy()
+        end = start - (0.0, 0.0, self.epsilon)
+        if reach(end, held.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
+            held.outcome = "out of reach"
+            return
+        step, steps = self.speed / CONTROL_HZ, int(np.ceil(self.epsilon * CONTROL_HZ / self.speed))
+        wanted = start.copy()
+        for _ in range(steps):
+            wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
+            yield hold_base(held, toward(held.arm, wanted - self._told(held), rotation=rotation))
+        yield from stop(held)
+        if np.linalg.norm(held.sensors.gripper_in_base[0] - end) > OUT_OF_REACH:
+            held.outcome = "blocked"
+
+    @staticmethod
+    def _told(held: Held) -> np.ndarray:
+        """Where the servos' targets would put the gripper point: what the arm lags behind is not made up for."""
+        from perdure.home.sim.robot import gripper_pose
+        from perdure.home.sim.robot.data import TORSO_HEIGHT
+
+        return gripper_pose(TORSO_HEIGHT, held.arm)[0]

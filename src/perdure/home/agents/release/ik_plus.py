@@ -1,0 +1,92 @@
+"""`ik+`: ours. Upright if it can be, then down until the object touches what is below, let go, up again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.release.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
+from perdure.home.sim.robot import gripper_pose
+from perdure.home.sim.robot.data import TORSO_HEIGHT
+from perdure.home.sim.robot.toward import toward
+from perdure.home.sim.world import CONTROL_HZ
+
+FloatArray = NDArray[np.float64]
+
+DEEPEST = 0.25
+"""How far down at most, in [m]."""
+SPEED = 0.15
+"""How fast in [m/s]."""
+TURN_STEPS = 60
+"""Steps in which the object is brought upright."""
+UPRIGHT = float(np.cos(np.radians(20.0)))
+"""Cosine of the tilt up to which an object stands rather than tips or rolls."""
+BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
+"""Trace of a rotation by 6 degrees: so near to how it was held it is turned back."""
+CONTACT = 3.0
+"""Normal force at what is held, in [N], beyond which it touches something."""
+
+
+@dataclass
+class IkPlus(HandOver):
+    """Down until contact, the object kept upright (OURS, not in the thesis).
+
+    The object's own z axis is turned to the vertical. Where joint limits or something that it touches leave it more
+    than 20 degrees short of that, it is turned back: let go half turned it would tip over or roll. Then it goes
+    straight down until the held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no
+    contact").
+    """
+
+    name = "ik+"
+    speed: float = SPEED
+    deepest: float = DEEPEST
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)
+        if not held.above_goal:
+            held.outcome = NOT_ABOVE
+            return
+        place, now = gripper_pose(TORSO_HEIGHT, held.arm)
+        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
+        if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
+            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK))
+        held.outcome = "no contact"
+        wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
+            if touches(held):
+                held.outcome = "done"
+                break
+            wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
+            position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
+            yield hold_base(held, toward(held.arm, wanted - position, rotation=rotation))
+        yield from stop(held)
+
+
+def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
+    """Turns what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
+    for _ in range(TURN_STEPS):
+        position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        if there(rotation):
+            return
+        yield hold_base(held, toward(held.arm, place - position, rotation=wanted))
+
+
+def touches(held: Held) -> bool:
+    """Whether the object (or the hand) feels a contact."""
+    return bool(held.sensors.contact_force[0] > CONTACT)
+
+
+def upright(rotation: FloatArray) -> FloatArray:
+    """The rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
+    z = rotation[:, 2]
+    axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
+    if cosine < -0.999:  # upside down: about its own x axis
+        half: FloatArray = rotation @ np.diag([1.0, -1.0, -1.0])
+        return half
+    skew = np.cross(np.eye(3), axis)
+    turned: FloatArray = (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
+    return turned

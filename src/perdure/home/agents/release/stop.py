@@ -1,0 +1,18 @@
+"""`stop`: halt, then let go. The control that tells how much of a hand-over's gain is the stop alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from perdure.home.agents.release.hand_over import HandOver, Held, Motion, stop
+
+
+@dataclass
+class Stop(HandOver):
+    """The base returns to where it stood at the freeze; when the hand hangs still it opens."""
+
+    name = "stop"
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)

@@ -1,0 +1,135 @@
+"""Episodes on disk: one JSON file per task and split, with a schema and a hash of its content.
+
+A file that was damaged or edited is refused by its name. It is written whole: under a temporary name first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from perdure.home.benchmark.episodes.records import Episode, EpisodeSet
+from perdure.home.benchmark.tasks import get_task
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import split_apartments
+from perdure.home.sim.objects import Placement
+from perdure.home.sim.objects.kinds import Vec3
+from perdure.home.sim.objects.placement import Quaternion
+
+SCHEMA, VERSION = "perdure.home.episodes", 1
+DATA = Path(__file__).parent / "data"
+"""Where the published episodes are."""
+
+
+def load_episodes(task: str, split: str) -> EpisodeSet:
+    """The published episodes of a task (`tidy_house`, ...) and a split (`val`, `eval`)."""
+    get_task(task)
+    split_apartments(split)
+    path = DATA / f"{task}_{split}.json"
+    if not path.exists():
+        published = ", ".join(sorted(p.stem for p in DATA.glob("*.json"))) or "none"
+        raise HomeError(f"no episodes of {task} {split} are published; there are {published}")
+    return read_episodes(path)
+
+
+def read_episodes(path: str | Path) -> EpisodeSet:
+    """Reads a file of episodes; HomeError with its name when it is not one, damaged, edited or of another version."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise HomeError(f"{path} cannot be read as a file of episodes: {error}") from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise HomeError(f"{path} is not a file of episodes: its schema is not {SCHEMA!r}")
+    if content.get("version") != VERSION:
+        raise HomeError(f"{path} has version {content.get('version')}; this package reads version {VERSION}")
+    if content.pop("sha256", None) != _digest(content):
+        raise HomeError(f"{path} is damaged or was edited: its content does not match its sha256")
+    try:
+        return _from_json(content)
+    except (KeyError, TypeError, IndexError, ValueError) as error:
+        raise HomeError(f"{path} does not hold what a file of episodes must hold: {error}") from error
+
+
+def write_episodes(path: str | Path, episodes: EpisodeSet) -> None:
+    """Writes a file of episodes, whole or not at all."""
+    path = Path(path)
+    content = _to_json(episodes)
+    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in content["episodes"])
+    head = json.dumps({k: v for k, v in content.items() if k != "episodes"} | {"sha256": _digest(content)}, indent=1)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    with temporary.open("w", encoding="utf-8") as stream:
+        stream.write(f'{head[:-2]},\n "episodes": [\n{lines}\n]}}\n')
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(path)
+
+
+def _digest(content: dict[str, Any]) -> str:
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _to_json(episodes: EpisodeSet) -> dict[str, Any]:
+    """Names of kinds and receptacles once, then numbers: one object is [kind, x, y, z, qw, qx, qy, qz, receptacle]."""
+    everything = [p for e in episodes.episodes for p in (*e.objects, *e.goals)]
+    kinds = sorted({p.kind for p in everything})
+    receptacles = sorted({p.receptacle for p in everything})
+
+    def rows(placements: Sequence[Placement]) -> list[list[float]]:
+        return [[kinds.index(p.kind), *p.position, *p.quaternion, receptacles.index(p.receptacle)] for p in placements]
+
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "task": episodes.task,
+        "split": episodes.split,
+        "made_with": dict(episodes.made_with),
+        "kinds": kinds,
+        "receptacles": receptacles,
+        "episodes": [
+            {
+                "index": e.index,
+                "apartment": [e.macro, e.micro, e.apartment_fingerprint],
+                "opened": dict(e.opened),
+                "objects": rows(e.objects),
+                "goals": rows(e.goals),
+            }
+            for e in episodes.episodes
+        ],
+    }
+
+
+def _from_json(content: dict[str, Any]) -> EpisodeSet:
+    kinds, receptacles = content["kinds"], content["receptacles"]
+
+    def placements(rows: list[list[float]]) -> tuple[Placement, ...]:
+        return tuple(
+            Placement(
+                kinds[int(row[0])],
+                cast(Vec3, tuple(map(float, row[1:4]))),
+                cast(Quaternion, tuple(map(float, row[4:8]))),
+                receptacles[int(row[8])],
+            )
+            for row in rows
+        )
+
+    episodes = tuple(
+        Episode(
+            task=content["task"],
+            split=content["split"],
+            index=row["index"],
+            macro=row["apartment"][0],
+            micro=row["apartment"][1],
+            apartment_fingerprint=row["apartment"][2],
+            opened={str(link): float(q) for link, q in row["opened"].items()},
+            objects=placements(row["objects"]),
+            goals=placements(row["goals"]),
+        )
+        for row in content["episodes"]
+    )
+    return EpisodeSet(content["task"], content["split"], content["made_with"], episodes)

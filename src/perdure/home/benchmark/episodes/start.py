@@ -1,0 +1,52 @@
+"""Where the robot stands when an episode begins: drawn by the evaluation seed, not written in the episode."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from perdure.home.benchmark.episodes.records import Episode
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
+from perdure.home.sim.apartments.footprint import apartment_footprints
+
+ARM_LOW = 0.6
+"""Furniture that ends below this height in [m] does not meet the arm at rest."""
+ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
+"""The arm at rest, seen from above: discs along the robot's x from 0.10 to 0.45 m (the gripper rests at 0.5 m)."""
+
+
+def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
+    """The robot's start pose: uniform over the largest island and over headings, the arm at rest free of furniture.
+
+    Args:
+        apartment: The episode's apartment, `episode.apartment()`.
+        episode: The episode.
+        seed: The evaluation seed: the same seed gives the same pose, three seeds are three different runs.
+    """
+    return next(start_poses(apartment, episode, seed))
+
+
+def start_poses(apartment: Apartment, episode: Episode, seed: int) -> Iterator[Pose]:
+    """Start poses in the order in which they are drawn, for a world with a stricter test of its own."""
+    if apartment.fingerprint != episode.apartment_fingerprint:
+        raise HomeError(f"{episode.name} does not play in {apartment.name} {apartment.fingerprint}")
+    space = free_space(apartment, episode.opened)
+    tall = apartment_footprints(apartment, episode.opened, low=ARM_LOW)
+    digest = hashlib.sha256(episode.name.encode()).digest()
+    rng = np.random.Generator(np.random.PCG64([seed, *digest[:8]]))
+    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    while True:
+        across, along, turn = rng.random(3)
+        point = low + (across, along) * (high - low)
+        pose = Pose(float(point[0]), float(point[1]), 2.0 * math.pi * float(turn))
+        if not space.is_free(point[None])[0]:
+            continue
+        discs = pose.to_room(np.stack([np.linspace(ARM_FROM, ARM_TO, 8), np.zeros(8)], axis=-1))
+        if plane.clearance(discs, tall).min() < ARM_RADIUS or not plane.inside(discs, apartment.room).all():
+            continue
+        if space.nearest(point[None])[1][0] <= space.cell:
+            yield pose

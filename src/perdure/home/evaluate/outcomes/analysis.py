@@ -1,0 +1,102 @@
+"""Everything the logs say, in tables: success, failure modes, placements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from perdure.home.evaluate.outcomes.counting import latched, stages_stabilizing
+from perdure.home.evaluate.outcomes.failures import failure_table, mode_table, outcome, outcome_table
+from perdure.home.evaluate.outcomes.files import check_distinct
+from perdure.home.evaluate.outcomes.measures import stage_table
+from perdure.home.evaluate.outcomes.placements import IDENTITY, kind_table, placement_table, shape_table
+from perdure.home.evaluate.outcomes.records import EpisodeRecord
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Tables made of logs. All of them are ordered by task, split and arm."""
+
+    episodes: pl.DataFrame
+    """One row per episode: identity, `success` (latched), `stabilizing` (the task's success with every placement
+    goal-stabilizing), `outcome`, `seconds`, `settle_seconds`, `force` (largest in [N]), `diverged`."""
+    stages: pl.DataFrame
+    """Success per stage over runs, both ways of counting (figure 2-2); see `stage_table`."""
+    outcomes: pl.DataFrame
+    """Successes, those that did not last, failures by placement (figures 2-1, 2-3); see `outcome_table`."""
+    failures: pl.DataFrame
+    """The label of every failed episode; see `failure_table`."""
+    modes: pl.DataFrame
+    """How often each label was given; see `mode_table`."""
+    placements: pl.DataFrame
+    """One row per placement; see `placement_table`."""
+    kinds: pl.DataFrame
+    """Placements by object kind."""
+    shapes: pl.DataFrame
+    """Placements of cylinders and others (figure 2-5); see `shape_table`."""
+
+    def summary(self) -> str:
+        """The tables as plain text, for a terminal."""
+        from perdure.home.evaluate.outcomes.text import summary_text
+
+        return summary_text(self)
+
+    def figures(self) -> dict[str, pl.DataFrame]:
+        """What the thesis' figures show, as plain data, by the figure's name."""
+        return {
+            "success per stage": self.stages,
+            "outcomes": self.outcomes,
+            "failure modes": self.modes,
+            "placements by kind": self.kinds,
+            "placements by shape": self.shapes,
+        }
+
+
+def analyse(logs: Sequence[EpisodeRecord], seed: int = 0) -> Analysis:
+    """Analyses logs of any tasks, splits, arms and seeds together. The order of the logs does not matter.
+
+    Args:
+        logs: Records, from `read_logs`, `record_of` or another simulator.
+        seed: Of the bootstrap: the same logs give the same intervals.
+
+    Raises:
+        HomeError: If there are no logs, or one episode of one arm and its seeds is there twice.
+    """
+    check_distinct(logs, "the logs")
+    records = sorted(logs, key=lambda record: record.key)
+    episodes, placements, failures = _episode_table(records), placement_table(records), failure_table(records)
+    return Analysis(
+        episodes=episodes,
+        stages=stage_table(records, np.random.default_rng(seed)),
+        outcomes=outcome_table(episodes),
+        failures=failures,
+        modes=mode_table(failures, episodes),
+        placements=placements,
+        kinds=kind_table(placements),
+        shapes=shape_table(placements),
+    )
+
+
+def _episode_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
+    import polars as pl
+
+    rows = [
+        {
+            **{name: getattr(record, name) for name in IDENTITY},
+            "success": latched(record)[-1],
+            "stabilizing": stages_stabilizing(record)[-1],
+            "outcome": outcome(record),
+            "seconds": record.steps / record.control_hz,
+            "settle_seconds": (record.length - record.steps) / record.control_hz,
+            "force": max((run.force for run in record.runs), default=0.0),
+            "diverged": record.diverged,
+        }
+        for record in records
+    ]
+    return pl.DataFrame(rows)

@@ -1,0 +1,184 @@
+"""Logs on disk: one Parquet file per run, written whole; a damaged, foreign or contradictory one is refused by name."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.home.errors import HomeError
+from perdure.home.evaluate.execute.log import EpisodeLog
+from perdure.home.evaluate.outcomes.convert import record_of
+from perdure.home.evaluate.outcomes.records import EpisodeRecord
+from perdure.home.evaluate.outcomes.schema import (
+    READABLE_VERSIONS,
+    SCHEMA_NAME,
+    SCHEMA_VERSION,
+    columns,
+    from_frame,
+    to_frame,
+)
+from perdure.store import write_whole
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_RESERVED = ("schema", "version", "sha256")
+
+
+def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], run: Mapping[str, str]) -> Path:
+    """Writes what an executor kept of some episodes as one file, whole.
+
+    Args:
+        path: Where to.
+        logs: Executed episodes, of one arm and one training seed.
+        run: `arm` and `train_seed` (see `record_of`); everything goes into the file's metadata, too.
+
+    Raises:
+        HomeError: If there are no logs, an episode is there twice, or `run` does not say what was run.
+        OSError: If the file cannot be written; an old one is untouched.
+    """
+    return write_records(path, [record_of(log, run) for log in logs], run)
+
+
+def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord], run: Mapping[str, str]) -> Path:
+    """Writes records, such as another simulator's, as one file, whole; see `write_logs`."""
+    check_distinct(records, f"the records for {os.fspath(path)}")
+    reserved = [name for name, value in run.items() if name in _RESERVED or not isinstance(value, str)]
+    if reserved:
+        raise HomeError(f"run says {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
+    frame = to_frame(records)
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **run}
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, metadata={**notes, "sha256": _digest(frame, notes)}, compression_level=12)
+    return write_whole(path, buffer.getvalue())
+
+
+def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
+    """Reads a file of logs.
+
+    Raises:
+        HomeError: If it is missing, no Parquet file, of another schema or version, damaged, or contradicts itself.
+    """
+    frame, notes = _read_parquet(Path(path))
+    if notes.get("schema") != SCHEMA_NAME:
+        raise HomeError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
+    version = notes.get("version", "")
+    if version not in READABLE_VERSIONS:
+        known = " and ".join(READABLE_VERSIONS)
+        raise HomeError(f"{path} has version {version or 'unknown'}; this package reads versions {known}")
+    expected = columns(version)
+    if dict(frame.schema) != expected:
+        names = {**frame.schema, **expected}
+        wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
+        raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong}")
+    if notes.pop("sha256", None) != _digest(frame, notes):
+        raise HomeError(f"{path} is damaged: its content does not fit the SHA-256 it was written with")
+    try:
+        records = from_frame(frame)
+        check_distinct(records, "it")
+    except (HomeError, TypeError, ValueError, IndexError) as error:
+        raise HomeError(f"{path} does not hold what a file of logs must hold: {error}") from error
+    return records
+
+
+def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What the writer of a file of logs added to it: `run` of `write_logs`, such as `arm`.
+
+    Raises:
+        HomeError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
+    """
+    return _read_parquet(Path(path))[1]
+
+
+def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
+    """Who acted in each skill: the note `policies`, a JSON object, or None where it is missing.
+
+    Raises:
+        HomeError: If it is something else.
+    """
+    if "policies" not in notes:
+        return None
+    try:
+        names = json.loads(notes["policies"])
+    except ValueError:
+        names = None
+    if not isinstance(names, dict):
+        raise HomeError(f"the note policies of logs must be a JSON object, skill to name, not {notes['policies']!r}")
+    return {skill: str(name) for skill, name in names.items()}
+
+
+def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
+    """How often each outcome of a release strategy came: the note `hand_overs`, empty where it is missing.
+
+    Raises:
+        HomeError: If it is something else than a JSON object of counts.
+    """
+    try:
+        counts = json.loads(notes.get("hand_overs", "{}"))
+    except ValueError:
+        counts = None
+    if not isinstance(counts, dict) or not all(type(count) is int and count >= 0 for count in counts.values()):
+        raise HomeError(
+            f"the note hand_overs of logs must be a JSON object, outcome to count, not {notes['hand_overs']!r}"
+        )
+    return {str(outcome): count for outcome, count in counts.items()}
+
+
+def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
+    """HomeError when there is no record, or one episode of one arm and its seeds is there twice."""
+    if not records:
+        raise HomeError(f"{name} must hold at least one episode")
+    seen: set[Any] = set()
+    for record in records:
+        if record.key in seen:
+            raise HomeError(f"{name} must not hold an episode twice: {record.name}")
+        seen.add(record.key)
+
+
+def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
+    import polars as pl
+
+    if not path.is_file():
+        raise HomeError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
+    content = path.read_bytes()
+    if content[:4] != b"PAR1":
+        raise HomeError(f"{path} is not a Parquet file")
+    try:
+        notes = pl.read_parquet_metadata(io.BytesIO(content))
+        frame = pl.read_parquet(io.BytesIO(content))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
+    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+
+
+def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
+    """SHA-256 of metadata and content: Parquet's own checks let most flipped bits through."""
+    digest = hashlib.sha256(repr(sorted(notes.items())).encode())
+    for name in columns(notes.get("version", SCHEMA_VERSION)):
+        digest.update(name.encode())
+        _feed(digest, frame[name])
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, series: pl.Series) -> None:
+    """Feeds a column, however deep it is nested: the lengths of its lists, then what is in them."""
+    import polars as pl
+
+    digest.update(f"{len(series)} {series.null_count()}".encode())
+    if series.dtype == pl.List:
+        lengths = series.list.len()
+        digest.update(lengths.cast(pl.Int64).to_numpy().tobytes())
+        _feed(digest, series.filter(lengths > 0).explode())
+    elif series.dtype == pl.Struct:
+        for part in series.struct.unnest():
+            _feed(digest, part)
+    elif series.dtype == pl.String:
+        digest.update("\0".join(map(str, series.to_list())).encode())
+    else:
+        digest.update(series.to_numpy().tobytes())

@@ -1,0 +1,70 @@
+"""Who acted: which policy in which skill, as far as the files of logs tell."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from perdure.home.evaluate.outcomes import EpisodeRecord, noted_hand_overs, noted_policies, read_logs, read_notes
+from perdure.store import Store, StoreError
+
+Group = tuple[str, str, str]
+"""Task, split, arm."""
+ORACLE = "oracle"
+
+
+@dataclass(frozen=True)
+class Cast:
+    """What acted in each skill, and which commands made the logs."""
+
+    acting: Mapping[Group, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
+    """For each task, split and arm: skill to the names of what acted in it, one for each training seed."""
+    commands: tuple[str, ...] = ()
+    hand_overs: Mapping[Group, Mapping[str, int]] = field(default_factory=dict)
+    """For each task, split and arm: how often each outcome of the release strategy came, see `HandOver.outcomes`."""
+
+    def skills(self, task: str, split: str) -> list[str]:
+        """Skills of which anything is known."""
+        groups = [skills for group, skills in self.acting.items() if group[:2] == (task, split)]
+        return list(dict.fromkeys(skill for skills in groups for skill in skills))
+
+
+def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeRecord], Cast]:
+    """Reads files of logs, and who acted in them: from their notes, else from the store's record beside them.
+
+    Args:
+        paths: From `run_protocol`, or files of another simulator (of which nothing is known).
+
+    Raises:
+        HomeError: A file is none of logs, see `read_logs`, or its note `policies` is no JSON object.
+    """
+    records: list[EpisodeRecord] = []
+    acting: dict[Group, dict[str, dict[str, None]]] = {}
+    commands: dict[str, None] = {}
+    hand_overs: dict[Group, Counter[str]] = {}
+    for path in paths:
+        read, notes = read_logs(path), read_notes(path)
+        records += read
+        commands |= {notes["command"]: None} if notes.get("command") else {}
+        policies = noted_policies(notes)
+        policies = _beside(Path(path)) if policies is None else policies
+        for group in {(record.task, record.split, record.arm) for record in read}:
+            if counts := noted_hand_overs(notes):
+                hand_overs.setdefault(group, Counter()).update(counts)
+            for skill, name in policies.items():
+                acting.setdefault(group, {}).setdefault(skill, {})[name] = None
+    cast = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
+    return records, Cast(cast, tuple(commands), hand_overs)
+
+
+def _beside(path: Path) -> dict[str, str]:
+    """What the store's record of a unit says about its policies; nothing where there is none."""
+    folder = path.resolve().parent
+    try:
+        policies = Store(folder.parent).config(folder.name).get("policies", {})
+    except StoreError:
+        return {}
+    return {skill: ORACLE if name == ORACLE else f"learned, SHA-256 {name[:8]}" for skill, name in policies.items()}

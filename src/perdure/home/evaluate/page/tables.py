@@ -1,0 +1,178 @@
+"""The page's tables: numbers of every arm, the same episodes under two arms, failure modes, releases, who acted."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+from perdure.home.evaluate.outcomes import COUNTINGS, UNTRAINED, paired_difference
+from perdure.home.evaluate.outcomes.differences import SAME_EPISODE
+from perdure.home.evaluate.page.cast import Cast
+from perdure.home.evaluate.page.comparison import Comparison, percent
+from perdure.home.evaluate.page.failures import mode_counts, mode_labels
+from perdure.home.evaluate.page.success import WORDS
+from perdure.report import document
+from perdure.report.statistics import EVALUATION_SEEDS_ONLY, TRAINING_SEEDS, Interval
+
+UNKNOWN = "not recorded"
+
+
+def success_table(comparison: Comparison) -> str:
+    """Success of every arm, and successes that did not last."""
+    headings = ("arm", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
+    headings += ("counted, did not last", "of these the last object", "diverged")
+    rows = []
+    for arm in comparison.arms:
+        episodes = comparison.episodes[arm]
+        lost = episodes.filter(outcome="success that did not last")
+        rows.append(
+            (
+                *(arm, f"{len(episodes):,}", _seeds(comparison, arm)),
+                *(_mean(comparison.final(arm, counting)) for counting in COUNTINGS),
+                *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(arm))),
+                str(episodes["diverged"].sum()),
+            )
+        )
+    note = (
+        f"Mean +- standard error over runs (none for one run) [95 % interval {_units(comparison)}]. "
+        "Counted, did not last: the benchmark counts the episode as a success, yet an object left its goal after its "
+        "place had ended."
+    )
+    return document.table("Success", headings, rows, note)
+
+
+def paired_table(comparison: Comparison) -> str:
+    """Every two arms on the episodes that both ran; nothing for a single arm."""
+    rows = []
+    for first, second in combinations(comparison.arms, 2):
+        left, right = (comparison.episodes[arm] for arm in (first, second))
+        both = left.join(right, on=SAME_EPISODE)
+        if both.is_empty():
+            continue
+        better, worse = (
+            int((both[f"stabilizing{a}"] & ~both[f"stabilizing{b}"]).sum()) for a, b in (("_right", ""), ("", "_right"))
+        )
+        found = paired_difference(left, right)
+        cells = (f"{len(both):,}", str(better), str(worse), _points(found))
+        rows.append((f"{second} against {first}", *cells))
+    if not rows:
+        return ""
+    headings = ("arms", "same episodes", "better", "worse", "mean difference")
+    note = (
+        "Goal-stabilizing success with the same policies from the same start. Mean difference [95 % interval over "
+        "training seeds, Student t; over episodes where there is one training seed]. Not corrected for the number of "
+        "comparisons."
+    )
+    return document.table("The same episodes under two arms", headings, rows, note)
+
+
+def mode_table(comparison: Comparison) -> str:
+    """Every failure mode with its count and both shares, for every arm and way of counting."""
+    rows = []
+    for counting in COUNTINGS:
+        counts = {arm: mode_counts(comparison, counting, arm) for arm in comparison.arms}
+        for label in mode_labels(comparison, counting):
+            cells = [counts[arm].get(label) for arm in comparison.arms]
+            rows.append((WORDS[counting], *label, *map(_counted, cells)))
+    if not rows:
+        return ""
+    headings = ("counting", "first unmet stage", "mechanism", *comparison.arms)
+    return document.table("Failure modes", headings, rows, "Count (share of all episodes, share of the failed ones).")
+
+
+def placement_table(comparison: Comparison) -> str:
+    """Placements of every arm: how many did not stay, of all, of cylinders and of the others."""
+    rows = []
+    for arm in comparison.arms:
+        shapes = {row["cylinder"]: row for row in comparison.shapes[arm].iter_rows(named=True)}
+        cells = [
+            _failed_of(shapes[c]["failures"], shapes[c]["placements"]) if c in shapes else "none" for c in (True, False)
+        ]
+        everything = [sum(row[name] for row in shapes.values()) for name in ("failures", "placements")]
+        shares = [shapes[True][name] if True in shapes else 0.0 for name in ("of_placements", "of_failures")]
+        rows.append((arm, _failed_of(*everything), *cells, *("" if s is None else percent(s) for s in shares)))
+    headings = ("arm", "did not stay", "cylinders", "other objects", "cylinders of all placed", "of those that left")
+    return document.table("Placements", headings, rows, "Did not stay: not goal-stabilizing, of so many placements.")
+
+
+def release_table(comparison: Comparison) -> str:
+    """How objects were let go: medians, and between which values eight of ten lie."""
+    columns = {
+        "release_height": ("height above rest [mm]", 1000.0, 0),
+        "object_speed": ("speed of the object [m/s]", 1.0, 3),
+        "gripper_speed": ("of the gripper point [m/s]", 1.0, 3),
+        "base_speed": ("of the base [m/s]", 1.0, 3),
+        "tilt": ("tilt [deg]", 1.0, 0),
+    }
+    rows = []
+    for arm in comparison.arms:
+        placements = comparison.placements[arm]
+        cells = []
+        for column, (_, scale, digits) in columns.items():
+            found = [placements[column].quantile(level, "linear") for level in (0.5, 0.1, 0.9)]
+            middle, low, high = ("" if value is None else f"{scale * value:.{digits}f}" for value in found)
+            cells.append(f"{middle} ({low} to {high})" if middle else "")
+        rows.append((arm, str(len(placements)), *cells))
+    headings = ("arm", "placements", *(words for words, _, _ in columns.values()))
+    return document.table("At the release", headings, rows, "Median (10 % to 90 %).")
+
+
+def hand_over_table(comparison: Comparison, cast: Cast) -> str:
+    """How often each outcome of a release strategy came; nothing where no logs note it."""
+    counts = {arm: cast.hand_overs.get((comparison.task, comparison.split, arm), {}) for arm in comparison.arms}
+    outcomes = sorted({outcome for each in counts.values() for outcome in each})
+    if not outcomes:
+        return ""
+    rows = [(arm, *(str(each.get(outcome, 0)) for outcome in outcomes)) for arm, each in counts.items() if each]
+    note = "Done: the whole motion ran. Anything else is a fall-back: the object was let go at rest, where it was."
+    return document.table("Release strategies: how the motion went", ("arm", *outcomes), rows, note)
+
+
+def cast_table(comparison: Comparison, cast: Cast) -> str:
+    """Which policy acted in which skill."""
+    task, split = comparison.task, comparison.split
+    rows = []
+    for skill in cast.skills(task, split) or ["every skill"]:
+        names = [cast.acting.get((task, split, arm), {}).get(skill, ()) for arm in comparison.arms]
+        rows.append((skill, *(", ".join(map(_named, each)) or UNKNOWN for each in names)))
+    note = "The scripted oracle knows the whole world; a learned policy sees what the skill's table says."
+    return document.table("Who acted", ("skill", *comparison.arms), rows, note)
+
+
+def _named(name: str) -> str:
+    return "scripted oracle" if name == "oracle" else name
+
+
+def _units(comparison: Comparison) -> str:
+    """What the intervals are over, and how they were computed."""
+    found = {comparison.stages[arm].select("units", "method").row(0) for arm in comparison.arms}
+    words = {
+        TRAINING_SEEDS: "over training seeds",
+        EVALUATION_SEEDS_ONLY: "over episodes where there is one training seed: it says nothing about training again",
+    }
+    return ", ".join(f"{words[units]} ({method})" for units, method in sorted(found, reverse=True))
+
+
+def _seeds(comparison: Comparison, arm: str) -> str:
+    episodes = comparison.episodes[arm]
+    trained = [seed for seed in episodes["train_seed"].unique() if seed != UNTRAINED]
+    return f"{len(trained) or 'untrained'} x {episodes['eval_seed'].n_unique()}"
+
+
+def _mean(row: dict[str, float]) -> str:
+    error = "" if math.isnan(row["standard_error"]) else f" +- {100 * row['standard_error']:.1f}"
+    bounds = "" if math.isnan(row["lower"]) else f" [{100 * row['lower']:.1f}, {100 * row['upper']:.1f}]"
+    return f"{100 * row['mean']:.1f}{error} %{bounds}"
+
+
+def _points(difference: Interval) -> str:
+    mean, low, high = (100 * float(each) for each in (difference.estimate, difference.lower, difference.upper))
+    return f"{mean:+.1f} points" + ("" if math.isnan(low) else f" [{low:+.1f}, {high:+.1f}]")
+
+
+def _counted(cell: tuple[int, float, float] | None) -> str:
+    return "0" if cell is None else f"{cell[0]} ({percent(cell[1])}, {percent(cell[2])})"
+
+
+def _failed_of(failures: int, placements: int) -> str:
+    return f"{failures} of {placements} ({percent(failures / placements)})" if placements else "0"

@@ -1,0 +1,114 @@
+"""What of an apartment stands in the way of a robot: footprints of its solids, as oriented rectangles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.sim.apartments.records import Apartment, Articulation, Piece, Pose, Solid
+
+FloatArray = NDArray[np.float64]
+
+AJAR = 0.01
+"""A drawer that is open by less in [m] does not stand out of its piece."""
+CLIMB, REACH_UP = 0.05, 1.5
+"""A solid is in the way when it reaches between these heights in [m] (M3's navigation mesh: climb 0.05, agent 1.5)."""
+
+
+def footprints(
+    piece: Piece, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
+) -> FloatArray:
+    """Footprints of one piece's colliding solids, its drawers and doors at the positions `opened`.
+
+    Args:
+        piece: The piece.
+        opened: Joint positions by link name, 0 where not given.
+        low: Solids that end below this height in [m] are left out.
+        high: Solids that begin above this height in [m] are left out.
+
+    Returns:
+        Rectangles (x, y, half x, half y, yaw); those inside another of the same piece are left out. Shape (n, 5).
+    """
+    static = _shadows(piece.pose, piece.solids, low, high)
+    moving = [_moved(piece, moving, (opened or {}).get(moving.link, 0.0), low, high) for moving in piece.articulations]
+    return _without_hidden(np.concatenate([static, *moving]))
+
+
+def apartment_footprints(
+    apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
+) -> FloatArray:
+    """Footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
+    parts = [footprints(piece, opened, low, high) for piece in (*apartment.walls, *apartment.pieces)]
+    return np.concatenate(parts)
+
+
+@lru_cache(maxsize=128)
+def static_footprints(apartment: Apartment) -> FloatArray:
+    """Footprints of walls and of what does not move in the pieces, as `footprints`. Shape (n, 5), not to be written."""
+    parts = [
+        _without_hidden(_shadows(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
+    ]
+    together = np.concatenate(parts)
+    together.flags.writeable = False
+    return together
+
+
+def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
+    """Footprints of drawers and doors that are open by at least a centimetre; closed ones are within their piece.
+
+    Args:
+        apartment: The apartment.
+        positions: Joint positions in the order of its articulations. Shape (links,).
+
+    Returns:
+        Shape (n, 5).
+    """
+    parts = [np.zeros((0, 5))]
+    for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):
+        if abs(q) > AJAR or moving.kind == "hinge":
+            parts.append(_moved_once(apartment, moving.link, q))
+    return np.concatenate(parts)
+
+
+@lru_cache(maxsize=8192)
+def _moved_once(apartment: Apartment, link: str, q: float) -> FloatArray:
+    return _moved(apartment.piece_of(link), apartment.articulation(link), q, CLIMB, REACH_UP)
+
+
+def _shadows(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:
+    rows = [
+        (s.center[0], s.center[1], s.half[0], s.half[1], pose.yaw)
+        for s in solids
+        if s.role != "look" and s.center[2] + s.half[2] + lift > low and s.center[2] - s.half[2] + lift < high
+    ]
+    return pose.to_room(np.array(rows, dtype=np.float64).reshape(-1, 5))
+
+
+def _moved(piece: Piece, moving: Articulation, q: float, low: float, high: float) -> FloatArray:
+    origin = moving.to_piece(np.zeros(3), q)
+    turn = q * moving.axis[2] if moving.kind == "hinge" else 0.0
+    x, y = piece.pose.to_room(origin[:2])
+    return _shadows(Pose(float(x), float(y), piece.pose.yaw + turn), moving.solids, low, high, float(origin[2]))
+
+
+def _without_hidden(rectangles: FloatArray) -> FloatArray:
+    """Drops rectangles that lie inside another one with the same heading."""
+    keep = np.ones(len(rectangles), dtype=bool)
+    order = np.argsort(-rectangles[:, 2] * rectangles[:, 3], kind="stable")
+    for rank, small in enumerate(order):
+        for big in order[:rank]:
+            if keep[big] and rectangles[big, 4] == rectangles[small, 4] and _holds(rectangles[big], rectangles[small]):
+                keep[small] = False
+                break
+    return rectangles[keep]
+
+
+def _holds(big: FloatArray, small: FloatArray) -> bool:
+    cos, sin = np.cos(big[4]), np.sin(big[4])
+    dx, dy = small[0] - big[0], small[1] - big[1]
+    out_x = abs(cos * dx + sin * dy) + small[2] - big[2]
+    out_y = abs(cos * dy - sin * dx) + small[3] - big[3]
+    return bool(max(out_x, out_y) <= 1e-9)

@@ -1,0 +1,16 @@
+"""The ten YCB objects of the benchmark as MuJoCo bodies that stand, tip, roll and come to rest.
+
+Contents:
+    KINDS, Kind     sizes, masses, shapes and friction
+    Placement       where an object lies
+    YcbObjects      boxes of the kinds, and how to add an object to a model
+    AppleShape      what an apple is to the physics
+    OBJECT_BIT      collision bit that all objects share
+"""
+
+from perdure.home.sim.objects.kinds import KINDS, Kind
+from perdure.home.sim.objects.placement import Placement
+from perdure.home.sim.objects.shapes import AppleShape
+from perdure.home.sim.objects.ycb import OBJECT_BIT, YcbObjects
+
+__all__ = ["KINDS", "OBJECT_BIT", "AppleShape", "Kind", "Placement", "YcbObjects"]

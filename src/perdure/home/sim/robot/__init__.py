@@ -1,0 +1,55 @@
+"""The Fetch: a robot of 121 kg that drives, lifts, reaches with seven joints and holds with two fingers.
+
+Contents:
+    add_fetch                       the robot in a MuJoCo specification, with servos, cameras and looks
+    gripper_pose, jacobian          forward kinematics in NumPy, for many robots at once
+    reach, Reach                    inverse kinematics (mink)
+    toward                          one small step of the gripper in a straight line, for many robots at once
+    JOINTS, ARM_JOINTS, REST_ARM... names, limits, the pose of rest
+"""
+
+from perdure.home.sim.robot.data import (
+    ARM_HIGH,
+    ARM_JOINTS,
+    ARM_LOW,
+    BASE_JOINTS,
+    CLOSED,
+    FINGER_JOINTS,
+    JOINTS,
+    OPEN,
+    REST_ARM,
+    REST_POSITION,
+    TORSO_HEIGHT,
+    TORSO_JOINT,
+    TORSO_LIMIT,
+)
+from perdure.home.sim.robot.fetch import add_fetch
+from perdure.home.sim.robot.inverse import Reach, reach
+from perdure.home.sim.robot.kinematics import gripper_pose, jacobian, pose_and_jacobian
+from perdure.home.sim.robot.links import GRIPPER_POINT
+from perdure.home.sim.robot.toward import rotation_vector, toward
+
+__all__ = [
+    "ARM_HIGH",
+    "ARM_JOINTS",
+    "ARM_LOW",
+    "BASE_JOINTS",
+    "CLOSED",
+    "FINGER_JOINTS",
+    "GRIPPER_POINT",
+    "JOINTS",
+    "OPEN",
+    "REST_ARM",
+    "REST_POSITION",
+    "TORSO_HEIGHT",
+    "TORSO_JOINT",
+    "TORSO_LIMIT",
+    "Reach",
+    "add_fetch",
+    "gripper_pose",
+    "jacobian",
+    "pose_and_jacobian",
+    "reach",
+    "rotation_vector",
+    "toward",
+]

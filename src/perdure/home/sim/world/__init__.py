@@ -1,0 +1,74 @@
+"""The one stepper of training, oracle and execution: scenes, lanes, the magic grasp, sensors.
+
+Contents:
+    SceneOptions, Scene, build_scene                   compiled models
+    World                                              many lanes in a pool of threads
+    Lane                                               one of them
+    Sensors, Errand                                    what is known of a lane, and what it is about
+    ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         what a robot can be told
+"""
+
+from perdure.home.sim.world.actions import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    BASE_SPEED,
+    FORWARD,
+    GRASP,
+    GRASP_RADIUS,
+    GRIP,
+    LEAVE,
+    NAVIGATION_SPEED,
+    RELEASE,
+    STOP,
+    STOP_LEVEL,
+    TURN,
+)
+from perdure.home.sim.world.lane import Jaws, Lane
+from perdure.home.sim.world.rivals import NEIGHBOURHOOD, RIVALS
+from perdure.home.sim.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
+from perdure.home.sim.world.scene import (
+    CONTROL_HZ,
+    PHYSICS_HZ,
+    ReleaseVelocity,
+    Rolling,
+    Scene,
+    SceneOptions,
+    build_scene,
+)
+from perdure.home.sim.world.sensors import Errand, Sensors
+from perdure.home.sim.world.world import World
+
+__all__ = [
+    "ACTION_SIZE",
+    "ARM",
+    "ARM_STEP",
+    "BASE_SPEED",
+    "BEAMS",
+    "CONTROL_HZ",
+    "FORWARD",
+    "GRASP",
+    "GRASP_RADIUS",
+    "GRIP",
+    "LEAVE",
+    "NAVIGATION_SPEED",
+    "NEIGHBOURHOOD",
+    "PHYSICS_HZ",
+    "RELEASE",
+    "RIVALS",
+    "SCAN_ANGLES",
+    "SCAN_RANGE",
+    "STOP",
+    "STOP_LEVEL",
+    "TURN",
+    "Errand",
+    "Jaws",
+    "Lane",
+    "ReleaseVelocity",
+    "Rolling",
+    "Scene",
+    "SceneOptions",
+    "Sensors",
+    "World",
+    "build_scene",
+]

@@ -1,0 +1,298 @@
+"""Many worlds, stepped together in a pool of threads: the one stepper of training, oracle and execution."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
+from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
+from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
+from perdure.home.sim.world.readings import Readings
+from perdure.home.sim.world.rivals import Rivals, Surroundings, no_rivals
+from perdure.home.sim.world.scan import NO_SCAN, Outlines
+from perdure.home.sim.world.scene import Scene
+from perdure.home.sim.world.sensors import Errand, Sensors
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+class World:
+    """n lanes, each with a scene, a robot and an errand.
+
+    A lane's course depends on its own scene, start and actions only, not on how many lanes there are or on which
+    thread steps it.
+    """
+
+    def __init__(self, lanes: int, threads: int | None = None, jaws: Jaws = "never") -> None:
+        """Makes empty lanes; `reset` fills them.
+
+        Args:
+            lanes: How many.
+            threads: How many threads step them; the cores this process may use when None.
+            jaws: Whether an object that was held meets the robot again: "never" (M3) or "apart" (habitat-lab).
+        """
+        if lanes < 1:
+            raise HomeError(f"a world needs at least one lane, not {lanes}")
+        self.num_lanes = lanes
+        self._jaws: Jaws = jaws
+        self._threads = min(lanes, threads or len(os.sched_getaffinity(0)))
+        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._lanes: list[Lane | None] = [None] * lanes
+        self._idle: dict[Scene, list[Lane]] = {}
+        self._idle_count = 0
+        self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
+        self._errand = [Errand()] * lanes
+        self._readings = Readings(lanes)
+        self._outlines = Outlines(lanes)
+        self._surroundings = Surroundings(lanes)
+        self._ahead: list[tuple[float, float, float] | None] = [None] * lanes
+        """What `Geodesic.ahead` said of the errand's route from where the robot is now, None when not asked yet."""
+
+    def reset(
+        self,
+        lane: int,
+        scene: Scene,
+        base: Pose,
+        arm: ArrayLike = REST_ARM,
+        opened: Mapping[str, float] | None = None,
+        held: int = -1,
+        errand: Errand | None = None,
+    ) -> None:
+        """Starts a lane's episode.
+
+        Args:
+            lane: Which lane.
+            scene: What it is made of. Worlds of scenes that were left are kept for their next episode.
+            base: Where the robot stands.
+            arm: Its arm's joint angles. Shape (7,).
+            opened: Joint positions of drawers and doors by link name in place of the scene's own.
+            held: Number of the object in the gripper, -1 for none.
+            errand: What the lane is about.
+        """
+        old = self._lanes[lane]
+        if old is None or old.scene is not scene:
+            self._lanes[lane] = self._take(scene)
+            if old is not None:
+                self._leave(old)
+        self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), held)
+        self._errand[lane] = errand or Errand()
+        self._begin(lane)
+
+    def assign(self, lane: int, errand: Errand) -> None:
+        """Gives a lane another errand."""
+        self._errand[lane] = errand
+        self._take_errand(lane)
+
+    def errand(self, lane: int) -> Errand:
+        """What a lane is about."""
+        return self._errand[lane]
+
+    def lane(self, number: int) -> Lane:
+        """The lane itself, for whoever must look deeper; HomeError before its first reset."""
+        lane = self._lanes[number]
+        if lane is None:
+            raise HomeError(f"lane {number} was not reset yet")
+        return lane
+
+    def step(
+        self,
+        actions: FloatArray,
+        lanes: IntArray | None = None,
+        base_speed: FloatArray | float = BASE_SPEED,
+        arm_step: FloatArray | float = ARM_STEP,
+    ) -> None:
+        """One control step: gripper, arm and base are told, then physics runs (M3's order).
+
+        Args:
+            actions: From -1 to 1, see `actions`; values outside are clipped. Shape (m, 11).
+            lanes: Which lanes to step, all when None. Shape (m,).
+            base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
+            arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
+
+        Raises:
+            HomeError: If a shape does not fit or an action is not a finite number.
+        """
+        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        clipped = self._checked(actions, chosen)
+        self._command(chosen, clipped, np.broadcast_to(base_speed, len(chosen)), np.broadcast_to(arm_step, len(chosen)))
+        if self._pool is None or len(chosen) == 1:
+            self._step_some(chosen)
+        else:
+            parts = [chosen[k :: self._threads] for k in range(self._threads)]
+            list(self._pool.map(self._step_some, parts))
+        self._read(chosen)
+
+    def sense(
+        self,
+        lanes: IntArray | None = None,
+        scan_reach: FloatArray | float = 0.0,
+        rivals: BoolArray | bool = False,
+    ) -> Sensors:
+        """What is known of some lanes now.
+
+        Args:
+            lanes: Which lanes, all when None. Shape (m,).
+            scan_reach: How far each lane's scan looks in [m]; the nearer, the faster. What is farther is not told
+                apart. Shape (m,).
+            rivals: Whether objects and handles around a lane's target are looked for. Shape (m,).
+        """
+        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        reach, look = np.broadcast_to(scan_reach, len(chosen)), np.broadcast_to(rivals, len(chosen))
+        way, waypoint = self._ways(chosen)
+        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen, reach), self._look_around(chosen, look))
+
+    def objects(self, lanes: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Poses (position, quaternion) and velocities of the first objects. Shapes (m, count, 7), (m, count, 3)."""
+        poses, speeds = np.empty((len(lanes), count, 7)), np.empty((len(lanes), count, 3))
+        for row, number in enumerate(map(int, lanes)):
+            lane = self.lane(number)
+            poses[row] = lane.qpos[lane.scene.poses[:count]]
+            speeds[row] = lane.qvel[lane.scene.velocities[:count]]
+        return poses, speeds
+
+    def close(self) -> None:
+        """Ends the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def _take(self, scene: Scene) -> Lane:
+        """A lane of a scene: one that was left, or a new one."""
+        idle = self._idle.get(scene)
+        if not idle:
+            return Lane(scene, self._jaws)
+        self._idle_count -= 1
+        lane = idle.pop()
+        if not idle:
+            del self._idle[scene]
+        return lane
+
+    def _leave(self, lane: Lane) -> None:
+        """Keeps a lane for its scene's next episode; of too many, those of the scene longest unused go."""
+        self._idle[lane.scene] = [*self._idle.pop(lane.scene, []), lane]
+        self._idle_count += 1
+        if self._idle_count > MAX_IDLE:
+            oldest = next(iter(self._idle))
+            self._idle_count -= len(self._idle.pop(oldest))
+
+    def _begin(self, number: int) -> None:
+        base, arm, opened, held = self._starts[number]
+        lane = self.lane(number)
+        lane.reset(base, arm, opened)
+        readings = self._readings
+        readings.arm_target[number] = arm
+        readings.force[number] = 0.0
+        self._take_errand(number)
+        self._read(np.array([number]), first=True)
+        if held >= 0:
+            lane.hold_object(held, lane.gripper, lane.gripper_axes)
+            lane.forward()
+            readings.read_errand(number, lane)
+
+    def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
+        actions = np.asarray(actions, dtype=np.float64)
+        if actions.shape != (len(chosen), ACTION_SIZE):
+            raise HomeError(f"actions have shape {actions.shape}; it must be {(len(chosen), ACTION_SIZE)}")
+        if not np.isfinite(actions).all():
+            raise HomeError(
+                f"actions must be finite; those of lanes {chosen[~np.isfinite(actions).all(axis=1)]} are not"
+            )
+        return np.clip(actions, -1.0, 1.0)
+
+    def _command(self, chosen: IntArray, actions: FloatArray, speed: FloatArray, arm_step: FloatArray) -> None:
+        readings = self._readings
+        target = np.clip(readings.arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
+        readings.arm_target[chosen] = target
+        grip = actions[:, GRIP]
+        stopped = actions[:, STOP] > STOP_LEVEL
+        readings.stopped[chosen] = stopped
+        speed = np.where(stopped, 0.0, speed)
+        forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
+        for row, number in enumerate(chosen):
+            lane = self.lane(number)
+            if grip[row] > 0.0:
+                lane.grasp(lane.gripper, lane.gripper_axes, self._handle_points(number))
+            elif grip[row] < 0.0:
+                lane.release()
+            lane.ctrl[ARM_FROM:ARM_TO] = target[row]
+            lane.drive(forward[row], turning[row])
+
+    def _step_some(self, chosen: IntArray) -> None:
+        for number in chosen:
+            lane = self.lane(number)
+            lane.step()
+            self._readings.force[number] = lane.robot_force()
+
+    def _read(self, chosen: IntArray, first: bool = False) -> None:
+        readings = self._readings
+        readings.diverged[chosen] = False
+        for number in map(int, chosen):
+            lane = self.lane(number)
+            self._ahead[number] = None
+            if not first and lane.blew_up():
+                self._begin(number)
+                readings.diverged[number] = True
+            readings.read_robot(number, lane)
+        readings.move_grippers(chosen, readings.diverged[chosen] | first)
+        for number in map(int, chosen):
+            lane = self.lane(number)
+            lane.part(readings.gripper[number])
+            readings.read_errand(number, lane)
+
+    def _take_errand(self, number: int) -> None:
+        self._ahead[number] = None
+        self._readings.take_errand(number, self.lane(number), self._errand[number])
+
+    def _handle_points(self, number: int) -> FloatArray:
+        lane = self.lane(number)
+        return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
+
+    def _ways(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Lengths of the errands' ways, and points of them ahead of the robots; here and 0 where there is none."""
+        way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
+        waypoint[:, :2] = self._readings.robot[chosen, :2]
+        for row, number in enumerate(chosen.tolist()):
+            route = self._errand[number].route
+            if route is not None:
+                known = self._ahead[number]
+                if known is None:
+                    x, y = waypoint[row, :2].tolist()
+                    known = self._ahead[number] = route.ahead(x, y, CELLS_AHEAD)
+                way[row], waypoint[row, 0], waypoint[row, 1] = known
+        return way, waypoint
+
+    def _scan(self, chosen: IntArray, reach: FloatArray) -> FloatArray:
+        ranges = np.tile(NO_SCAN, (len(chosen), 1))
+        for number in chosen[reach > 0.0].tolist():
+            lane = self.lane(number)
+            self._outlines.renew(number, lane.scene.apartment, lane.links)
+        for each in np.unique(reach[reach > 0.0]).tolist():  # who looks far must not make the others' search longer
+            rows = np.flatnonzero(reach == each)
+            ranges[rows] = self._outlines.scan(chosen[rows], self._readings.robot[chosen[rows], :3], each)
+        return ranges
+
+    def _look_around(self, chosen: IntArray, look: BoolArray) -> Rivals:
+        around, rows = no_rivals(len(chosen)), np.flatnonzero(look)
+        if len(rows):
+            readings, numbers = self._readings, chosen[rows]
+            lanes = [self.lane(number) for number in numbers.tolist()]
+            found = self._surroundings.look(numbers, lanes, readings.errand[numbers, 0], readings.gripper[numbers])
+            for kept, seen in zip(around, found, strict=True):
+                kept[rows] = seen
+        return around
+
+
+CELLS_AHEAD = 10
+"""How many cells of 0.05 m the point of the way lies ahead of the robot."""
+MAX_IDLE = 512
+"""Worlds kept for scenes that were left, about a megabyte each."""
+_NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)

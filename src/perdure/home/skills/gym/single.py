@@ -1,0 +1,50 @@
+"""One environment of one skill: the vector of one lane."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.skills.gym.vector import HomeSkillVectorEnv
+
+FloatArray = NDArray[np.float64]
+
+
+class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
+    """See `HomeSkillVectorEnv`; the same seed and actions give the same bits as a lane of it."""
+
+    def __init__(self, **options: Any) -> None:
+        """Takes the fields of `LessonOptions`."""
+        self.lanes = HomeSkillVectorEnv(1, threads=1, **options)
+        self.observation_space = self.lanes.single_observation_space
+        self.action_space = self.lanes.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """See `gymnasium.Env.reset`."""
+        super().reset(seed=seed)
+        observations, _ = self.lanes.reset(seed=seed)
+        return observations[0], {}
+
+    def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """See `gymnasium.Env.step`."""
+        batch = np.asarray(action, dtype=np.float64)[None]
+        observations, rewards, terminated, truncated, info = self.lanes.step(batch)
+        return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def close(self) -> None:
+        """Ends what the lane holds."""
+        self.lanes.close()
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """The only lane's entries."""
+    return {
+        name: _first(value) if isinstance(value, dict) else value[0].item()
+        for name, value in info.items()
+        if not name.startswith("_")
+    }

@@ -1,0 +1,221 @@
+"""Many learners' environments of one skill over one `World`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from perdure.home.errors import HomeError
+from perdure.home.sim.world import Sensors, World
+from perdure.home.skills import Progress, Skill
+from perdure.home.skills.actions import used, whole
+from perdure.home.skills.gym.lessons import lessons
+from perdure.home.skills.gym.options import checked_options
+from perdure.home.skills.gym.records import masked, put
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+Outcome = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]):
+    """n lanes of one skill. A lane's course depends on its own seed and actions only, to the last bit.
+
+    terminated: the skill succeeded or failed. truncated: `max_episode_steps` are over, or the simulation diverged; a
+    diverged lane gets reward 0 for that step, shows the start of its episode and is counted in `diverged`.
+
+    info has an array for each of `success`, `failure` (its label, "none" for none), `diverged`, `elapsed`,
+    and under `reward_terms` for each term of the reward.
+
+    Gymnasium's three ways of going on after an end: DISABLED (you reset, with `options["reset_mask"]`), NEXT_STEP (the
+    next step of an ended lane begins its next episode, with reward 0), SAME_STEP (the last observation and info are in
+    `final_obs` and `final_info`).
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED,
+        **options: Any,
+    ) -> None:
+        """Loads episodes; scenes are built when they are needed.
+
+        Args:
+            num_envs: Number of lanes.
+            max_episode_steps: Steps after which a lane is truncated, None for no limit.
+            threads: Threads that simulate; the cores this process may use when None. No result depends on it.
+            autoreset_mode: Who begins the next episode, see the class.
+            options: Fields of `LessonOptions`.
+
+        Raises:
+            HomeError: If an option is unknown or does not fit the others.
+        """
+        self.options = checked_options(options)
+        self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode), "render_modes": []}
+        self.skill: Skill = self.options.make_skill()
+        self.lessons = lessons(self.options)
+        self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
+        self.world = World(num_envs, threads)
+        self.diverged = np.zeros(num_envs, dtype=np.int64)
+        """How often each lane diverged. Shape (num_envs,)."""
+        self._columns = used(self.skill)
+        self._set_spaces()
+        self._rng: list[np.random.Generator | None] = [None] * num_envs
+        self._over = np.ones(num_envs, dtype=bool)
+        self._sensors: Sensors | None = None
+        self._progress: Progress | None = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Starts new episodes.
+
+        Args:
+            seed: Lane k gets seed + k, or the k-th of a sequence; None goes on with the lane's own generator.
+            options: `reset_mask`: which lanes to reset, shape (num_envs,), all without it.
+
+        Returns:
+            Observations of all lanes (those not reset as they were) and an empty info.
+
+        Raises:
+            HomeError: If there are not as many seeds as lanes, or the first reset leaves lanes out.
+        """
+        mask = self._mask(options)
+        for number, one in enumerate(self._seeds(seed)):
+            if mask[number] and (one is not None or self._rng[number] is None):
+                self._rng[number] = np.random.Generator(np.random.PCG64(one))
+        sensors, progress = self._begin(np.flatnonzero(mask))
+        return self.skill.observe(sensors, progress), {}
+
+    def step(self, actions: FloatArray) -> Outcome:
+        """One control step of all lanes.
+
+        Args:
+            actions: Shape (num_envs, m), values outside [-1, 1] are clipped.
+
+        Raises:
+            HomeError: If a lane has ended and was not reset, or an action has a wrong shape or is not finite.
+        """
+        mode, renewed = self.metadata["autoreset_mode"], self._over.copy()
+        if self._sensors is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
+            raise HomeError(f"lanes {np.flatnonzero(renewed).tolist()} have ended or never begun: reset them first")
+        told = whole(self._checked(actions), self._columns)
+        stepped = np.flatnonzero(~renewed)
+        if renewed.any():
+            self._begin(np.flatnonzero(renewed))
+        outcome = self._advance(self._sensors, self._progress, told, stepped)
+        return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
+
+    @property
+    def sensors(self) -> Sensors:
+        """What is known of all lanes now; HomeError before the first reset."""
+        if self._sensors is None:
+            raise HomeError("nothing is known before the first reset")
+        return self._sensors
+
+    @property
+    def progress(self) -> Progress:
+        """What the skill remembers of all lanes now; HomeError before the first reset."""
+        if self._progress is None:
+            raise HomeError("nothing is remembered before the first reset")
+        return self._progress
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the threads."""
+        self.world.close()
+
+    def _begin(self, lanes: IntArray) -> tuple[Sensors, Progress]:
+        """Starts episodes in some lanes; what is then known of all lanes."""
+        for lane in map(int, lanes):
+            rng = self._rng[lane]
+            assert rng is not None
+            self.lessons.begin(self.world, lane, rng)
+        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_rivals)
+        begun = self.skill.begin(fresh)
+        if self._sensors is None or self._progress is None:
+            self._sensors, self._progress = fresh, begun
+        else:
+            self._sensors, self._progress = put(self._sensors, lanes, fresh), self._progress.put(lanes, begun)
+        self._over[lanes] = False
+        return self._sensors, self._progress
+
+    def _advance(self, before: Sensors, was: Progress, told: FloatArray, lanes: IntArray) -> Outcome:
+        """Steps some lanes; the others have just begun, which is an outcome without reward."""
+        skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
+        stepped[lanes] = True
+        if len(lanes):
+            legal = skill.mask(told, before)
+            self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_rivals)
+        now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
+        self._sensors, self._progress = after, now
+        return self._outcome(before, after, was, now, stepped)
+
+    def _outcome(self, before: Sensors, after: Sensors, was: Progress, now: Progress, stepped: BoolArray) -> Outcome:
+        skill, diverged = self.skill, stepped & after.diverged
+        sound = stepped & ~diverged
+        rewards, terms = skill.reward(before, after, was, now)
+        success = skill.success(after, now) & sound
+        failure = np.where(sound, skill.failure(after, now), 0)
+        terminated, truncated = success | (failure > 0), diverged.copy()
+        if self.max_episode_steps is not None:
+            truncated |= stepped & (now.elapsed >= self.max_episode_steps)
+        self.diverged += diverged
+        self._over = terminated | truncated
+        info = {
+            "success": success,
+            "failure": np.array(skill.failures)[failure],
+            "diverged": diverged,
+            "elapsed": now.elapsed.copy(),
+            "reward_terms": masked({name: np.where(sound, value, 0.0) for name, value in terms.items()}),
+        }
+        return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
+
+    def _same_step(self, outcome: Outcome) -> Outcome:
+        """Begins the next episode of lanes that have just ended."""
+        last, rewards, terminated, truncated, info = outcome
+        over = self._over.copy()
+        sensors, progress = self._begin(np.flatnonzero(over))
+        final = {"final_obs": last, "_final_obs": over, "final_info": info, "_final_info": over}
+        return self.skill.observe(sensors, progress), rewards, terminated, truncated, {**info, **final}
+
+    def _set_spaces(self) -> None:
+        low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
+        self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self._columns),), dtype=np.float64)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def _checked(self, actions: FloatArray) -> FloatArray:
+        given = np.asarray(actions, dtype=np.float64)
+        if given.shape != self.action_space.shape:
+            raise HomeError(f"actions have shape {given.shape}; it must be {self.action_space.shape}")
+        return given
+
+    def _mask(self, options: Mapping[str, Any] | None) -> BoolArray:
+        mask = np.ones(self.num_envs, dtype=bool)
+        if options is not None and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != bool:
+                raise HomeError(f"reset_mask must be {self.num_envs} booleans, not {options['reset_mask']!r}")
+        if self._sensors is None and not mask.all():
+            raise HomeError("the first reset must begin all lanes")
+        return mask
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [int(seed) + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise HomeError(f"{self.num_envs} lanes need as many seeds, not {len(seeds)}")
+        return seeds

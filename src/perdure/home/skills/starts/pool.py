@@ -1,0 +1,85 @@
+"""The episodes a learner trains on: made once by the generator for training apartments, then kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+
+from perdure.home.benchmark.episodes import EpisodeSet, generate_episode, read_episodes, write_episodes
+from perdure.home.benchmark.tasks import get_task
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import split_apartments
+
+POOL = 64
+"""Episodes in a pool: one in each apartment of the split `train`."""
+_MADE_BY = ("layouts", "objects", "tasks", "episodes")
+"""Folders whose code decides what an episode looks like."""
+
+
+def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
+    """Episodes of the split `train`; the same arguments give the same; a larger pool begins with a smaller one.
+
+    The first call takes about a second for each episode and says so on the error stream; later ones read a file.
+
+    Args:
+        task: Name of the task.
+        count: How many, spread over the apartments.
+        seed: Another seed gives other episodes.
+
+    Raises:
+        HomeError: If `count` is not positive or the task is unknown.
+    """
+    get_task(task)
+    if count < 1:
+        raise HomeError(f"a pool needs at least one episode, not {count}")
+    path = cache_folder() / f"{task}_train_{count}_seed{seed}_{fingerprint()}.json"
+    if path.exists():
+        try:
+            return read_episodes(path)
+        except HomeError as damage:
+            print(f"{damage}; it is made anew", file=sys.stderr)
+    pool = _make(task, count, seed)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_episodes(path, pool)
+    return pool
+
+
+def cache_folder() -> Path:
+    """Where pools are kept: `$XDG_CACHE_HOME/perdure/episodes`, `~/.cache/perdure/episodes` where that is not set."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "perdure" / "episodes"
+
+
+@lru_cache(maxsize=1)
+def fingerprint() -> str:
+    """Digest (12 digits) of everything that decides what a generated episode is: our code and MuJoCo's version."""
+    digest = hashlib.sha256(version("mujoco").encode())
+    home = Path(__file__).parents[2]
+    for folder in _MADE_BY:
+        for path in sorted((home / folder).rglob("*.py")):
+            digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _make(task: str, count: int, seed: int) -> EpisodeSet:
+    from perdure.home.sim.objects import YcbObjects
+
+    apartments, models = _spread(), YcbObjects()
+    made = []
+    for index in range(count):
+        made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], models, seed))
+        said = f"making training episodes of {task}: {index + 1} of {count}"
+        if sys.stderr.isatty():
+            print(f"\r{said}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)
+        elif index + 1 in (1, count):
+            print(said, file=sys.stderr, flush=True)
+    return EpisodeSet(task, "train", {"seed": str(seed), "mujoco": version("mujoco")}, tuple(made))
+
+
+def _spread() -> tuple[tuple[int, int], ...]:
+    """Training apartments in an order in which a few of them already show all layouts."""
+    return tuple(sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0])))

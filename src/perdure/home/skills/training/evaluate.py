@@ -1,0 +1,88 @@
+"""How often a policy's skill succeeds from fresh starts: the number that decides whether a skill is learned."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.skills.gym import HomeSkillVectorEnv
+from perdure.policy import Policy
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SkillScore:
+    """Outcomes of some episodes of one skill."""
+
+    success: BoolArray
+    """Which episodes succeeded. Shape (episodes,)."""
+    steps: NDArray[np.int64]
+    """How long each lasted. Shape (episodes,)."""
+    failures: Counter[str]
+    """How the others ended: a failure's name, "diverged", or "time-out" with what was lacking, where the skill says."""
+
+    @property
+    def rate(self) -> float:
+        """Share of successes."""
+        return float(self.success.mean())
+
+    def summary(self) -> str:
+        """One line."""
+        n, ways = len(self.success), ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
+        steps = f", {self.steps[self.success].mean():.0f} steps" if self.success.any() else ""
+        return f"{self.rate:.3f} of {n} episodes{steps}; {ways or 'no failure'}"
+
+
+def evaluate_skill(
+    policy: Policy, skill: str, count: int = 200, seed: int = 1000, lanes: int = 20, **options: Any
+) -> SkillScore:
+    """Runs a policy with its mean actions until enough episodes have ended.
+
+    Each lane runs the same number of episodes, so that short ones do not count more often than long ones.
+
+    Args:
+        policy: Trained on the skill's environment.
+        skill: Name of the skill.
+        count: How many episodes, rounded up to a multiple of the lanes.
+        seed: Lane k draws its starts from seed + k.
+        lanes: Side by side.
+        options: Of the environment; the published val episodes with their clutter when not said otherwise.
+    """
+    options = {"split": "val", "clutter": True, **options}
+    env = HomeSkillVectorEnv(lanes, skill=skill, **options)
+    limit = env.skill.limit
+    rounds = -(-count // lanes)
+    success, steps, failures = [], [], Counter[str]()
+    left = np.full(lanes, rounds)
+    observations, _ = env.reset(seed=seed)
+    elapsed = np.zeros(lanes, dtype=np.int64)
+    try:
+        while left.any():
+            actions = np.asarray(policy.act(observations, elapsed), dtype=np.float64)
+            observations, _, terminated, truncated, info = env.step(actions)
+            elapsed = info["elapsed"].copy()
+            over = terminated | truncated | (elapsed >= limit)
+            for lane in np.flatnonzero(over & (left > 0)):
+                left[lane] -= 1
+                success.append(bool(info["success"][lane]))
+                steps.append(int(elapsed[lane]))
+                if not success[-1]:
+                    label = "diverged" if info["diverged"][lane] else str(info["failure"][lane])
+                    failures[_time_out(env, int(lane)) if label == "none" else label] += 1
+            if over.any():
+                observations, _ = env.reset(options={"reset_mask": over})
+                elapsed[over] = 0
+    finally:
+        env.close()
+    return SkillScore(np.array(success), np.array(steps), failures)
+
+
+def _time_out(env: HomeSkillVectorEnv, lane: int) -> str:
+    row = np.array([lane])
+    lacking = env.skill.lacks(env.sensors[row], env.progress[row])
+    return ", ".join(["time-out", *[what for what, is_so in lacking.items() if is_so[0]][:1]])

@@ -1,0 +1,69 @@
+"""The oracle: a sample of the published episodes, and the parts it is made of."""
+
+import numpy as np
+import pytest
+
+from perdure.home.agents import Scripted
+from perdure.home.agents.oracle import Oracle
+from perdure.home.agents.oracle.inverse_many import reach_many
+from perdure.home.agents.oracle.motions import unwound
+from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.sim.robot import gripper_pose
+from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
+from perdure.home.skills import get_skill
+
+
+def solve(task, split, numbers, lanes=2):
+    episodes = load_episodes(task, split)
+    names = {step.skill for step in episodes[0].home_task.skills}
+    oracle = Oracle()
+    actors = {name: Scripted() if name == "reset_arm" else oracle for name in names}
+    executor = Executor({name: get_skill(name) for name in names}, actors, ExecutorOptions(lanes=lanes))
+    return [log.latched.all() for log in executor.run([episodes[k] for k in numbers])]
+
+
+@pytest.mark.parametrize(
+    ("task", "split", "numbers"),
+    [("set_table", "eval", (2, 40)), ("prepare_groceries", "val", (7,)), ("tidy_house", "val", (18,))],
+)
+def test_it_solves_a_sample(task, split, numbers):
+    assert all(solve(task, split, numbers))
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("task", ["set_table", "prepare_groceries", "tidy_house"])
+def test_it_solves_95_percent_of_val(task):
+    done = solve(task, "val", range(100), lanes=8)
+    assert np.mean(done) >= 0.95
+
+
+def test_many_inverse_kinematics_reach_what_forward_kinematics_made():
+    rng = np.random.default_rng(1)
+    arm = np.clip(np.array(REST_ARM) + rng.uniform(-0.5, 0.5, (40, 7)), ARM_LOW, ARM_HIGH)
+    points, rotation = gripper_pose(TORSO_HEIGHT, arm)
+    found, way, turn = reach_many(points, rotation[:, :, 0], False, np.array(REST_ARM))
+    position, axes = gripper_pose(TORSO_HEIGHT, found)
+    assert np.allclose(np.linalg.norm(points - position, axis=1), way, atol=1e-9)
+    good = (way < 0.01) & (turn < 0.05)
+    assert good.mean() > 0.9
+    assert ((axes[:, :, 0] * rotation[:, :, 0]).sum(axis=1)[good] > 0.99).all()
+
+
+def test_a_point_out_of_reach_is_told_by_its_distance():
+    _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), False, np.array(REST_ARM))
+    assert way[0] > 1.0
+
+
+def test_rolls_go_the_shorter_way_round():
+    pose = np.array([0.3, -0.5, 3.0, 1.0, 0.1, -1.0, 0.067])
+    now = np.array([0.3, -0.5, -3.0, 1.0, 0.1 + 4.0 * np.pi, -1.0, 0.067 - 2.0 * np.pi])
+    same = unwound(pose, now)
+    assert np.abs(same - now).max() < np.pi
+    assert np.allclose(np.mod(same - pose + 1.0, 2.0 * np.pi), 1.0)
+    position, axes = gripper_pose(TORSO_HEIGHT, pose)
+    same_position, same_axes = gripper_pose(TORSO_HEIGHT, same)
+    assert np.allclose(position, same_position)
+    assert np.allclose(axes, same_axes)
+    elbow = now + np.array([0.0, 0.0, 0.0, 7.0, 0.0, 0.0, 0.0])
+    assert unwound(pose, elbow)[3] == pose[3]

@@ -1,0 +1,85 @@
+"""The example for other simulators: a log turned to their axes and back says the same."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+from home_stories import RUN, good
+from polars.testing import assert_frame_equal
+from test_failure_modes import placed_and_gone, set_table
+
+from perdure.home.evaluate.outcomes import analyse, read_logs, record_of
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "habitat_log_to_perdure.py"
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("habitat_log_to_perdure", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def y_up(point):
+    x, y, z = (float(value) for value in point)
+    return [x, z, -y]
+
+
+def as_json(log, episode_id):
+    """A log as another simulator would write it, y up."""
+    facts, record = log.facts, record_of(log, RUN)
+    return {
+        "task": log.episode.task,
+        "split": "val",
+        "episode_id": episode_id,
+        "eval_seed": log.eval_seed,
+        "steps": log.steps,
+        "diverged": log.diverged,
+        "targets": [
+            {"kind": t.kind, "cylinder": t.cylinder, "container": t.container, "goal": y_up(t.goal)}
+            for t in record.targets
+        ],
+        "skills": [
+            {
+                **{"name": run.skill, "target": run.target, "begin": run.begin, "end": run.end},
+                **{"ending": run.ending, "forced": run.forced_release},
+            }
+            for run in log.skills
+        ],
+        "history": [
+            {
+                "objects": [y_up(point) for point in facts.object_positions[k]],
+                "up": log.object_up[k].tolist(),
+                "held": int(facts.held[k]),
+                "gripper": y_up(log.gripper[k]),
+                "base": [*y_up([*log.base[k, :2], 0.0]), float(log.base[k, 2])],
+                "force": float(log.contact_force[k]),
+                "drawer": float(facts.drawer[k]),
+                "fridge": float(facts.fridge[k]),
+            }
+            for k in range(len(facts))
+        ],
+    }
+
+
+def test_another_simulators_log_says_what_ours_says(example, tmp_path, capsys):
+    stories = (placed_and_gone(), placed_and_gone(then={"tilt": 90.0}), placed_and_gone({"forced": True}), set_table())
+    logs = [good(), *(story.log() for story in stories)]
+    content = {"control_hz": 30, "episodes": [as_json(log, k) for k, log in enumerate(logs)]}
+    (tmp_path / "log.json").write_text(json.dumps(content))
+    out = tmp_path / "logs.parquet"
+    example.main([str(tmp_path / "log.json"), "--arm", "story", "--train-seed", "100", "--out", str(out)])
+    theirs, ours = read_logs(out), [record_of(log, RUN) for log in logs]
+    for index, (one, other) in enumerate(zip(theirs, ours, strict=True)):
+        assert one.index == index
+        assert (one.events, len(one.releases)) == (other.events, len(other.releases))
+        left, right = analyse([one]), analyse([other])
+        assert_frame_equal(left.stages, right.stages)
+        assert_frame_equal(left.failures.drop("index"), right.failures.drop("index"))
+        assert_frame_equal(
+            left.placements.drop("index", "object_speed"), right.placements.drop("index", "object_speed")
+        )
+    assert {row[0] for row in analyse(theirs).failures.select("mechanism").rows()} == {"rolled", "tipped", "time-out"}
+    assert "failure modes, latched" in capsys.readouterr().out

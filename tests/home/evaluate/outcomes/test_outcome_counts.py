@@ -1,0 +1,272 @@
+"""Counting from records against both definitions written out, and denominators worked out by hand."""
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from home_stories import RUN, Story, good, random_log
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
+from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
+
+import perdure.home.evaluate.outcomes.history as history
+from perdure.home import HomeError
+from perdure.home.benchmark.tasks import goal_stabilizing, handling_of
+from perdure.home.evaluate.outcomes import COUNTINGS, MECHANISMS, analyse, label, latched, record_of, stabilizing
+
+seeds = st.integers(0, 2**32 - 1)
+TASKS = ("prepare_groceries", "tidy_house", "set_table")
+
+
+def brute_force(log):
+    """Goal-stabilizing as the thesis writes it, step by step."""
+    plan = [(step.skill, step.target) for step in log.episode.home_task.skills]
+    counts = []
+    for target, goal in enumerate(log.episode.goal_positions):
+        handled = [
+            step
+            for step in range(len(log.facts))
+            if plan.index(("pick", target)) <= log.active[step] <= plan.index(("place", target))
+        ]
+        counts.append(
+            bool(handled)
+            and all(
+                math.dist(log.facts.object_positions[step, target], goal) <= 0.15 and log.facts.held[step] != target
+                for step in range(handled[-1] + 1, len(log.facts))
+            )
+        )
+    return tuple(counts)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.sampled_from(TASKS))
+def test_goal_stabilizing_from_a_record_is_the_definition(seed, task):
+    log = random_log(np.random.default_rng(seed), task=task)
+    record = record_of(log, RUN)
+    expected = (False,) * len(record.targets) if log.diverged else brute_force(log)
+    assert stabilizing(record) == expected
+    if not log.diverged:
+        direct = goal_stabilizing(log.facts, handling_of(log.episode.home_task, log.active), settle_steps=20)
+        assert tuple(direct) == expected
+
+
+def test_random_logs_hold_placements_of_both_kinds():
+    found = [stabilizing(record_of(random_log(np.random.default_rng(seed)), RUN)) for seed in range(40)]
+    assert 0.1 < np.mean(found) < 0.9
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.sampled_from(TASKS))
+def test_every_failed_episode_has_one_label_and_labels_add_up(seed, task):
+    rng = np.random.default_rng(seed)
+    records = [record_of(random_log(rng, index, task), RUN) for index in range(3)]
+    analysis = analyse(records)
+    for counting in COUNTINGS:
+        labels = [label(record, counting) for record in records]
+        wins = analysis.episodes["success" if counting == "latched" else "stabilizing"]
+        assert [found is None for found in labels] == wins.to_list()
+        assert {found.mechanism for found in labels if found} <= set(MECHANISMS)
+        failed = 3 - wins.sum()
+        modes = analysis.modes.filter(counting=counting)
+        assert modes["count"].sum() == failed == len(analysis.failures.filter(counting=counting))
+        assert modes["of_all"].sum() == pytest.approx(failed / 3)
+        assert modes["of_failed"].sum() == pytest.approx(1.0 if failed else 0.0)
+    assert analysis.outcomes["count"].sum() == 3
+    lost = analysis.outcomes.filter(outcome="success that did not last")["count"].sum()
+    both = analysis.episodes
+    assert lost == (both["success"] & ~both["stabilizing"]).sum()
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds, st.permutations(range(4)))
+def test_the_order_of_episodes_changes_nothing(seed, order):
+    rng = np.random.default_rng(seed)
+    records = [record_of(random_log(rng, index), RUN) for index in range(4)]
+    one, other = analyse(records), analyse([records[k] for k in order])
+    for name in vars(one):
+        assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
+    assert one.summary() == other.summary()
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.sampled_from(TASKS))
+def test_steps_left_out_of_tracks_change_no_label(seed, task):
+    log = random_log(np.random.default_rng(seed), task=task)
+    thin = record_of(log, RUN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(history, "kept_steps", lambda position, up: np.arange(len(up)))
+        dense = record_of(log, RUN)
+    assert [label(thin, c) for c in COUNTINGS] == [label(dense, c) for c in COUNTINGS]
+
+
+def test_a_log_whose_stages_do_not_follow_from_its_facts_is_refused():
+    log = good()
+    log.latched[-1] = False
+    with pytest.raises(HomeError, match="reach the stages"):
+        record_of(log, RUN)
+
+
+@pytest.mark.parametrize(("run", "word"), [({}, "arm"), ({"arm": "a", "train_seed": "x"}, "train_seed")])
+def test_a_run_that_does_not_say_what_it_is_is_refused(run, word):
+    with pytest.raises(HomeError, match=word):
+        record_of(good(), run)
+
+
+def ten_episodes():
+    """4 successes, 1 that did not last, 3 that lost object 0, 2 that missed the first grasp."""
+    logs = [good(index, seed) for index in (0, 1) for seed in (0, 1)]
+    logs.append(Story(index=2).rest(range(3)).log(meanwhile=gone_in_the_end))
+    logs += [placed_and_gone(**how).log() for how in ({}, {}, {"then": {"tilt": 90.0}})]
+    logs += [missed(Story(), 0).log(), missed(Story(), 0, gripper=0.3).log()]
+    seeded = [(0, 100), (1, 100), (0, 101), (1, 101)]
+    return [
+        record_of(log, {"arm": "story", "train_seed": str(100 + number)})
+        for number, log in enumerate(logs, start=len(seeded))
+    ]
+
+
+@pytest.fixture(scope="module")
+def ten():
+    return analyse(ten_episodes())
+
+
+def test_both_denominators_as_worked_out_by_hand(ten):
+    rows = ten.modes.filter(counting="latched").select("stage", "mechanism", "count", "of_all", "of_failed").rows()
+    assert rows == [
+        ("pick_0", "not reached", 1, 0.1, 0.2),
+        ("pick_0", "grasp missed", 1, 0.1, 0.2),
+        ("pick_1", "tipped", 1, 0.1, 0.2),
+        ("pick_1", "rolled", 2, 0.2, 0.4),
+    ]
+    stable = ten.modes.filter(counting="stabilizing").select("stage", "mechanism", "count", "of_all").rows()
+    assert ("place_2", "rolled", 1, 0.1) in stable
+    assert ("place_0", "rolled", 2, 0.2) in stable
+    assert sum(row[2] for row in stable) == 6
+
+
+def test_outcomes_as_worked_out_by_hand(ten):
+    assert ten.outcomes.select("outcome", "count", "of_all", "of_failed").rows() == [
+        ("success", 4, 0.4, None),
+        ("success that did not last", 1, 0.1, None),
+        ("place_0", 3, 0.3, 0.6),
+        ("place_1", 0, 0.0, 0.0),
+        ("place_2", 0, 0.0, 0.0),
+        ("other", 2, 0.2, 0.4),
+    ]
+
+
+def test_success_over_runs_as_worked_out_by_hand():
+    """Runs (100, 0): 2 of 2; (100, 1): 1 of 2; (101, 0): 1 of 2; (101, 1): 0 of 2. s^2 = (1/4 + 1/4) / 3."""
+    wins = {(100, 0): 2, (100, 1): 1, (101, 0): 1, (101, 1): 0}
+    records = []
+    for (train, evaluation), won in wins.items():
+        for index in range(2):
+            story = Story(index=index, eval_seed=evaluation)
+            story = story.rest(range(3)) if index < won else missed(story, 0)
+            records.append(record_of(story.log(), {"arm": "story", "train_seed": str(train)}))
+    (row,) = analyse(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
+    assert (row["episodes"], row["runs"], row["mean"]) == (8, 4, 0.5)
+    assert row["standard_error"] == pytest.approx(math.sqrt(0.5 / 3) / 2)
+    # Two training seeds, 3 of 4 and 1 of 4: 0.5 -+ 12.7 * 0.25, kept within 0 and 1.
+    assert (row["lower"], row["upper"]) == (0.0, 1.0)
+    assert (row["units"], row["method"]) == ("training seeds", "Student t")
+
+
+def test_four_successes_of_four_are_no_certainty():
+    stages = analyse([record_of(good(index), RUN) for index in range(4)]).stages
+    assert (stages["mean"] == 1.0).all()
+    assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
+
+
+def test_one_run_has_no_standard_error_and_names_its_units_and_method():
+    stages = analyse([record_of(good(index), RUN) for index in range(3)]).stages
+    assert stages["standard_error"].is_nan().all()
+    assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Wilson score")}
+
+
+def test_an_episode_that_is_there_twice_is_refused():
+    records = [record_of(good(), RUN)] * 2
+    with pytest.raises(HomeError, match="twice"):
+        analyse(records)
+    with pytest.raises(HomeError, match="at least one"):
+        analyse([])
+
+
+def test_two_arms_do_not_mix():
+    records = [record_of(good(), {"arm": "a"}), record_of(missed(Story(), 0).log(), {"arm": "b"})]
+    analysis = analyse(records)
+    final = analysis.stages.filter(counting="latched", stage="place_2")
+    assert dict(final.select("arm", "mean").rows()) == {"a": 1.0, "b": 0.0}
+    assert set(analysis.modes["arm"]) == {"b"}
+    assert set(analysis.modes["of_all"]) == {1.0}
+
+
+def test_placements_say_how_the_object_was_let_go():
+    story = Story().go(0, above=0.05, beside=0.06, tilt=30.0, speed=0.2, way=0.01)
+    story.slide(0, OUT, 10).rest((1, 2))
+    table = analyse([record_of(story.log(), RUN)]).placements
+    assert table["target"].to_list() == [0, 1, 2]
+    row = table.row(0, named=True)
+    expected = {"release_height": 0.05, "release_offset": 0.06, "tilt": 30.0, "object_speed": 0.2, "base_speed": 0.3}
+    assert {name: row[name] for name in expected} == pytest.approx(expected, abs=0.02)
+    assert row["gripper_speed"] == pytest.approx(0.3)
+    assert (row["displacement"], row["fall"]) == pytest.approx((0.3, 0.05), abs=1e-3)
+    places = ("release", "skill_end", "end", "settled")
+    assert [row[f"in_goal_{each}"] for each in places] == [True, True, False, False]
+    assert (row["skill"], row["forced"], row["stabilizing"], row["mechanism"]) == ("place", False, False, "rolled")
+    assert table["mechanism"].to_list()[1:] == ["stayed"] * 2
+
+
+def test_placements_tell_the_end_of_the_skill_from_that_of_the_episode_and_of_the_settling_time():
+    story = Story().go(0).slide(0, OUT, 1).rest((1, 2))
+    rows = analyse([record_of(story.log(meanwhile=gone_in_the_end), RUN)]).placements.rows(named=True)
+    ends = [[row[f"in_goal_{each}"] for each in ("skill_end", "end", "settled")] for row in rows]
+    assert ends == [[True, False, False], [True, True, True], [True, True, False]]
+
+
+def test_an_object_that_was_never_let_go_is_no_placement():
+    assert len(analyse([record_of(missed(Story(), 0).log(), RUN)]).placements) == 0
+
+
+def test_cylinders_are_counted_beside_their_share_of_placements():
+    """Object by object: the share of failures is hand-counted from the kinds of the episodes used."""
+    from home_stories import episodes
+
+    logs, cylinders, failures = [], [], []
+    for index in range(4):
+        story = Story(index=index)
+        can = [goal.kind[:3] in ("002", "005", "007") for goal in episodes("prepare_groceries")[index].goals]
+        for target in range(3):
+            story.go(target)
+        for target in range(3):
+            if can[target]:
+                story.slide(target, OUT, 10)
+        logs.append(story.log())
+        cylinders += can
+        failures += can
+    table = analyse([record_of(log, RUN) for log in logs]).shapes
+    assert 0 < sum(cylinders) < 12
+    row = table.filter(cylinder=True).row(0, named=True)
+    assert (row["placements"], row["failures"], row["rate"]) == (sum(cylinders), sum(failures), 1.0)
+    assert (row["of_placements"], row["of_failures"]) == (sum(cylinders) / 12, 1.0)
+    assert table.filter(cylinder=False)["rate"].to_list() == [0.0]
+
+
+def test_kinds_hold_counts_and_rates_that_add_up(ten):
+    assert ten.kinds["placements"].sum() == len(ten.placements)
+    assert ten.kinds["failures"].sum() == (~ten.placements["stabilizing"]).sum() == 4
+    assert ten.kinds.select((pl.col("rate") * pl.col("placements") - pl.col("failures")).abs().max()).item() < 1e-12
+
+
+def test_the_summary_holds_what_the_tables_hold(ten):
+    text = ten.summary()
+    for part in ("10 episodes, runs: 10", "success that did not last", "30.0 %", "60.0 %", "grasp missed", "place_2"):
+        assert part in text
+    assert "5.0 to 5.3 s of settling" in text
+    assert set(ten.figures()) >= {"success per stage", "outcomes", "failure modes", "placements by shape"}
+
+
+def test_latched_from_a_record_is_the_benchmarks():
+    assert latched(record_of(placed_and_gone().log(), RUN)) == (True, True, False, False, False, False)

@@ -1,0 +1,244 @@
+"""Logs on disk: what is written is what is read; what is not whole is refused by name."""
+
+import hashlib
+import io
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from home_stories import RUN, Story, good, random_log
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
+from test_failure_modes import missed, placed_and_gone
+
+from perdure.home import HomeError
+from perdure.home.evaluate.outcomes import analyse, files, read_logs, record_of, write_logs, write_records
+from perdure.home.evaluate.outcomes.schema import SCHEMA_NAME, SCHEMA_VERSION, columns, to_frame
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [
+        good(0),
+        good(1),
+        replace(placed_and_gone().log(), eval_seed=1),
+        replace(missed(Story(), 0).log(), eval_seed=2),
+    ]
+
+
+@pytest.fixture
+def path(tmp_path, logs):
+    return write_logs(tmp_path / "logs.parquet", logs, {**RUN, "command": "perdure home run"})
+
+
+def test_a_file_gives_back_what_was_written(path, logs):
+    records = [record_of(log, RUN) for log in logs]
+    assert_frame_equal(to_frame(read_logs(path)), to_frame(records), check_exact=True)
+    assert analyse(read_logs(path)).summary() == analyse(records).summary()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(("prepare_groceries", "tidy_house", "set_table")))
+def test_any_log_gives_the_same_analysis_from_its_file(tmp_path_factory, seed, task):
+    log = random_log(np.random.default_rng(seed), task=task)
+    found = read_logs(write_logs(tmp_path_factory.mktemp("logs") / "a.parquet", [log], RUN))
+    one, other = analyse(found), analyse([record_of(log, RUN)])
+    assert all(getattr(one, name).equals(getattr(other, name)) for name in vars(one))
+
+
+def test_events_say_who_held_what_when(path, logs):
+    record, log = read_logs(path)[0], logs[0]
+    for step in range(record.length):
+        event = record.at(step)
+        distance = np.linalg.norm(log.facts.object_positions[step] - log.facts.goal_positions, axis=1)
+        assert (event.held, event.in_goal) == (log.facts.held[step], tuple(distance <= 0.15))
+
+
+def test_a_track_stays_within_2_mm_of_every_step(path, logs):
+    record, log = read_logs(path)[2], logs[2]
+    assert [release.target for release in record.releases] == [0, 1, 2]
+    for release in record.releases:
+        last = int(release.track.step[-1])
+        rows = release.track.rows(release.step, last)
+        true = log.facts.object_positions[release.step : last + 1, release.target]
+        assert last == record.length - 1
+        assert np.linalg.norm(release.track.position[rows] - true, axis=1).max() < 0.0025
+        assert len(release.track.step) < 20 < len(rows)
+
+
+def test_the_release_is_the_last_step_in_the_hand(path, logs):
+    record, log = read_logs(path)[0], logs[0]
+    for release in record.releases:
+        assert log.facts.held[release.step] == release.target
+        assert log.facts.held[release.step + 1] != release.target
+
+
+def test_equal_episodes_have_equal_hashes(path):
+    hashes = [record.episode_hash for record in read_logs(path)]
+    assert hashes[0] == hashes[2] == hashes[3] != hashes[1]
+
+
+def test_a_long_episode_with_five_rolling_objects_is_small(tmp_path):
+    """TidyHouse in which every object rolls away for two seconds and the robot never stands still."""
+    story, rng = Story("tidy_house"), np.random.default_rng(0)
+    for target in range(5):
+        for _ in range(700):
+            story.base += rng.normal(0.0, 0.01, 3)
+            story.gripper += rng.normal(0.0, 0.01, 3)
+            story.wait()
+        story.go(target)
+        for _ in range(60):
+            story.slide(target, rng.normal(0.0, 0.01, 3), 1, tilt=float(rng.normal(0.0, 3.0)))
+    path = write_logs(tmp_path / "one.parquet", [story.log()], RUN)
+    rest = path.stat().st_size - write_logs(tmp_path / "good.parquet", [good()], RUN).stat().st_size
+    assert len(story.rows) > 3500
+    assert rest < 30_000
+
+
+BAD = {
+    "missing": (None, "does not exist"),
+    "text": (lambda content: b"no table", "not a Parquet file"),
+    "cut off": (lambda content: content[: len(content) // 2], "damaged"),
+    "empty": (lambda content: b"", "not a Parquet file"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_file_that_is_not_whole_is_refused_by_its_name(path, what):
+    damage, sentence = BAD[what]
+    content = path.read_bytes()
+    path.unlink()
+    if damage is not None:
+        path.write_bytes(damage(content))
+    with pytest.raises(HomeError, match=rf"logs\.parquet.*{sentence}"):
+        read_logs(path)
+
+
+def test_flipped_bits_are_never_read_as_something_else(path):
+    content, rng = path.read_bytes(), np.random.default_rng(0)
+    true, refused = to_frame(read_logs(path)), 0
+    for position in rng.integers(4, len(content), size=60):
+        broken = bytearray(content)
+        broken[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bytes(broken))
+        try:  # some bits mean nothing, such as those of the columns' statistics
+            assert_frame_equal(to_frame(read_logs(path)), true, check_exact=True)
+        except HomeError as error:
+            refused += "logs.parquet" in str(error)
+    assert refused > 15
+
+
+def rewrite(path, frame, **notes):
+    """Writes a frame with a digest that fits it."""
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **notes}
+    fits = set(columns(notes["version"])) <= set(frame.columns)
+    buffer = io.BytesIO()
+    digest = files._digest(frame, notes) if fits else hashlib.sha256().hexdigest()
+    frame.write_parquet(buffer, metadata={**notes, "sha256": digest})
+    path.write_bytes(buffer.getvalue())
+
+
+def test_the_digest_sees_in_which_list_a_value_is(path):
+    one, other = pl.read_parquet(path), pl.read_parquet(path).to_dicts()
+    other[1]["events"].insert(0, other[0]["events"].pop())
+    other = pl.DataFrame(other, schema=one.schema)
+    assert other["events"].explode().equals(one["events"].explode())
+    assert files._digest(one, {}) != files._digest(other, {})
+
+
+def changed(frame, column, change):
+    rows = frame.to_dicts()
+    change(rows[0][column])
+    return pl.DataFrame(rows, schema=frame.schema)
+
+
+def unstable(targets):
+    targets[0]["stabilizing"] = False
+
+
+def unreached(stages):
+    stages[-1]["reached"] = -1
+
+
+def shorter(releases):
+    releases[0]["track"]["x"].pop()
+
+
+def unknown_ending(runs):
+    runs[0]["ending"] = "bored"
+
+
+CONTRADICTIONS = {
+    "stages": ("stages", unreached, "stages do not follow"),
+    "placements": ("targets", unstable, "goal-stabilizing does not follow"),
+    "ragged track": ("releases", shorter, "different lengths"),
+    "endings": ("runs", unknown_ending, "ending"),
+}
+
+
+@pytest.mark.parametrize("what", CONTRADICTIONS)
+def test_a_whole_file_that_contradicts_itself_is_refused(path, what):
+    column, change, sentence = CONTRADICTIONS[what]
+    frame = pl.read_parquet(path)
+    rewrite(path, changed(frame, column, lambda value: None))
+    read_logs(path)  # unchanged and written anew it is read
+    rewrite(path, changed(frame, column, change))
+    with pytest.raises(HomeError, match=rf"logs\.parquet.*{sentence}"):
+        read_logs(path)
+
+
+def test_files_of_another_schema_version_or_shape_are_refused(path):
+    frame = pl.read_parquet(path)
+    for notes, table, sentence in (
+        ({"schema": "perdure.extrapolation"}, frame, "not one of the schema"),
+        ({"version": "3"}, frame, "reads versions 1 and 2"),
+        ({}, frame.drop("runs"), "runs"),
+        ({}, frame.with_columns(pl.lit(1).alias("extra")), "extra"),
+        ({}, pl.concat([frame, frame]), "twice"),
+        ({}, frame.clear(), "at least one"),
+    ):
+        rewrite(path, table, **notes)
+        with pytest.raises(HomeError, match=rf"logs\.parquet.*{sentence}"):
+            read_logs(path)
+
+
+def test_files_of_version_1_without_final_poses_are_read(path):
+    new = read_logs(path)
+    rewrite(path, pl.read_parquet(path).drop("final_objects"), version="1")
+    old = read_logs(path)
+    assert all(record.final_objects for record in new)
+    assert not any(record.final_objects for record in old)
+    assert_frame_equal(to_frame(old).drop("final_objects"), to_frame(new).drop("final_objects"), check_exact=True)
+
+
+def test_a_write_that_is_refused_leaves_the_old_file(path, logs):
+    before = path.read_bytes()
+    for wrong, run in (([], RUN), ([logs[0], logs[0]], RUN), (logs, {}), (logs, {**RUN, "sha256": "1"})):
+        with pytest.raises(HomeError):
+            write_logs(path, wrong, run)
+    assert path.read_bytes() == before
+
+
+def test_records_that_do_not_fit_together_cannot_be_made():
+    record = record_of(good(), RUN)
+    for change in (
+        {"events": record.events[1:]},
+        {"events": record.events[:1] * 2},
+        {"length": record.steps},
+        {"targets": record.targets[:2]},
+        {"steps": 0},
+        {"control_hz": 0.0},
+        {"runs": (replace(record.runs[0], end=10**6),)},
+        {"targets": (replace(record.targets[0], container="bag"), *record.targets[1:])},
+    ):
+        with pytest.raises(HomeError, match="story, training seed 100"):
+            replace(record, **change)
+
+
+def test_another_simulators_records_are_written_and_read(tmp_path):
+    """At 20 Hz: nothing in the analysis takes the control rate for granted."""
+    record = replace(record_of(good(), RUN), control_hz=20.0, arm="elsewhere")
+    (found,) = read_logs(write_records(tmp_path / "a.parquet", [record], {"simulator": "elsewhere"}))
+    assert analyse([found]).episodes["settle_seconds"].to_list() == [7.5]

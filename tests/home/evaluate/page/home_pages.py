@@ -1,0 +1,68 @@
+"""Logs whose truth is known, and what a page shows."""
+
+import html
+import json
+import re
+
+from home_stories import Story, good
+
+from perdure.home.evaluate.outcomes import analyse, record_of
+from perdure.home.evaluate.page import write_page
+
+FAR = [3.0, 0.0, 0.0]
+
+
+def leaves(index, target):
+    """The benchmark counts it; in the settling time one object is suddenly elsewhere."""
+
+    def meanwhile(story):
+        story.objects[target] = story.objects[target] + FAR
+
+    return Story(index=index).rest(range(3)).log(meanwhile=meanwhile)
+
+
+def misses(index):
+    """Object 1 is let go 0.5 m beside its goal."""
+    return Story(index=index).go(0).go(1, beside=0.5).go(2).log()
+
+
+def four():
+    """One that stays, one whose last object leaves, one whose first object leaves, one that misses."""
+    return [good(0), leaves(1, 2), leaves(2, 0), misses(3)]
+
+
+def records(arm, logs, train_seed=100):
+    return [record_of(log, {"arm": arm, "train_seed": str(train_seed)}) for log in logs]
+
+
+def two_arms():
+    """`rl`: `four()`; `ik`: everything stays."""
+    return records("rl", four()) + records("ik", [good(index) for index in range(4)])
+
+
+def page_of(logs, folder, command="perdure home analyse logs", cast=None):
+    return write_page(analyse(logs), folder, command, cast).read_text()
+
+
+def table(page, title):
+    """The rows of a table, each a dictionary by heading."""
+    part = page.partition(f"<h2>{title}</h2>")[2].partition("</table>")[0]
+    headings = [html.unescape(each) for each in re.findall("<th>(.*?)</th>", part)]
+    rows = re.findall("<tr>(<td>.*?)</tr>", part)
+    cells = [[html.unescape(each) for each in re.findall("<td>(.*?)</td>", row)] for row in rows]
+    return [dict(zip(headings, row, strict=True)) for row in cells]
+
+
+def row(page, title, arm):
+    (found,) = (each for each in table(page, title) if next(iter(each.values())) == arm)
+    return found
+
+
+def figure(page, name):
+    """What plotly draws, in light colours; None when there is no such figure."""
+    found = re.search(rf"<figure id='[a-z-]*-{name}'.*?<script type='application/json'>(.*?)</script>", page, re.DOTALL)
+    return json.loads(found[1])["light"] if found else None
+
+
+def figure_note(page, name):
+    return re.search(rf"<figure id='[a-z-]*-{name}'.*?<p class='note'>(.*?)</p>", page, re.DOTALL)[1]

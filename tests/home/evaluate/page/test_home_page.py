@@ -1,0 +1,234 @@
+"""The page of the home benchmark: what it says about logs that were made by hand, and whether a browser draws it."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+from home_pages import figure, figure_note, four, page_of, records, row, table, two_arms
+from home_stories import Story, good
+
+from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.errors import HomeError
+from perdure.home.evaluate.outcomes import analyse, write_records
+from perdure.home.evaluate.page import PAGE, Cast, read_cast, write_page
+from perdure.home.sim.objects import KINDS
+from perdure.store import Store
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update "
+    "--disable-sync --disable-quic --virtual-time-budget=8000 --enable-logging=stderr --v=0 --dump-dom"
+)
+LATCHED, STABILIZING = "latched (benchmark)", "goal-stabilizing (thesis)"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """`rl` with one of four that stays and three of four that the benchmark counts, `ik` with four of four."""
+    return page_of(two_arms(), tmp_path_factory.mktemp("page"))
+
+
+class TestNumbers:
+    def test_both_ways_of_counting_are_in_the_table_and_in_the_sentence(self, page):
+        found = row(page, "Success", "rl")
+        assert (found["episodes"], found["training x evaluation seeds"]) == ("4", "1 x 1")
+        assert found[LATCHED].startswith("75.0 % [30.1, ")  # Wilson: (0.75 + z2/8 - z sqrt(3/64 + z2/64)) / (1 + z2/4)
+        assert found[STABILIZING].startswith("25.0 % [")
+        assert row(page, "Success", "ik")[STABILIZING].startswith("100.0 % [")
+        assert "everything stayed: rl 25.0 % and ik 100.0 %. The benchmark counts 75.0 % and 100.0 %." in page
+
+    def test_successes_whose_last_object_left_are_told_apart(self, page):
+        found = row(page, "Success", "rl")
+        assert (found["counted, did not last"], found["of these the last object"]) == ("2 of 3", "1")
+        found = row(page, "Success", "ik")
+        assert (found["counted, did not last"], found["of these the last object"]) == ("0 of 4", "0")
+
+    def test_failure_modes_have_both_denominators(self, page):
+        rows = {(each["counting"], each["first unmet stage"]): each for each in table(page, "Failure modes")}
+        assert rows[LATCHED, "place_1"]["rl"] == "1 (25.0 %, 100.0 %)"
+        assert rows[LATCHED, "place_1"]["mechanism"] == "not reached"
+        stages = [stage for counting, stage in rows if counting == STABILIZING]
+        assert stages == ["place_0", "place_1", "place_2"]
+        assert {rows[STABILIZING, stage]["rl"] for stage in stages} == {"1 (25.0 %, 33.3 %)"}
+        assert {each["ik"] for each in rows.values()} == {"0"}
+
+    def test_arms_are_compared_on_the_same_episodes(self, page):
+        (found,) = table(page, "The same episodes under two arms")
+        assert list(found.values()) == ["ik against rl", "4", "3", "0", "+75.0 points [-4.6, +100.0]"]
+        assert "different episodes" not in page
+
+    def test_arms_that_ran_other_episodes_are_warned_of(self, tmp_path):
+        page = page_of(records("rl", four()) + records("ik", [good(3), good(4)]), tmp_path)
+        assert "The arms ran different episodes (rl 4 and ik 2)" in figure_note(page, "success")
+        (found,) = table(page, "The same episodes under two arms")
+        assert list(found.values()) == ["ik against rl", "1", "1", "0", "+100.0 points"]
+
+    def test_releases_are_told_in_their_units(self, tmp_path):
+        logs = [Story(index=k).go(0, above=0.02, tilt=30.0, way=0.01).rest((1, 2)).log() for k in range(3)]
+        calm = row(page_of(records("rl", [good(k) for k in range(3)]), tmp_path / "a"), "At the release", "rl")
+        found = row(page_of(records("rl", logs), tmp_path / "b"), "At the release", "rl")
+        assert calm["height above rest [mm]"] == found["height above rest [mm]"] == "20 (20 to 20)"
+        assert (calm["tilt [deg]"], calm["of the base [m/s]"]) == ("0 (0 to 0)", "0.000 (0.000 to 0.000)")
+        # One of three is let go with a tilt of 30 deg by a robot that moves by 0.01 m in 1/30 s.
+        assert (found["tilt [deg]"], found["of the base [m/s]"]) == ("0 (0 to 30)", "0.000 (0.000 to 0.300)")
+
+
+class TestRuns:
+    def test_several_runs_have_a_standard_error(self, tmp_path):
+        logs = records("rl", four(), 100) + records("rl", [good(index) for index in range(4)], 200)
+        page = page_of(logs, tmp_path)
+        found = row(page, "Success", "rl")
+        assert found["training x evaluation seeds"] == "2 x 1"
+        # Runs at 3/4 and 4/4: mean 7/8, s = 0.125 sqrt(2), s / sqrt(2) = 0.125.
+        assert found[LATCHED].startswith("87.5 +- 12.5 %")
+        assert "standard error over runs" in figure_note(page, "success")
+        assert "one run only" not in page
+        error = figure(page, "success")["data"][0]["error_x"]
+        assert error["array"] == error["arrayminus"] == [pytest.approx(0.125)]
+
+    def test_a_single_run_is_not_given_one(self, page):
+        assert "+-" not in row(page, "Success", "rl")[LATCHED]
+        assert "one run only" in figure_note(page, "success")
+        assert "says nothing about training again" in page
+
+    def test_only_the_arm_with_one_run_is_named(self, tmp_path):
+        logs = records("rl", [good(0)], 1) + records("rl", [good(0)], 2) + records("ik", [good(0)], 1)
+        assert "Bars of ik: one run only" in figure_note(page_of(logs, tmp_path), "success")
+
+
+class TestFigures:
+    def test_stages_fall_from_one_to_the_next(self, page):
+        curves = {each["name"]: each["y"] for each in figure(page, "stages")["data"] if "name" in each}
+        assert curves["rl, latched"] == [1.0, 1.0, 1.0, 0.75, 0.75, 0.75]
+        assert curves["rl, goal-stabilizing"] == [1.0, 0.75, 0.75, 0.5, 0.5, 0.25]
+        assert curves["ik, goal-stabilizing"] == [1.0] * 6
+
+    def test_outcomes_are_shares_of_all_and_of_the_failed(self, page):
+        drawn = figure(page, "outcomes")
+        bars = {each["name"]: list(zip(each["y"], each["base"], each["x"], strict=True)) for each in drawn["data"]}
+        assert bars["success"] == [(0.0, 0.0, 0.25), (2.0, 0.0, 1.0)]
+        assert bars["success that did not last"] == [(0.0, 0.25, 0.5)]
+        assert bars["place_1"] == [(0.0, 0.75, 0.25), (1.0, 0.0, 1.0)]
+        assert drawn["layout"]["yaxis"]["ticktext"] == [
+            *("rl: all 4 episodes", "rl: the 1 failed", "ik: all 4 episodes", "ik: none failed")
+        ]
+
+    def test_kinds_are_counted(self, page):
+        episodes = load_episodes("prepare_groceries", "val")
+        kinds = [goal.kind for index in range(4) for goal in episodes[index].goals]
+        drawn = figure(page, "kinds")
+        names = [name.removesuffix(" (cylinder)") for name in drawn["layout"]["yaxis"]["ticktext"]]
+        placed, failed = drawn["data"][:2]
+        assert placed["x"] == [kinds.count(name) for name in names]
+        lost = [episodes[1].goals[2].kind, episodes[2].goals[0].kind, episodes[3].goals[1].kind]
+        assert failed["x"] == [lost.count(name) for name in names]
+        marked = [name for name in drawn["layout"]["yaxis"]["ticktext"] if name.endswith(" (cylinder)")]
+        assert marked == [f"{name} (cylinder)" for name in names if KINDS[name].cylinder]
+
+    def test_the_share_of_cylinders_is_drawn_and_told(self, page):
+        episodes = load_episodes("prepare_groceries", "val")
+        cylinders = sum(KINDS[goal.kind].cylinder for index in range(4) for goal in episodes[index].goals)
+        assert 0 < cylinders < 12
+        bars = {each["name"]: each for each in figure(page, "cylinders")["data"]}
+        assert bars["cylinders"]["x"][0] == pytest.approx(cylinders / 12)
+        found = row(page, "Placements", "rl")
+        assert found["cylinders of all placed"] == f"{100 * cylinders / 12:.1f} %"
+        assert found["did not stay"] == "3 of 12 (25.0 %)"
+
+    def test_a_distribution_ends_at_its_greatest_value(self, page):
+        rl, ik = figure(page, "release-height")["data"]
+        assert (rl["name"], ik["name"]) == ("rl", "ik")
+        assert (rl["y"][0], rl["y"][-1]) == (0.0, 1.0)
+        assert max(rl["x"]) == pytest.approx(0.02, abs=1e-4)
+
+    def test_a_task_in_which_nothing_fails_has_no_failure_modes(self, tmp_path):
+        page = page_of(records("rl", [good(0)]), tmp_path)
+        assert figure(page, "modes-latched") is None
+        assert "<h2>Failure modes</h2>" not in page
+        assert figure(page_of(two_arms(), tmp_path), "modes-latched") is not None
+
+    def test_arms_come_in_the_order_of_what_they_add(self, tmp_path):
+        names = ["rl drag", "zebra", "ik+", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
+        page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
+        expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
+        assert [each["arm"] for each in table(page, "Success")] == expected
+
+
+class TestWhoActed:
+    def test_notes_of_the_logs_are_shown(self, tmp_path):
+        run = {
+            "arm": "rl",
+            "policies": '{"place": "shipped x (SHA-256 12345678)", "pick": "oracle"}',
+            "command": "go 1",
+        }
+        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), run)
+        logs, cast = read_cast([path])
+        page = page_of(logs, tmp_path, "go 2", cast)
+        acted = {each["skill"]: each["rl"] for each in table(page, "Who acted")}
+        assert acted == {"place": "shipped x (SHA-256 12345678)", "pick": "scripted oracle"}
+        assert "<pre>go 1</pre>" in page
+        assert "<pre>go 2</pre>" in page
+
+    def test_the_stores_record_tells_where_the_logs_do_not(self, tmp_path):
+        with Store(tmp_path).write(
+            "here/unit", {"policies": {"place": "0123456789abcdef", "pick": "oracle"}}
+        ) as folder:
+            write_records(folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
+        _, cast = read_cast([tmp_path / "here" / "unit" / "logs.parquet"])
+        (skills,) = cast.acting.values()
+        assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}
+
+    @pytest.mark.parametrize("note", ["free text", "7", "[]"])
+    def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):
+        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
+        with pytest.raises(HomeError, match="must be a JSON object"):
+            read_cast([path])
+
+    def test_nothing_is_made_up(self, tmp_path, page):
+        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})
+        assert read_cast([path])[1] == Cast()
+        assert row(page, "Who acted", "every skill")["rl"] == "not recorded"
+
+
+class TestTheFiles:
+    def test_nothing_is_loaded_from_elsewhere(self, page):
+        assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", page)
+
+    def test_every_figure_has_a_png_of_its_name(self, tmp_path):
+        page = page_of(two_arms(), tmp_path)
+        names = re.findall(r"<figure id='([^']+)'", page)
+        assert len(names) == len(set(names)) == 11
+        for name in names:
+            assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len(list(tmp_path.iterdir())) == 12
+
+    def test_arms_and_the_command_cannot_bring_in_markup(self, tmp_path):
+        evil = "</script><script>alert(1)</script>"
+        page = page_of(records(evil, four()), tmp_path, evil)
+        assert "alert(1)" in page
+        assert evil not in page
+
+    def test_the_same_logs_give_the_same_page(self, tmp_path):
+        pages = [write_page(analyse(two_arms()), tmp_path / name, "x").read_bytes() for name in "ab"]
+        assert pages[0] == pages[1]
+
+    def test_a_folder_that_cannot_be_is_refused(self, tmp_path):
+        (tmp_path / "file").write_text("in the way")
+        with pytest.raises(OSError, match="file"):
+            write_page(analyse(records("rl", [good(0)])), tmp_path / "file", "x")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: apt-get install chromium)")
+def test_a_browser_draws_every_figure_and_complains_of_nothing(tmp_path):
+    page_of(two_arms(), tmp_path)
+    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}", (tmp_path / PAGE).as_uri()]
+    browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+    figures = browser.stdout.count("<figure id=")
+    assert figures == 11
+    assert browser.stdout.count("js-plotly-plot") >= figures
+    assert browser.stdout.count('class="barlayer') == 5  # outcomes, modes twice, kinds, cylinders
+    assert browser.stdout.count('class="scatterlayer') == figures - 5
+    assert "CONSOLE" not in browser.stderr

@@ -1,0 +1,244 @@
+"""The protocol: which units, who acts, and that a second call runs nothing again."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perdure.home.agents import Scripted
+from perdure.home.agents.oracle import Oracle
+from perdure.home.agents.release import Ik
+from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.benchmark.tasks import get_task
+from perdure.home.errors import HomeError
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.outcomes import read_logs, read_notes
+from perdure.home.evaluate.protocol import (
+    Protocol,
+    choose_policies,
+    logged_policies,
+    make_actors,
+    placing,
+    run_protocol,
+    units,
+)
+from perdure.home.evaluate.protocol.job import Job
+from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
+from perdure.home.sim.world import SceneOptions
+from perdure.store import OtherSourceWarning, StoreError
+
+LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
+ORACLES = dict.fromkeys(LEARNED, "oracle")
+
+
+def test_units_cover_every_episode_of_every_seed_once():
+    protocol = Protocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
+    seen = [
+        (unit.train_seed, unit.eval_seed, episode)
+        for unit in units(protocol)
+        for episode in range(unit.first, unit.last + 1)
+    ]
+    assert sorted(seen) == [(t, e, k) for t in range(2) for e in range(3) for k in range(25)]
+    keys = [unit.key(protocol) for unit in units(protocol)]
+    assert len(set(keys)) == len(keys)
+
+
+def test_what_was_run_is_not_run_again(tmp_path):
+    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    told = []
+    first = run_protocol(protocol, tmp_path, told.append, "asked by a test")
+    _say_other_source_made(first[0].parent)
+    with pytest.warns(OtherSourceWarning, match="1 of 1"):
+        second = run_protocol(protocol, tmp_path, told.append)
+    assert first == second
+    assert told == [1]
+    (record,) = read_logs(first[0])
+    assert record.index == 0
+    notes = read_notes(first[0])
+    assert json.loads(notes["policies"])["place"] == "oracle"
+    assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
+
+
+def _say_other_source_made(unit):
+    record = json.loads((unit / "unit.json").read_text())
+    (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))
+
+
+def test_other_settings_under_the_same_name_are_refused(tmp_path):
+    def protocol(settle_steps):
+        options = ExecutorOptions(lanes=1, settle_steps=settle_steps)
+        return Protocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
+
+    run_protocol(protocol(2), tmp_path)
+    with pytest.raises(StoreError, match="settle_steps"):
+        run_protocol(protocol(3), tmp_path)
+
+
+def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
+    usual = Protocol("set_table", "ik+")
+    unusual = Protocol("set_table", "ik+", options=ExecutorOptions(jaws="apart", scene=SceneOptions(rolling="drag")))
+    assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
+    assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
+
+
+@pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
+def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
+    monkeypatch.setattr("perdure.home.evaluate.protocol.job.CHUNK", 1)
+    options = ExecutorOptions(lanes=1, settle_steps=2)
+    protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
+    told = []
+    alone = run_protocol(protocol, tmp_path / "alone")
+    together = run_protocol(protocol, tmp_path / "together", told.append, processes=2)
+    assert told == [1, 1]
+    assert [path.read_bytes() for path in together] == [path.read_bytes() for path in alone]
+
+
+@pytest.mark.parametrize("targets", [None, (0, 1)])
+def test_a_protocol_for_another_process_is_the_same_one(targets):
+    scene = SceneOptions(rolling="drag", clutter=False, targets=targets)
+    options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, jaws="apart", scene=scene)
+    protocol = Protocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
+    assert Protocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
+
+
+def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
+    path = tmp_path / "place.safetensors"
+    path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
+    protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
+    settings = Job(protocol, next(units(protocol)), protocol.cast(0), tmp_path, "").to_json()
+    assert Job.from_json(settings).config == settings["config"]
+    path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
+    with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
+        Job.from_json(settings)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"task": "make_coffee"}, "make_coffee"),
+        ({"split": "test"}, "test"),
+        ({"place": "drop"}, "rl, stop, ik, ik\\+"),
+        ({"place": "delta-1"}, "2 or more"),
+        ({"place": "delta-x"}, "2 or more"),
+        ({"place": "delta-"}, "2 or more"),
+        ({"place": "delta-5-in-"}, "number of steps"),
+        ({"place": "delta-50-in-49"}, "49 steps cannot last delta = 50"),
+        ({"place": "delta-50 in 200"}, "delta-N-in-M"),
+        ({"episodes": 0}, "episodes"),
+        ({"episodes": 101}, "episodes"),
+        ({"train_seeds": 0}, "train_seeds"),
+        ({"eval_seeds": 0}, "eval_seeds"),
+        ({"vary": "pick"}, "vary"),
+    ],
+)
+def test_wrong_protocols_are_refused(wrong, message):
+    with pytest.raises(HomeError, match=message):
+        Protocol(**{"task": "set_table", **wrong})
+
+
+def test_delta_decides_how_long_place_waits():
+    assert Protocol("set_table", "delta-50").skills()["place"].limit == 250
+    assert Protocol("set_table", "rl").skills()["place"].limit == 200
+    assert Protocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
+    assert Protocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
+    assert Protocol("set_table", "delta-50").placing.arm == "rl"
+    assert [placing(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
+        *("place", "place", "place-delta-50", "place-delta-50-in-200")
+    ]
+
+
+def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):
+    with pytest.raises(HomeError, match="delta-9999"):
+        run_protocol(Protocol("set_table", "delta-9999", episodes=1), tmp_path)
+    assert choose_policies("set_table", 0, {"place": "oracle"}, placing("delta-9999"))["place"].name == "oracle"
+
+
+def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
+    chosen = choose_policies("set_table", 0, {"place": "oracle", "pick": "oracle"})
+    assert set(chosen) == {*("navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")}
+    actors = make_actors(chosen, "ik")
+    assert isinstance(actors["place"], Ik)
+    assert isinstance(actors["reset_arm"], Scripted)
+    assert isinstance(actors["pick"], Oracle)
+    with pytest.raises(HomeError, match="juggle"):
+        choose_policies("set_table", 0, {"juggle": "oracle"})
+    with pytest.raises(HomeError, match="missing-3"):
+        choose_policies("set_table", 3, {**ORACLES, "place": str(tmp_path / "missing-{seed}.safetensors")})
+
+
+def test_the_oracle_does_not_stand_in_for_another_training_seed():
+    with pytest.raises(HomeError, match="training seed 9999 is shipped for navigate on tidy_house"):
+        choose_policies("tidy_house", 9999)
+    assert choose_policies("tidy_house", 9999, ORACLES)["pick"].name == "oracle"
+
+
+def test_training_seeds_may_tell_place_alone_apart(tmp_path):
+    shipped = SHIPPED / "set_table"
+    for seed in (0, 1):
+        (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
+    mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
+    first, second = (Protocol("set_table", vary="place", policies=mine).cast(seed) for seed in (0, 1))
+    assert (first.pop("place").source, second.pop("place").source) == tuple(
+        str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
+    )
+    assert {skill: each.source for skill, each in first.items()} == {
+        skill: each.source for skill, each in second.items()
+    }
+    assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
+    with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
+        Protocol("set_table", vary="place").cast(9999)
+    with pytest.raises(HomeError, match="training seed 9999"):
+        Protocol("set_table", policies=mine).cast(9999)
+
+
+def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    mine = Path("mine/place (1).safetensors")
+    mine.write_bytes((SHIPPED / "set_table" / "place" / "seed-0.safetensors").read_bytes())
+    chosen = choose_policies("set_table", 0, {"place": str(mine), "close_drawer": "oracle"})
+    names = {skill: each.name for skill, each in chosen.items()}
+    assert logged_policies(names) == {skill: each.source for skill, each in chosen.items()}
+    mine.write_bytes(b"another")
+    for wrong, why in (
+        (names, "another one now: --policies place=FILE"),
+        ({"pick": "shipped set_table/pick/seed-9999 (SHA-256 0123abcd)"}, "pick.*is missing"),
+        ({"pick": "somebody"}, "names no file"),
+    ):
+        with pytest.raises(HomeError, match=why):
+            logged_policies(wrong)
+    assert "place" not in logged_policies(names, without={"place"})
+
+
+def test_navigation_is_learned_on_one_task_for_all():
+    names = {
+        task: choose_policies(task, 0)["navigate"].name for task in ("set_table", "tidy_house", "prepare_groceries")
+    }
+    assert names["tidy_house"] == names["prepare_groceries"] == names["set_table"]
+    assert names["set_table"].startswith("shipped set_table/navigate/seed-0")
+    assert choose_policies("tidy_house", 0, {"navigate": "oracle"})["navigate"].name == "oracle"
+
+
+def test_a_shipped_policy_is_named_by_its_place_and_its_content():
+    shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789", object())
+    assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
+    assert SkillPolicy("mine.safetensors", "0123456789", object()).name == "mine.safetensors (SHA-256 01234567)"
+    assert SkillPolicy("oracle", "", None).name == "oracle"
+
+
+@pytest.mark.verify
+def test_learned_policies_act_alike_whoever_runs_beside_them():
+    """Seeing is shared between lanes, so that neighbours could show in the last bit of what a policy sees."""
+    protocol, episodes = Protocol("set_table"), load_episodes("set_table", "val").episodes[:5]
+    actors = make_actors(choose_policies("set_table", 0), "rl")
+
+    def run(lanes):
+        executor = Executor(protocol.skills(), actors, ExecutorOptions(lanes=lanes, settle_steps=2))
+        return {log.episode.index: log for log in executor.run(episodes)}
+
+    alone, together = run(1), run(5)
+    for index, log in alone.items():
+        assert together[index].skills == log.skills
+        for name in ("base", "gripper", "object_speed", "contact_force"):
+            assert np.array_equal(getattr(together[index], name), getattr(log, name)), (index, name)

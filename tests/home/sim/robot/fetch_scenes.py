@@ -1,0 +1,35 @@
+"""Models and poses that the tests of the Fetch share."""
+
+import mujoco
+import numpy as np
+
+from perdure.home.sim.robot import ARM_JOINTS, REST_ARM, TORSO_HEIGHT, TORSO_JOINT
+
+STEPS_PER_COMMAND = {1 / 120: 4, 1 / 240: 8}
+
+
+def make_spec(timestep=1 / 120):
+    spec = mujoco.MjSpec()
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return spec
+
+
+def set_pose(data, arm=REST_ARM, torso=TORSO_HEIGHT, base=(0.0, 0.0, 0.0)):
+    """Puts the robot there, its servos' targets too."""
+    for joint, value in zip(("base_x", "base_y", "base_yaw"), base, strict=True):
+        data.joint(joint).qpos = value
+    for joint, value in ((TORSO_JOINT, torso), *zip(ARM_JOINTS, arm, strict=True)):
+        data.joint(joint).qpos = value
+        data.actuator(joint).ctrl = value
+    mujoco.mj_forward(data.model, data)
+
+
+def arm_angles(data):
+    return np.array([data.joint(joint).qpos[0] for joint in ARM_JOINTS])
+
+
+def touching(data):
+    """Names of the pairs of geoms in contact, each pair sorted."""
+    name = data.model.geom
+    return {tuple(sorted((name(c.geom1).name, name(c.geom2).name))) for c in data.contact}

@@ -1,0 +1,119 @@
+"""The servos do what the skills ask of them, at both physics steps."""
+
+import mujoco
+import numpy as np
+import pytest
+from fetch_scenes import STEPS_PER_COMMAND, arm_angles, make_spec, set_pose
+
+from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, FINGER_JOINTS, REST_ARM, add_fetch
+
+COMMAND = 0.025
+TIMESTEPS = sorted(STEPS_PER_COMMAND)
+
+
+def loaded_model(timestep, load=0.52):
+    """The robot with the heaviest object fixed in its gripper, nothing colliding."""
+    spec = make_spec(timestep)
+    add_fetch(spec, looks=False)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    held = spec.body("gripper_link").add_body(name="load")
+    held.mass, held.inertia, held.explicitinertial = load, (1e-3, 1e-3, 1e-3), True
+    return spec.compile()
+
+
+def follow(model, start, signs, commands=30, base=(0.0, 0.0, 0.0)):
+    """Worst lag at the end of a command, per joint, and the data after the last one."""
+    data = mujoco.MjData(model)
+    set_pose(data, start)
+    steps = round(1 / 30 / model.opt.timestep)
+    mujoco.mj_step(model, data, 20 * steps)
+    data.ctrl[:3] = base
+    target, worst = np.array(start), np.zeros(7)
+    for _ in range(commands):
+        target = np.clip(target + COMMAND * signs, ARM_LOW, ARM_HIGH)
+        for joint, value in zip(ARM_JOINTS, target, strict=True):
+            data.actuator(joint).ctrl = value
+        mujoco.mj_step(model, data, steps)
+        worst = np.maximum(worst, np.abs(target - arm_angles(data)))
+    return worst, target, data
+
+
+@pytest.mark.parametrize("timestep", TIMESTEPS)
+def test_arm_with_a_load_follows_the_fastest_commands_within_three_hundredths(timestep, random_arms):
+    model, rng = loaded_model(timestep), np.random.default_rng(0)
+    for start in (REST_ARM, np.zeros(7), *(0.8 * random_arms[:6])):
+        lag, _, _ = follow(model, start, rng.choice([-1.0, 1.0], 7))
+        assert lag.max() < 0.03
+
+
+def test_servos_a_tenth_as_stiff_do_not_follow():
+    model = loaded_model(1 / 120)
+    model.actuator_gainprm[3:, 0] *= 0.1
+    model.actuator_biasprm[3:, 1] *= 0.1
+    lag, _, _ = follow(model, REST_ARM, np.ones(7))
+    assert lag.max() > 0.1
+
+
+@pytest.mark.parametrize("timestep", TIMESTEPS)
+def test_arm_comes_to_rest_without_ringing(timestep):
+    model = loaded_model(timestep)
+    _, target, data = follow(model, REST_ARM, np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0]), commands=20)
+    speeds, passed = [], np.zeros(7)
+    for _ in range(30):
+        mujoco.mj_step(model, data, STEPS_PER_COMMAND[timestep])
+        speeds.append(np.abs(data.qvel[4:11]).max())
+        passed = np.maximum(passed, np.abs(arm_angles(data) - target))
+    assert max(speeds[15:]) < 0.01
+    assert speeds[-1] < 1e-3
+    assert passed.max() < 0.03
+    assert np.abs(arm_angles(data) - target).max() < 2e-3  # what the load bends
+
+
+@pytest.mark.parametrize("timestep", TIMESTEPS)
+def test_arm_keeps_its_pose_while_the_base_starts_at_full_speed(timestep):
+    for start in (REST_ARM, np.zeros(7)):
+        lag, _, data = follow(loaded_model(timestep), start, np.zeros(7), commands=20, base=(1.5, 1.5, 1.5))
+        assert lag.max() < 0.05
+    assert data.joint("base_x").qvel[0] == pytest.approx(1.5, abs=0.01)
+    assert data.joint("base_yaw").qvel[0] == pytest.approx(1.5, abs=0.01)
+
+
+def test_with_the_urdfs_own_effort_the_shoulder_would_give_way():
+    model = loaded_model(1 / 120)
+    model.actuator("shoulder_pan_joint").forcerange[:] = (-33.82, 33.82)
+    lag, _, _ = follow(model, np.zeros(7), np.zeros(7), commands=20, base=(1.5, 1.5, 1.5))
+    assert lag[0] > 0.1
+
+
+def test_base_commands_are_velocities_along_the_room_whatever_the_heading():
+    model = loaded_model(1 / 120)
+    data = mujoco.MjData(model)
+    set_pose(data, base=(0.0, 0.0, 2.0))
+    data.actuator("base_x").ctrl, data.actuator("base_y").ctrl = 0.5, -0.25
+    mujoco.mj_step(model, data, 240)
+    moved = data.body("robot").xpos
+    assert moved[0] == pytest.approx(1.0, abs=0.05)
+    assert moved[1] == pytest.approx(-0.5, abs=0.03)
+    assert data.joint("base_yaw").qpos[0] == pytest.approx(2.0, abs=0.01)
+
+
+def test_torso_lifts_the_arm_and_holds_it():
+    model = loaded_model(1 / 120)
+    data = mujoco.MjData(model)
+    set_pose(data)
+    before = data.site("gripper").xpos.copy()
+    data.actuator("torso_lift_joint").ctrl = 0.3
+    mujoco.mj_step(model, data, 240)
+    assert data.site("gripper").xpos - before == pytest.approx([0.0, 0.0, 0.15], abs=1e-3)
+
+
+def test_fingers_open_and_close():
+    model = loaded_model(1 / 120)
+    data = mujoco.MjData(model)
+    set_pose(data)
+    for q in (0.04, 0.0):
+        for joint in FINGER_JOINTS:
+            data.actuator(joint).ctrl = q
+        mujoco.mj_step(model, data, 30)
+        assert [data.joint(joint).qpos[0] for joint in FINGER_JOINTS] == pytest.approx([q, q], abs=1e-3)

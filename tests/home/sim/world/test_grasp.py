@@ -1,0 +1,187 @@
+"""The magic grasp, the release, and bodies that sleep and wake."""
+
+import numpy as np
+import pytest
+
+from perdure.home.sim.apartments import Pose, make_apartment
+from perdure.home.sim.objects import Placement
+from perdure.home.sim.robot import reach
+from perdure.home.sim.robot.data import REST_ARM
+from perdure.home.sim.robot.shapes import ROBOT_BIT
+from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, Errand, World, build_scene
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def room():
+    """An apartment, a table in it, and where the robot stands before it."""
+    apartment = make_apartment(0, 0)
+    piece = next(p for p in apartment.pieces if p.kind == "table_01")
+    surface = piece.receptacles[0]
+    x, y, z = (float(v) for v in apartment.surface_to_room(surface, np.zeros(2)))
+    stand = Pose(x + 0.75 * np.cos(piece.pose.yaw), y + 0.75 * np.sin(piece.pose.yaw), piece.pose.yaw + np.pi)
+    return apartment, np.array([x, y, z]), surface.unique_name, stand
+
+
+def world_with(room, *offsets, kinds=None, above=0.25, held=-1, jaws="never"):
+    """Objects on the table at offsets from its middle, the gripper level and `above` the surface's middle."""
+    apartment, middle, name, stand = room
+    kinds = kinds or ["010_potted_meat_can"] * len(offsets)
+    placements = [
+        Placement(kind, tuple(float(v) for v in middle + np.array([*o, 0.0]) + (0, 0, 0.0425)), UPRIGHT, name)
+        for kind, o in zip(kinds, offsets, strict=True)
+    ]
+    arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), REST_ARM, rotation=np.eye(3))
+    assert arm.ok
+    world = World(1, jaws=jaws)
+    world.reset(0, build_scene(apartment, placements), stand, arm.arm, held=held, errand=Errand(0))
+    return world
+
+
+def act(world, steps=1, **parts):
+    action = np.zeros((1, ACTION_SIZE))
+    for name, value in parts.items():
+        action[0, {"grip": GRIP, "forward": FORWARD, "arm": ARM}[name]] = value
+    for _ in range(steps):
+        world.step(action)
+    return world.sense()
+
+
+def distance(world):
+    sensors = world.sense()
+    return float(np.linalg.norm(sensors.object[0] - sensors.gripper[0]))
+
+
+@pytest.mark.parametrize(("away", "taken"), [(0.148, True), (0.153, False)])
+def test_it_reaches_15_cm_and_no_farther(room, away, taken):
+    world = world_with(room, (0.0, 0.0), above=0.0425 + away)
+    assert distance(world) == pytest.approx(away, abs=0.001)
+    assert bool(act(world, grip=1.0).held[0] == 0) is taken
+
+
+def test_it_takes_the_nearest_object_and_turns_it_to_the_gripper(room):
+    world = world_with(room, (0.09, 0.0), (0.0, 0.05), above=0.14)
+    sensors = act(world, grip=1.0)
+    assert sensors.held[0] == 1
+    lane = world.lane(0)
+    pose = lane.object(1)[0]
+    yaw = sensors.base[0, 2]
+    about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    w, x, y, z = pose[3:]
+    x_axis = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    assert np.allclose(x_axis, (about_z @ sensors.gripper_rotation[0])[:, 0], atol=0.03)
+    assert np.linalg.norm(pose[:3] - sensors.gripper[0]) < 0.01
+
+
+def test_a_full_hand_takes_nothing_more_and_an_empty_one_with_nothing_near_takes_nothing(room):
+    world = world_with(room, (0.3, 0.0), (0.0, 0.0), above=0.15, held=0)
+    assert act(world, grip=1.0).held[0] == 0
+    assert act(world_with(room, (0.3, 0.3)), grip=1.0).empty_hand[0]
+
+
+def test_a_handle_goes_before_an_object_and_the_drawer_follows_the_hand(room):
+    apartment = room[0]
+    link = "drawer2_top"
+    handle = apartment.handle_to_room(link, 0.0)
+    pose = apartment.piece_of(link).pose
+    front = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])
+    stand = Pose(float(handle[0] + 0.8 * front[0]), float(handle[1] + 0.8 * front[1]), pose.yaw + np.pi)
+    arm = reach(stand.to_local(handle + 0.08 * front), REST_ARM, approach=(1.0, 0.0, -0.3))
+    assert arm.ok
+    near = Placement("009_gelatin_box", tuple(float(v) for v in handle + 0.1 * front + (0, 0, 0.03)), UPRIGHT, room[2])
+    scene = build_scene(apartment, [near])
+    number = scene.links.index(link)
+    world = World(1)
+    world.reset(0, scene, stand, arm.arm, errand=Errand(0, link=number))
+    first = act(world, grip=1.0)
+    assert (first.held_link[0], first.held[0]) == (number, -1)
+    error = first.hold_error[0]
+    sensors = act(world, 30, forward=-0.25)
+    assert sensors.link_position[0] == pytest.approx(0.375, abs=0.06)
+    assert sensors.hold_error[0] == pytest.approx(error, abs=0.02)
+    let_go = act(world, 30, grip=-1.0)
+    assert let_go.empty_hand[0]
+    assert abs(let_go.link_velocity[0]) < 0.01  # it stays where it was left
+
+
+def test_what_is_held_stays_in_the_hand_while_the_arm_swings(room):
+    world = world_with(room, (0.0, 0.0), kinds=["004_sugar_box"], above=0.4, held=0)
+    worst = 0.0
+    for step in range(60):
+        sensors = act(
+            world, arm=np.sin(0.3 * step) * np.array([1, 1, -1, 1, 1, -1, 1]), forward=0.3 * np.cos(0.2 * step)
+        )
+        worst = max(worst, sensors.hold_error[0])
+    assert worst < 0.01
+
+
+def test_a_release_keeps_the_objects_velocity(room):
+    world = world_with(room, (0.0, 0.0), above=0.4, held=0)
+    for _ in range(8):
+        sensors = act(world, arm=(1, 0, 0, 0, 0, 0, 0))
+    before = sensors.object_velocity[0].copy()
+    assert np.linalg.norm(before[:2]) > 0.2
+    after = act(world, arm=(1, 0, 0, 0, 0, 0, 0), grip=-1.0)
+    assert np.allclose(after.object_velocity[0, :2], before[:2], atol=0.08)
+    assert after.object_velocity[0, 2] - before[2] == pytest.approx(-9.81 / 30, abs=0.1)
+
+
+@pytest.mark.parametrize(("jaws", "touches"), [("never", False), ("apart", True)])
+def test_whether_the_robot_meets_an_object_again_is_a_switch(room, jaws, touches):
+    world = world_with(room, (0.0, 0.0), above=0.05, held=0, jaws=jaws)
+    act(world, 3, grip=-1.0)
+    lane = world.lane(0)
+    geoms = lane.scene.object_geoms[0]
+    assert not (lane.model.geom_conaffinity[geoms] & ROBOT_BIT).any()  # still overlapping: not yet in either case
+    act(world, 15, forward=-1.0)
+    assert bool((lane.model.geom_conaffinity[geoms] & ROBOT_BIT).any()) is touches
+
+
+def test_two_objects_that_were_both_held_still_collide(room):
+    """Each is taken and let go in turn, the second above the first: it comes to rest on top, not inside."""
+    half = 0.0418
+    world = world_with(room, (0.0, 0.0), (0.3, 0.0), above=0.02, held=0)
+    act(world, 20, grip=-1.0)
+    lane = world.lane(0)
+    lower = lane.object(0)[0][:3].copy()
+    above = np.add(lower, (0.0, 0.0, 2.0 * half + 0.01))
+    lane.hold_object(1, above, np.eye(3))
+    act(world, grip=-1.0)
+    pose = lane.object(1)[0]  # let go right above the other, upright and at rest
+    pose[:3], pose[3:] = above, lane.object(0)[0][3:]
+    lane.object(1)[1][:] = 0.0
+    act(world, 60)
+    assert lane.object(1)[0][2] - lane.object(0)[0][2] == pytest.approx(2.0 * half, abs=0.002)
+
+
+def asleep(world, number):
+    lane = world.lane(0)
+    if not hasattr(lane.data, "body_awake") and not hasattr(lane.data, "tree_asleep"):
+        pytest.skip("this MuJoCo does not say who sleeps")
+    body = lane.model.body(f"object_{number}").id
+    tree = lane.model.body_treeid[body]
+    return bool(lane.data.tree_asleep[tree] >= 0)
+
+
+def test_objects_at_rest_sleep_and_wake_when_grasped(room):
+    world = world_with(room, (0.0, 0.0), (0.25, 0.25), above=0.15)
+    act(world, 60)
+    assert asleep(world, 0)
+    assert asleep(world, 1)
+    act(world, 2, grip=1.0)
+    assert world.sense().held[0] == 0
+    assert not asleep(world, 0)
+    assert asleep(world, 1)  # the control: nobody touched this one
+    act(world, 20, arm=(0, -1, 0, 0, 0, 0, 0))
+    assert world.sense().hold_error[0] < 0.01
+
+
+def test_a_sleeping_object_wakes_when_the_robot_touches_it(room):
+    world = world_with(room, (0.0, 0.0), kinds=["003_cracker_box"], above=0.3)
+    act(world, 60)
+    assert asleep(world, 0)
+    before = world.sense().object[0].copy()
+    for _ in range(40):
+        act(world, arm=(0, 1, 0, 0.6, 0, 0.4, 0))
+    assert np.linalg.norm(world.sense().object[0] - before) > 0.01

@@ -1,0 +1,78 @@
+"""Worlds: what stops an object that rolls, what shape an apple has, which velocity an object has when it is let go."""
+
+import numpy as np
+import pytest
+
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.objects import Placement
+from perdure.home.sim.world import SceneOptions, World, build_scene
+from perdure.home.sim.world.scene import HABITAT_DRAG
+
+RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
+
+
+def rolled(empty_room, **options):
+    """How far an apple rolls that is sent off over the floor of an empty room."""
+    bare, middle, _ = empty_room
+    x, y = map(float, middle)
+    apple = Placement("013_apple", (x, y, RADIUS), (1.0, 0.0, 0.0, 0.0), "floor")
+    world = World(1)
+    world.reset(0, build_scene(bare, [apple], options=SceneOptions(**options)), Pose(x - 1.5, y, np.pi))
+    lane = world.lane(0)
+    speed = lane.scene.object_qvel[0]
+    lane.qvel[speed], lane.qvel[speed + 4] = SPEED, SPEED / RADIUS
+    for _ in range(int(30 * SECONDS)):
+        world.step(np.zeros((1, 11)))
+    return float(lane.object(0)[0][0]) - x
+
+
+def test_with_a_drag_alone_speed_decays_as_its_equation_says(empty_room):
+    """Linear and angular damping at one rate slow a rolling ball at that rate: v(t) = v(0) exp(-c t)."""
+    wanted = SPEED / HABITAT_DRAG * (1.0 - np.exp(-HABITAT_DRAG * SECONDS))
+    assert rolled(empty_room, rolling="drag") == pytest.approx(wanted, rel=0.01)
+
+
+def test_with_friction_it_stops_after_a_hand(empty_room):
+    """0.7 v^2 r / (mu g), the kinetic energy over the friction; the negative control of the drag."""
+    assert rolled(empty_room) == pytest.approx(0.7 * SPEED**2 * RADIUS / (1.2e-3 * 9.81), rel=0.05)
+
+
+def test_the_drag_takes_a_fifth_of_the_speed_in_a_second():
+    """Bullet applies a damping of 0.2 as v <- v (1 - 0.2)^dt."""
+    assert np.exp(-HABITAT_DRAG) == pytest.approx(0.8)
+
+
+def test_a_hull_comes_to_rest_on_a_face_where_a_sphere_rolls_on(empty_room):
+    sphere, hull = (rolled(empty_room, rolling="drag", apple=apple) for apple in ("sphere", "hull"))
+    assert hull < 0.9 * sphere
+
+
+@pytest.mark.parametrize(
+    ("how", "wanted"), [("kept", (0.6, 0.0, 0.0)), ("base-removed", (0.1, 0.2, 0.0)), ("zero", (0.0, 0.0, 0.0))]
+)
+def test_what_an_object_keeps_of_the_base_s_motion_when_it_is_let_go(empty_room, how, wanted):
+    """The base drives at 0.5 m/s along x and turns at -0.5 rad/s: 0.4 m ahead it moves at (0.5, -0.2) m/s."""
+    bare, middle, _ = empty_room
+    x, y = map(float, middle)
+    apple = Placement("013_apple", (x + 0.4, y, 0.5), (1.0, 0.0, 0.0, 0.0), "floor")
+    world = World(1)
+    world.reset(0, build_scene(bare, [apple], options=SceneOptions(release_velocity=how)), Pose(x, y, 0.0), held=0)
+    lane = world.lane(0)
+    address, speed = lane.scene.object_qpos[0], lane.scene.object_qvel[0]
+    lane.qpos[address : address + 2] = x + 0.4, y
+    lane.qpos[address + 3 : address + 7] = np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0  # its y axis is up
+    lane.robot_velocity[:3] = 0.5, 0.0, -0.5
+    lane.qvel[speed : speed + 6] = 0.6, 0.0, 0.0, 0.0, -0.5, 0.0
+    lane.release()
+    assert lane.qvel[speed : speed + 3] == pytest.approx(wanted)
+    assert lane.qvel[speed + 3 : speed + 6] == pytest.approx((0.0, -0.5 if how == "kept" else 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("option", "valid"),
+    [("rolling", "friction, drag"), ("apple", "sphere, hull"), ("release_velocity", "kept, base-removed, zero")],
+)
+def test_an_unknown_world_is_refused(option, valid):
+    with pytest.raises(HomeError, match=f"{option} must be one of {valid}, not 'ice'"):
+        SceneOptions(**{option: "ice"})

@@ -1,0 +1,60 @@
+"""Environments of every skill and task, thin and small, and ways to drive them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from perdure.home.benchmark.tasks import TASKS, get_task
+from perdure.home.skills.gym import HomeSkillVectorEnv
+from perdure.home.skills.starts import STARTS, put
+
+LESSONS = [
+    (skill, task) for skill in STARTS for task in TASKS if any(step.skill == skill for step in get_task(task).skills)
+]
+"""Every skill with every task that uses it."""
+
+
+def make(skill, task, lanes=1, episodes=3, **options):
+    """A vector over a few published episodes, without clutter, stepped by one thread unless told otherwise."""
+    options = {"threads": 1, "split": "val", **options}
+    return HomeSkillVectorEnv(lanes, skill=skill, task=task, episodes=episodes, **options)
+
+
+def random_actions(env, steps, seed=0):
+    """Shape (steps, m): what one lane is told."""
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, *env.single_action_space.shape))
+
+
+def drive(env, seeds, actions):
+    """Steps with stored actions, shape (steps, lanes, m); ended lanes are reset. All that came of it, step by step."""
+    observations, _ = env.reset(seed=list(seeds))
+    seen, over = [(observations,)], np.zeros(env.num_envs, dtype=bool)
+    for told in actions:
+        if over.any():
+            observations, _ = env.reset(options={"reset_mask": over})
+            seen.append((observations,))
+        observations, rewards, terminated, truncated, info = env.step(told)
+        over = terminated | truncated
+        seen.append((observations, rewards, terminated, truncated, info))
+    return seen
+
+
+def begin_at(env, *starts):
+    """Lets the env's lanes begin at given starts, made from its first episode and the skill's first target."""
+    real, target = env.lessons, env.options.chosen_targets[0]
+
+    def begin(world, lane, rng):
+        put(world, lane, real.scene(0, target), starts[lane])
+        return real.episodes[0]
+
+    env.lessons = SimpleNamespace(begin=begin, episodes=real.episodes, scene=real.scene)
+    return env
+
+
+def rows(info):
+    """Names and arrays of an info, nested ones too, without the masks."""
+    for name, value in info.items():
+        if isinstance(value, dict):
+            yield from rows(value)
+        elif not name.startswith("_"):
+            yield name, value

@@ -1,0 +1,90 @@
+"""A learner's environment and the executor show the same numbers for the same world."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
+from perdure.home.evaluate.execute.executor import Executor, ExecutorOptions
+from perdure.home.sim.world import SceneOptions
+from perdure.home.skills import SKILLS, get_skill
+from perdure.home.skills.actions import used
+from perdure.home.skills.errands import make_errand
+from perdure.home.skills.gym import HomeSkillVectorEnv
+from perdure.home.skills.starts import STARTS
+
+STEPS, SCENE = 15, SceneOptions(clutter=False, physics_hz=120)
+
+
+class EnoughError(Exception):
+    """Raised to end a run of the executor."""
+
+
+class Waiting:
+    """Stands still through the skills before the one that is looked at."""
+
+    sees = True
+
+    def overtime(self, lane):
+        return False
+
+    def begin(self, world, lane, skill):
+        pass
+
+    def act(self, world, lanes, skill, sensors, progress):
+        return np.zeros((len(lanes), 11))
+
+
+class Watching(Waiting):
+    """Acts by stored actions, and keeps what it saw."""
+
+    def __init__(self, actions):
+        self.actions, self.seen = actions, []
+
+    def act(self, world, lanes, skill, sensors, progress):
+        self.seen.append(skill.observe(sensors, progress)[0])
+        if len(self.seen) > len(self.actions):
+            raise EnoughError
+        return self.actions[len(self.seen) - 1][None]
+
+
+def stopping(name, always):
+    """The skill, but it stops after every step, or never."""
+    return type(name, (SKILLS[name],), {"stop": lambda self, sensors, progress: np.full(len(sensors), always)})()
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
+    episode = load_episodes("set_table", "val")[0]
+    if name.startswith("close"):  # nothing would be left to do
+        episode = replace(episode, opened={episode.container(0): 0.45, "top_door": 2.0})
+    plan = episode.home_task.skills
+    before = [step.skill for step in plan].index(name)
+    actions = np.zeros((STEPS, 11))
+    actions[:, used(get_skill(name))] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(used(get_skill(name)))))
+    watching = Watching(actions)
+    skills = {each: stopping(each, always=each != name) for each in SKILLS}
+    actors = {each: watching if each == name else Waiting() for each in SKILLS}
+    with pytest.raises(EnoughError):
+        list(Executor(skills, actors, ExecutorOptions(lanes=1, threads=1, scene=SCENE)).run([episode]))
+
+    env = HomeSkillVectorEnv(1, skill=name, task="set_table", split="val", episodes=1, threads=1)
+
+    def begin(world, lane, rng):
+        """To where the executor was when the skill began: the same start, and as many steps of standing still."""
+        scene = episode_scene(episode, SCENE)
+        world.reset(lane, scene, start_pose(scene.apartment, episode, 0))
+        for _ in range(before):
+            world.step(np.zeros((1, 11)))
+        world.assign(lane, make_errand(episode, plan[before], world.lane(lane)))
+
+    env.lessons = SimpleNamespace(begin=begin)
+    shown = [env.reset(seed=0)[0][0]]
+    for told in actions:
+        observations, _, terminated, *_ = env.step(told[None, used(env.skill)])
+        assert not terminated[0]
+        shown.append(observations[0])
+    np.testing.assert_array_equal(shown, watching.seen)
+    assert np.ptp(shown, axis=0).max() > 0.05  # the robot did move

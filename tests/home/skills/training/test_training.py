@@ -1,0 +1,89 @@
+"""Learning a skill from end to end, small, and the score that comes out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perdure.home.agents import Learned
+from perdure.home.errors import HomeError
+from perdure.home.skills import get_skill
+from perdure.home.skills.training import RECIPES, evaluate_skill, recipes, skill_config, train_skill
+from perdure.policy import load_policy
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    """A place policy that has learned next to nothing."""
+    out = tmp_path_factory.mktemp("runs")
+    (path,) = train_skill("place", "set_table", (0,), out, 1, total_steps=4096, split="val", episodes=2)
+    return load_policy(path)
+
+
+def test_a_score_counts_every_episode_once(policy):
+    score = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
+    assert len(score.success) == len(score.steps) == 24
+    assert score.failures.total() == 24 - score.success.sum()
+    assert np.all((score.steps >= 1) & (score.steps <= get_skill("place").limit))
+    assert f"{score.rate:.3f} of 24" in score.summary()
+    again = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
+    assert again.success.tolist() == score.success.tolist()
+    assert again.steps.tolist() == score.steps.tolist()
+
+
+def test_a_policy_acts_in_its_own_skill_only(policy):
+    actor = Learned(policy)
+    actor.begin(None, 0, get_skill("place"))
+    with pytest.raises(HomeError, match="navigate has"):
+        actor.begin(None, 0, get_skill("navigate"))
+
+
+@pytest.mark.parametrize("skill", RECIPES)
+def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
+    config = skill_config(skill, "set_table")
+    assert config.protocol.horizon.longest == get_skill(skill).limit
+    assert config.protocol.end == "truncated"
+    assert config.protocol.embedding is None
+
+
+def test_delta_lengthens_the_horizon():
+    assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
+    assert skill_config("place", "set_table", delta=30, limited_to=200).protocol.horizon.longest == 200
+    with pytest.raises(HomeError, match="reset_arm"):
+        skill_config("reset_arm", "set_table")
+
+
+@pytest.mark.parametrize("task", ["set_table", "tidy_house", "prepare_groceries"])
+def test_place_that_must_last_differs_in_nothing_but_how_long(task):
+    lasting, usual = skill_config("place", task, delta=200), skill_config("place", task)
+    assert lasting.protocol.horizon.longest == usual.protocol.horizon.longest + 200
+    assert replace(lasting, protocol=usual.protocol) == usual
+
+
+@pytest.mark.parametrize(
+    ("skill", "task", "wider"),
+    [("place", "set_table", "any_heading=True"), ("place", "tidy_house", ""), ("pick", "tidy_house", "clutter=True")],
+)
+def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
+    runs = []
+    monkeypatch.setattr(recipes, "train", lambda run, *_: runs.append(run) or [])
+    recipes.train_skill(skill, task, (0,), tmp_path, rolling="drag")
+    (run,) = runs
+    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=drag"} | ({wider} - {""})
+    assert wider == "" or wider not in run.command
+
+
+def test_a_task_may_need_another_recipe():
+    begin = {task: skill_config("pick", task).log_std_init for task in ("set_table", "tidy_house", "prepare_groceries")}
+    assert begin == {"set_table": -0.5, "tidy_house": 0.0, "prepare_groceries": 0.0}
+
+
+def test_a_policy_says_what_makes_it_again(policy, tmp_path):
+    assert policy.provenance["command"] == (
+        "perdure.home.skills.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', "
+        "episodes=2)"
+    )
+    command = recipes._command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
+    assert command.format(seed=3) == (
+        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --rolling drag --steps 2000"
+    )

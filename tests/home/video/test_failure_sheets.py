@@ -1,0 +1,211 @@
+"""Failed episodes once more: which moments are shown, and that a replay is what was logged."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perdure.home.benchmark.episodes import episode_scene, start_pose
+from perdure.home.benchmark.tasks import LIMITS, SOMETHING_ELSE
+from perdure.home.errors import HomeError
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.outcomes import label, read_logs, record_of, write_records
+from perdure.home.evaluate.protocol import Protocol, run_protocol
+from perdure.home.sim.world import SceneOptions, World
+from perdure.home.skills import SKILLS
+from perdure.home.video import Replay, draw, failure_sheet, read_failures, run_again, take_again
+from perdure.home.video.failures import COLUMNS
+from perdure.home.video.moments import PICTURES, condition_of, moments
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "outcomes"))
+from home_stories import RUN, Story
+
+ORACLES = dict.fromkeys(SKILLS, "oracle")
+
+
+def replay_of(story, counting="stabilizing"):
+    """A story as if it had been run again; nothing of its world is known but what the log says."""
+    log = story.log()
+    record = record_of(log, RUN)
+    return Replay(log, record, label(record, counting), np.zeros((record.length, 1)))
+
+
+def shown(replay):
+    return moments(replay, replay.label, condition_of(replay.record, replay.label))
+
+
+def rolls_away():
+    """Let go after step 8, at rest until step 14, then 10.3 mm a step for 30 steps: 0.15 m are passed at step 29."""
+    return Story().go(0).slide(0, [0.31, 0.0, 0.0], 30)
+
+
+def test_a_placement_is_shown_from_its_release_to_its_rest():
+    """Way up to step 29: 0.176 m (a fall of 0.02, 15 steps of 0.0103, and 0.7 s), after it 0.146 m. So two pictures go
+    between 8 and 29, at a third and two thirds of that way, and two between 29 and 44."""
+    taken = shown(replay_of(rolls_away()))
+    assert list(taken) == [0, 8, 18, 24, 29, 34, 39, 44]
+    assert {step: note for step, note in taken.items() if note} == {8: "lets go", 29: "left its goal"}
+
+
+def test_an_object_that_rests_for_long_uses_up_no_pictures():
+    story = Story().go(0)
+    story.wait(900)
+    taken = shown(replay_of(story.slide(0, [0.31, 0.0, 0.0], 30)))
+    assert len(taken) == PICTURES
+    assert sum(step > 14 + 900 for step in taken) >= 5
+
+
+@pytest.mark.parametrize("above", [0.0, 0.02])
+def test_what_was_never_in_its_goal_does_not_leave_it(above):
+    taken = shown(replay_of(Story().go(0, beside=0.4, above=above)))
+    assert "left its goal" not in taken.values()
+    assert len(taken) == PICTURES
+    assert (min(taken), max(taken)) == (0, 8 + 30)  # at rest at once; a second is shown all the same
+
+
+def misses(held=None, force=0.0):
+    """Navigates for 60 steps, reaches for 40 with an empty hand and comes nearest in step 73."""
+    story = Story()
+    with story.run("navigate", 0):
+        story.wait(60)
+    with story.run("pick", 0, "timed out"):
+        for step in range(60, 100):
+            story.gripper = story.objects[0] + [0.0, 0.0, 0.3 + 0.01 * abs(step - 73)]
+            story.held = held if held is not None and step >= 80 else story.held
+            story.force = force if step == 90 else 0.0
+            story.wait()
+    story.held = -1
+    return story
+
+
+def test_a_pick_is_shown_evenly_with_its_nearest_moment():
+    """13 steps before and 26 after it: cut into three and four parts."""
+    taken = shown(replay_of(misses()))
+    assert list(taken) == [60, 65, 69, 73, 80, 86, 93, 99]
+    assert taken[73] == "nearest, 0.300 m away"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "mechanism", "step", "note"),
+    [
+        ({"held": SOMETHING_ELSE}, "wrong object grasped", 80, "another one in the hand"),
+        ({"force": 3000.0}, "collision", 90, "largest force, 3000 N"),
+    ],
+)
+def test_the_moment_that_a_label_speaks_of_is_among_them(wrong, mechanism, step, note):
+    replay = replay_of(misses(**wrong))
+    assert replay.label.mechanism == mechanism
+    taken = shown(replay)
+    assert (len(taken), taken[step], max(taken)) == (PICTURES, note, 99)
+
+
+def test_of_a_skill_that_was_over_at_once_the_last_second_is_shown():
+    story = Story()
+    with story.run("navigate", 0):
+        story.wait(60)
+    with story.run("pick", 0):
+        story.wait()
+    taken = shown(replay_of(story))
+    assert (min(taken), max(taken), len(taken)) == (30, 60, PICTURES)
+
+
+def test_a_collision_is_shown_that_came_before_the_release():
+    replay = replay_of(Story().go(0, force=3000.0).slide(0, [0.31, 0.0, 0.0], 30))
+    assert replay.label.mechanism == "collision"
+    assert shown(replay)[5] == "largest force, 3000 N"  # place begins with step 5
+
+
+def test_a_drawer_that_comes_open_again_is_shown_where_it_does():
+    """Closed at step 60, out by 0.12 m from step 160 on; the fridge, whose stage fails by it, is opened at 270."""
+    story = Story("set_table")
+    story.drawer = 0.45
+    story.go(0).wait(45)
+    for skill, target, drawer, fridge in (("close_drawer", 0, 0.05, 0.0), ("navigate", 1, 0.12, 0.0)):
+        story.drawer, story.fridge = drawer, fridge
+        with story.run(skill, target):
+            story.wait(100)
+    with story.run("open_fridge", 1):
+        story.wait(10)
+        story.fridge = 2.0
+        story.wait(10)
+    replay = replay_of(story)
+    assert (replay.label.stage, replay.label.mechanism) == ("open_1", "door not closed")
+    taken = shown(replay)
+    assert {step: note for step, note in taken.items() if note} == {160: "no longer closed"}
+    assert (min(taken), max(taken), len(taken)) == (130, 279, PICTURES)
+
+
+def test_a_draw_is_the_same_again_and_takes_nothing_twice():
+    drawn = draw(range(50), 10, seed=3)
+    assert drawn == draw(range(50), 10, seed=3)
+    assert drawn != draw(range(50), 10, seed=4)
+    assert len(set(drawn)) == 10
+    assert sorted(draw(range(5), 10, seed=0)) == [0, 1, 2, 3, 4]
+    for wrong in ({"count": 0, "seed": 0}, {"count": 1, "seed": -1}):
+        with pytest.raises(HomeError, match="or more"):
+            draw(range(5), **wrong)
+
+
+@pytest.fixture(scope="module")
+def hurried(tmp_path_factory):
+    """Logs of an episode that had three steps for each skill, in an unusual world, and the same haste for a replay."""
+    scene = SceneOptions(physics_hz=240, rolling="drag")
+    options = ExecutorOptions(lanes=1, jaws="apart", scene=scene, settle_steps=7, eval_seed=0)
+    with pytest.MonkeyPatch.context() as patch:
+        for skill in SKILLS:
+            patch.setitem(LIMITS, skill, 3)
+        protocol = Protocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
+        yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
+
+
+def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
+    (failure,) = read_failures(hurried, "latched")
+    options = failure.options
+    assert (options.jaws, options.scene.rolling, options.scene.physics_hz) == ("apart", "drag", 240)
+    assert (options.settle_steps, *failure.cast[:3]) == (7, "set_table", "stop", -1)
+    assert set(dict(failure.cast[3]).values()) == {"oracle"}
+    replay = run_again(failure, take_again(failure, {}))
+    assert replay.label == failure.label
+    assert replay.record.events == failure.record.events
+    assert replay.record.runs == failure.record.runs
+    assert len(replay.states) == failure.record.length
+
+
+def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):
+    (record,) = read_logs(hurried[0])
+    write_records(tmp_path / "logs.parquet", [replace(record, episode_hash="other")], RUN)
+    (failure,) = read_failures([tmp_path / "logs.parquet"], "latched")
+    with pytest.raises(HomeError, match="set_table/val/000"):
+        _ = failure.episode
+
+
+def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
+    """States are made up: everything as at the start, but the first target where the story has it."""
+    size = (240, 160)
+    monkeypatch.setattr("perdure.home.video.failures.SIZE", size)
+    monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)  # the large ones take most of the time
+    replay = replay_of(rolls_away())
+    write_records(tmp_path / "logs.parquet", [replace(replay.record, arm="ik drag")], RUN)
+    (failure,) = read_failures([tmp_path / "logs.parquet"], "stabilizing")
+    scene = episode_scene(replay.log.episode)
+    world = World(1)
+    world.reset(0, scene, start_pose(scene.apartment, replay.log.episode, 0))
+    states = np.tile(world.lane(0).qpos, (replay.record.length, 1))
+    sheets, log = [], replay.log
+    for positions, found in ((log.facts.object_positions[:, 0], failure.label), (log.episode.goal_positions[0], None)):
+        states[:, scene.middles[0]] = positions
+        try:
+            sheets.append(failure_sheet(failure, replace(replay, states=states, label=found)))
+        except HomeError as error:
+            if "no picture can be drawn" in str(error):
+                pytest.skip("this machine has neither EGL nor OSMesa")
+            raise
+    height, width, _ = sheets[0].shape
+    assert width == COLUMNS * (size[0] + 6) - 6
+    assert height > 2 * size[1]
+    corner = (slice(height - size[1], height), slice(width - size[0], width))
+    assert (sheets[0][corner] != sheets[1][corner]).any()  # by then the object has rolled away
+    title = slice(0, size[1] // 4)
+    assert (sheets[0][title] != sheets[1][title]).any()  # one says why it failed, the other that it did not
