@@ -51,7 +51,7 @@ setup: ## Create .venv and install perdure into it (quick when nothing changed)
 
 demo: setup ## Carry the shipped policies far beyond their horizon, set the table twice, and write the reports
 	@set -e; \
-	tasks=$$(find $(SHIPPED) -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
+	tasks=$$(find $(SHIPPED) -mindepth 2 -maxdepth 2 -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
 	if [ -z "$$tasks" ]; then echo "There are no shipped policies in $(SHIPPED)." >&2; exit 1; fi; \
 	for task in $$tasks; do \
 		policies=$$(cd $(SHIPPED) && ls -r $$task/*.safetensors | sed 's/\.safetensors$$//'); \

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from contextlib import redirect_stderr
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,14 +26,15 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
     Raises:
         SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
     """
-    box = io.StringIO()
+    box, args = io.StringIO(), [_whole(arg) for arg in args]
     try:
         with redirect_stderr(box):
             return _fill(kind, args, f"perdure {command}", default)
     except SystemExit as end:
         if not end.code:  # --help
             raise
-        print(f"perdure: {sentence(box.getvalue())}; see perdure {command} --help", file=sys.stderr)
+        wrong = sentence(box.getvalue())
+        print(f"perdure: {wrong}{_nearest_flag(kind, wrong, default)}; see perdure {command} --help", file=sys.stderr)
         raise SystemExit(2) from None
 
 
@@ -68,6 +71,29 @@ def policies(written: tuple[str, ...]) -> dict[str, str]:
     if not all(chosen.values()):
         raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
     return chosen
+
+
+def _whole(arg: str) -> str:
+    """Return 100000 for 1e5 or 100_000, anything else unchanged."""
+    if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", arg) and float(arg).is_integer():
+        return str(int(float(arg)))
+    return arg
+
+
+def _nearest_flag(kind: type[T], wrong: str, default: T | None) -> str:
+    """Return "; did you mean --x?" for a message about an unknown flag --y, nothing for others."""
+    found = re.match(r"Unrecognized options: (--[\w.-]+)", wrong)
+    if found is None:
+        return ""
+    config = (tyro.conf.AvoidSubcommands,)
+    parser = (
+        tyro.extras.get_parser(kind, config=config)
+        if default is None
+        else tyro.extras.get_parser(kind, config=config, default=default)
+    )
+    flags = [flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")]
+    nearest = get_close_matches(found[1], flags, n=1, cutoff=0.6)
+    return f"; did you mean {nearest[0]}?" if nearest else ""
 
 
 def _fill(kind: type[T], args: list[str], prog: str, default: T | None) -> T:

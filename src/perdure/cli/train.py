@@ -41,15 +41,26 @@ def main(args: list[str]) -> None:
     look = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     # A missing value is for the second look to complain about.
     look.add_argument("--method", nargs="?", default="geometric", const="geometric")
+    args = _task_first(args)
     if args and not args[0].startswith("-"):
         method = look.parse_known_args(args)[0].method
         default = Train(args[0], method, ppo=method_config(method, args[0], _observation_size(args[0])))
         _train(parse(Train, args[1:], "train TASK", default))
     elif any(arg in ("-h", "--help") for arg in args):
-        parse(Train, ["TASK", "--help"], "train")
+        parse(Train, ["TASK", "--help"], "train TASK")
     else:
         print("perdure: train needs a task first, as in: perdure train Hopper-v3 --method geometric", file=sys.stderr)
         raise SystemExit(2)
+
+
+def _task_first(args: list[str]) -> list[str]:
+    """Return the arguments with the task in front, wherever it was written."""
+    if not args or not args[0].startswith("-"):
+        return args
+    from perdure.envs import is_task
+
+    at = next((k for k, arg in enumerate(args) if not arg.startswith("-") and is_task(arg)), None)
+    return args if at is None else [args[at], *args[:at], *args[at + 1 :]]
 
 
 def _train(flags: Train) -> None:

@@ -17,7 +17,7 @@ from perdure.envs.envpool_world import EnvPoolWorld
 from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.families import TaskListing
 from perdure.envs.gymnasium_world import GymnasiumWorld
-from perdure.envs.registry import list_tasks, make_world
+from perdure.envs.registry import is_task, list_tasks, make_world
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
 
@@ -34,6 +34,7 @@ __all__ = [
     "VectorEnvWorld",
     "World",
     "WorldError",
+    "is_task",
     "list_tasks",
     "make_world",
 ]

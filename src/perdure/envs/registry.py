@@ -32,6 +32,11 @@ def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
     return family_of(task).make(task, seeds, threads)
 
 
+def is_task(name: str) -> bool:
+    """Return whether a suite owns the name."""
+    return any(family.owns(name) for family in FAMILIES)
+
+
 def list_tasks(family: str | None = None) -> list[TaskListing]:
     """Every task that can be simulated, as `perdure list` shows it.
 

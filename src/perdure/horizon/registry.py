@@ -7,6 +7,7 @@ a new one is one new file, imported in ``__init__.py`` or anywhere else.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import inspect
 import math
 from typing import Any, TypeVar
@@ -39,7 +40,10 @@ def from_json(base: type[T], values: Any) -> T:
     kinds = known(base)
     name = values.get("name") if isinstance(values, dict) else values
     if not (isinstance(values, dict) and isinstance(name, str) and name in kinds):
-        raise HorizonError(f"unknown {base.__name__} {name!r}; the known ones are {', '.join(sorted(kinds))}")
+        nearest = difflib.get_close_matches(str(name), kinds, n=1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        valid = ", ".join(sorted(kinds))
+        raise HorizonError(f"unknown {base.__name__} {name!r}; the known ones are {valid}{hint}")
     fields = {key: math.inf if value == "inf" else value for key, value in values.items() if key != "name"}
     try:
         return kinds[name](**fields)

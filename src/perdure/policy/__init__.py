@@ -6,6 +6,7 @@
 | `network.py` | the forward pass in NumPy, each row independent of the others |
 | `closed_loop.py` | policies acting in a world, lane by lane |
 | `files.py` | `save_policy`, `load_policy`: one safetensors file, refused when damaged |
+| `shipped.py` | policies that come with the package, by name |
 | `errors.py` | `PolicyError`, `PolicyFileError` |
 """
 
@@ -13,6 +14,7 @@ from perdure.policy.closed_loop import ClosedLoop, Moment, Pilot, check_fit
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.shipped import find_policy, shipped_policies
 
 __all__ = [
     "ClosedLoop",
@@ -24,6 +26,8 @@ __all__ = [
     "PolicyFileError",
     "TaskInfo",
     "check_fit",
+    "find_policy",
     "load_policy",
     "save_policy",
+    "shipped_policies",
 ]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from perdure.horizon import HorizonProtocol, clock_from_json
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.shipped import find_policy
 from perdure.store import write_whole
 
 FORMAT = "perdure.policy"
@@ -42,13 +43,13 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
 
 
 def load_policy(path: str | Path) -> Policy:
-    """Reads a policy.
+    """Return the policy in a file, or a shipped policy by its name, such as "Hopper-v3/geometric".
 
     Raises:
-        FileNotFoundError: If there is no such file.
-        PolicyFileError: If the file is not a policy, is damaged or was changed, with what is wrong.
+        PolicyFileError: If there is no such file or shipped policy, or the file is not a policy, is damaged or was
+            changed, with what is wrong.
     """
-    path = Path(path)
+    path = find_policy(path)
     if path.is_dir():
         raise PolicyFileError(f"{path} is a folder, not a policy file")
     description, checksum, data = _read(path)

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 
 from perdure.policy.errors import PolicyFileError
 
 SHIPPED = Path(__file__).parent / "shipped"
-"""``shipped/TASK/METHOD.safetensors``"""
+"""`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
 
 
 def shipped_policies() -> dict[str, Path]:
-    """Name, such as "Hopper-v3/geometric", to file."""
+    """Return name, such as "Hopper-v3/geometric" or "home/set_table/place/seed-0", to file."""
     return {
         path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in sorted(SHIPPED.rglob("*.safetensors"))
     }
 
 
-def find_policy(name: str) -> Path:
-    """The file of that path, or the shipped policy of that name.
+def find_policy(name: str | Path) -> Path:
+    """Return the file of that path, or the shipped policy of that name.
 
     Raises:
-        PolicyFileError: If there is neither.
+        PolicyFileError: If there is neither; the message offers the nearest names.
     """
     if Path(name).exists():
         return Path(name)
     shipped = shipped_policies()
-    if name in shipped:
-        return shipped[name]
+    if str(name) in shipped:
+        return shipped[str(name)]
+    nearest = get_close_matches(str(name), shipped, n=2, cutoff=0.5)
+    hint = f"did you mean {' or '.join(nearest)}? " if nearest else ""
     raise PolicyFileError(
-        f"no policy file {name}, and no shipped policy of that name; shipped are {', '.join(shipped)}"
+        f"there is no policy file {name}, and no shipped policy of that name; {hint}`perdure list policies` shows all"
     )

@@ -15,7 +15,6 @@ from typing import Any, cast
 from perdure.home.benchmark.episodes.records import Episode, EpisodeSet
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import split_apartments
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.objects.kinds import Vec3
 from perdure.home.sim.objects.placement import Quaternion
@@ -26,14 +25,16 @@ DATA = Path(__file__).parent / "data"
 
 
 def load_episodes(task: str, split: str) -> EpisodeSet:
-    """The published episodes of a task (`tidy_house`, ...) and a split (`val`, `eval`)."""
+    """Return the published episodes of a task (`tidy_house`, ...) and a split (`val`, `eval`).
+
+    Raises:
+        HomeError: If there is no such task, or no episodes of that split are published.
+    """
     get_task(task)
-    split_apartments(split)
-    path = DATA / f"{task}_{split}.json"
-    if not path.exists():
-        published = ", ".join(sorted(p.stem for p in DATA.glob("*.json"))) or "none"
-        raise HomeError(f"no episodes of {task} {split} are published; there are {published}")
-    return read_episodes(path)
+    published = sorted((p.stem.removeprefix(f"{task}_") for p in DATA.glob(f"{task}_*.json")), reverse=True)
+    if split not in published:
+        raise HomeError(f"split must be one of {', '.join(published)}, not {split!r}")
+    return read_episodes(DATA / f"{task}_{split}.json")
 
 
 def read_episodes(path: str | Path) -> EpisodeSet:

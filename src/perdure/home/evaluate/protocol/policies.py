@@ -16,9 +16,9 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes import UNTRAINED
 from perdure.home.evaluate.protocol.placing import Placing, placing
 from perdure.home.skills import SKILLS
-from perdure.policy import Policy, load_policy
+from perdure.policy import Policy, load_policy, shipped
 
-SHIPPED = Path(__file__).parents[2] / "shipped"
+SHIPPED = shipped.SHIPPED / "home"
 """Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `Placing.policy`."""
 ORACLE = "oracle"
 LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}

@@ -41,7 +41,7 @@ class Protocol:
         count = len(load_episodes(self.task, self.split))
         for name, value, most in (("episodes", self.episodes, count), ("train_seeds", self.train_seeds, None)):
             if value < 1 or (most is not None and value > most):
-                raise HomeError(f"{name} must be 1{'' if most is None else f' to {most}'} or more, not {value}")
+                raise HomeError(f"{name} must be {'1 or more' if most is None else f'1 to {most}'}, not {value}")
         if self.eval_seeds < 1:
             raise HomeError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
         if self.vary not in get_args(Vary):

@@ -16,7 +16,7 @@ from perdure.home.sim.apartments import split_apartments
 
 POOL = 64
 """Episodes in a pool: one in each apartment of the split `train`."""
-_MADE_BY = ("layouts", "objects", "tasks", "episodes")
+_MADE_BY = ("sim/apartments", "sim/objects", "benchmark/tasks", "benchmark/episodes")
 """Folders whose code decides what an episode looks like."""
 
 
