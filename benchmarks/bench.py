@@ -2,7 +2,7 @@
 
 Each figure is a ratio of two measurements of one run, ours and the peer's, taken alternately over ROUNDS rounds; their
 median is kept. The peer runs in an environment of its own (.venv-bench), as a subprocess. Nothing else should run
-meanwhile. The table in the README is filled from the same file.
+meanwhile. The table in docs/benchmarks.md and the ratios in README.md are filled from the same file.
 
 python benchmarks/bench.py [NAME ...]     only the cases whose names contain one of the words
 """
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from marks import put
 from rich.console import Console
 from rich.table import Table
 
@@ -33,7 +34,25 @@ PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
 ROBOTICS_PYTHON = HERE.parent / ".venv-bench-robotics" / "bin" / "python"
 LATEST = HERE / "latest.json"
 ROUNDS = 2
-BEGIN, END = "<!-- benchmark table: begin.", "<!-- benchmark table: end"
+README, PAGE = HERE.parent / "README.md", HERE.parent / "docs" / "benchmarks.md"
+SUMMARY = (
+    (
+        "training one seed, one core (Hopper, HalfCheetah, Ant)",
+        "Stable-Baselines3 on EnvPool, same settings",
+        tuple(f"train.{task}-v3.vs_sb3" for task in ("Hopper", "HalfCheetah", "Ant")),
+    ),
+    (
+        "evaluation, two cores (HalfCheetah)",
+        "Stable-Baselines3, the faster of its two vectorized ways",
+        ("extrapolate.HalfCheetah-v3.vs_sb3_fastest",),
+    ),
+    (
+        "home: place environment, full scene, whole tasks (simulated seconds)",
+        "gymnasium-robotics' FetchPickAndPlace-v4",
+        tuple(f"home.{part}.vs_fetch_env" for part in ("place", "scene", "tasks")),
+    ),
+)
+"""The README's table: what, the peer, and the names of the rows whose ratios are shown."""
 ITERATIONS = {"Hopper-v3": 16, "HalfCheetah-v3": 12, "Ant-v3": 5}
 """Rollouts in one measurement; the first of SB3's and the first two of ours (compilation) do not count."""
 
@@ -197,19 +216,22 @@ def cases() -> dict[str, Callable[[], Figure]]:
     return table
 
 
-def fill_readme(results: dict[str, Any]) -> None:
-    """Puts the figures between the README's two markers."""
-    readme = HERE.parent / "README.md"
-    text = readme.read_text()
-    before, rest = text.split(BEGIN, 1)
-    begin_line, rest = rest.split("\n", 1)
-    _, after = rest.split(END, 1)
+def fill_pages(results: dict[str, Any]) -> None:
+    """Put every row into docs/benchmarks.md, and the ratios of the main ones into README.md."""
     rows = ["| benchmark | ours | peer | ratio | how |", "|---|---|---|---|---|"]
     for name, row in sorted(results.items()):
         figures = f"{row['ours']:,.0f} | {row['peer']:,.0f} {row['unit']} | {row['ratio']:.2f}"
         rows.append(f"| `{name}` | {figures} | {row['how']} |")
-    table = "\n".join(rows)
-    write_whole(readme, f"{before}{BEGIN}{begin_line}\n\n{table}\n\n{END}{after}")
+    _fill(PAGE, "benchmark table", rows)
+    rows = ["| | compared with | ratio |", "|---|---|---|"]
+    for what, peer, names in SUMMARY:
+        ratios = ", ".join(f"{results[name]['ratio']:.1f}" for name in names if name in results)
+        rows.append(f"| {what} | {peer} | {ratios} |")
+    _fill(README, "speed", rows)
+
+
+def _fill(page: Path, mark: str, rows: list[str]) -> None:
+    write_whole(page, put(page.read_text(), mark, "\n".join(rows)))
 
 
 def main() -> None:
@@ -232,7 +254,7 @@ def main() -> None:
             "how": figure.how,
         }
         write_whole(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
-    fill_readme(results)
+    fill_pages(results)
     table = Table("benchmark", "ours", "peer", "ratio", "unit")
     for name, row in sorted(results.items()):
         table.add_row(name, f"{row['ours']:,.0f}", f"{row['peer']:,.0f}", f"{row['ratio']:.2f}", row["unit"])

@@ -4,9 +4,9 @@ python benchmarks/ship_home.py RUNS [seed ...]
 python benchmarks/ship_home.py again [task/policy/seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter, one that places
-in the world `drag`, too, and enters benchmarks/home_skills.json, the table in docs/home/training.md and
-docs/images/home-learning-*.png. One that succeeds often enough goes to src/perdure/policy/shipped/home, without its
-critic (acting is all it is for there) and with weights of 16 bits: so it is scored, too. `again` scores what is shipped anew,
+in the world `drag`, too. The scores enter benchmarks/home_skills.json, the table in docs/home/training.md and
+docs/images/home-learning-*.png. A policy that succeeds often enough goes to src/perdure/policy/shipped/home, without
+its critic (acting does not need it) and with weights of 16 bits, as it is scored. `again` scores what is shipped anew,
 after a change of the world.
 """
 
