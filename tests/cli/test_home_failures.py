@@ -15,7 +15,7 @@ from perdure.home.evaluate.protocol import Protocol, run_protocol
 from perdure.home.sim.camera.gl import open_context
 from perdure.home.skills import SKILLS
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "outcomes"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 from home_stories import good
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")

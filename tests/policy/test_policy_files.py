@@ -78,8 +78,15 @@ def test_the_same_policy_gives_the_same_bytes_however_often_and_in_whatever_orde
 
 
 def test_a_file_that_is_not_there_is_not_found(tmp_path):
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(PolicyFileError, match=r"there is no policy file .*none"):
         load_policy(tmp_path / "none")
+
+
+def test_a_shipped_policy_is_found_by_its_name_and_a_near_name_is_offered():
+    assert load_policy("Hopper-v3/geometric").task.name == "Hopper-v3"
+    assert load_policy("home/set_table/place/seed-0").task.name.startswith("perdure/HomePlace-v0")
+    with pytest.raises(PolicyFileError, match="did you mean Hopper-v3/geometric"):
+        load_policy("Hopper-v3/geometrik")
 
 
 def test_a_folder_is_refused(tmp_path):

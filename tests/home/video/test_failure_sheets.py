@@ -19,7 +19,7 @@ from perdure.home.video import Replay, draw, failure_sheet, read_failures, run_a
 from perdure.home.video.failures import COLUMNS
 from perdure.home.video.moments import PICTURES, condition_of, moments
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "outcomes"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "evaluate" / "outcomes"))
 from home_stories import RUN, Story
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")

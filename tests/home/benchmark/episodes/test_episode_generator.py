@@ -9,7 +9,6 @@ import pytest
 from box_objects import SIZES, BoxObjects
 
 from perdure.home.benchmark.episodes import (
-    Placement,
     generate,
     generate_episode,
     generate_episodes,
@@ -21,6 +20,7 @@ from perdure.home.benchmark.episodes.publish import publish
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import build_apartment, free_space, make_apartment
+from perdure.home.sim.objects import Placement
 
 CASES = [("tidy_house", (0, 16), 0), ("prepare_groceries", (4, 3), 17), ("set_table", (2, 18), 53)]
 

@@ -14,7 +14,7 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
 from perdure.home.skills import get_skill
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 
 
 def test_a_function_acts_as_the_policy_that_it_calls():

@@ -11,7 +11,7 @@ from test_failure_modes import placed_and_gone, set_table
 
 from perdure.home.evaluate.outcomes import analyse, read_logs, record_of
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "habitat_log_to_perdure.py"
+EXAMPLE = Path(__file__).parents[4] / "examples" / "habitat_log_to_perdure.py"
 
 
 @pytest.fixture(scope="module")

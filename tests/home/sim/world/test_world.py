@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import load_episodes, start_pose
+from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose, free_space
 from perdure.home.sim.robot import reach
@@ -21,7 +21,6 @@ from perdure.home.sim.world import (
     SceneOptions,
     World,
     build_scene,
-    episode_scene,
 )
 
 

@@ -10,7 +10,7 @@ from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.gym.tables import FAILURES, page, reward_terms, skill_section
 from perdure.home.skills.starts import STARTS
 
-PAGE = Path(__file__).parents[3] / "docs" / "home" / "skills.md"
+PAGE = Path(__file__).parents[4] / "docs" / "home" / "skills.md"
 
 
 @pytest.mark.skipif(not PAGE.exists(), reason="the page is no part of an installed package")
