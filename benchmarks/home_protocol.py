@@ -21,6 +21,7 @@ from marks import put
 
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.evaluate.outcomes import COUNTINGS, analyse, paired_difference
+from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
 from perdure.home.evaluate.page import Cast, read_cast
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.home.evaluate.protocol.naming import read_arm
@@ -51,6 +52,7 @@ WORLDS = {
 }
 """What a name of `arm_name` adds to the strategy, and how the tables call that world."""
 TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}
+BOUNDS = ("estimate", "lower", "upper")
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
 SHOWN = ("rl", "stop", "ik")
 THESIS = {"rl": 0.418, "ik": 0.653}
@@ -125,6 +127,8 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
                 continue
             left, right = (comparison.episodes[name] for name in names)
             found = paired_difference(left, right)
+            placed = (comparison.placements[name] for name in names)
+            stayed = paired_difference(*placed, keys=SAME_PLACEMENT)
             yield {
                 "task": comparison.task,
                 "split": comparison.split,
@@ -132,7 +136,8 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
                 "world": world,
                 "first": first,
                 "second": second,
-                **{key: round(float(getattr(found, key)), 4) for key in ("estimate", "lower", "upper")},
+                **{key: round(float(getattr(found, key)), 4) for key in BOUNDS},
+                "placements": {key: round(float(getattr(stayed, key)), 4) for key in BOUNDS},
                 "units": found.count,
                 "method": found.method,
             }
@@ -207,11 +212,15 @@ def difference_table(rows: list[Row], differences: list[Row]) -> str:
     lines = []
     for each in differences:
         if each["split"] == "eval" and (each["world"] == "drag" or each["second"] != "ik+"):
-            bounds = f"{percent(each['estimate'])} [{percent(each['lower'])}, {percent(each['upper'])}]"
-            lines.append(
-                (TITLES[each["task"]], WORLDS[each["world"]], f"`{each['second']}` - `{each['first']}`", bounds)
-            )
-    return markdown(("task", "world", "difference", "points [95 % interval]"), lines)
+            bounds = [
+                f"{percent(part['estimate'])} [{percent(part['lower'])}, {percent(part['upper'])}]"
+                for part in (each, each["placements"])
+            ]
+            pair = f"`{each['second']}` - `{each['first']}`"
+            lines.append((TITLES[each["task"]], WORLDS[each["world"]], pair, *bounds))
+    return markdown(
+        ("task", "world", "difference", "episodes that succeed [points]", "placements that stay [points]"), lines
+    )
 
 
 def world_table(rows: list[Row], differences: list[Row]) -> str:

@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 SAME_EPISODE = ("train_seed", "eval_seed", "index")
+SAME_PLACEMENT = (*SAME_EPISODE, "target")
 
 
-def paired_difference(first: pl.DataFrame, second: pl.DataFrame, column: str = "stabilizing") -> Interval:
+def paired_difference(
+    first: pl.DataFrame, second: pl.DataFrame, column: str = "stabilizing", keys: tuple[str, ...] = SAME_EPISODE
+) -> Interval:
     """Return the mean difference in success, second minus first, over the episodes that both ran.
 
     Episodes are paired by training seed, evaluation seed and number: the same policies from the same start. The
@@ -24,17 +27,18 @@ def paired_difference(first: pl.DataFrame, second: pl.DataFrame, column: str = "
     training seed the episodes are, and the interval says nothing about training again.
 
     Args:
-        first: Rows of `Analysis.episodes` of one release strategy.
+        first: Rows of `Analysis.episodes` of one release strategy, or of `Analysis.placements`.
         second: Of the other, in the same task and split.
-        column: `stabilizing` or `success` (latched).
+        column: `stabilizing`, or `success` (latched) of episodes.
+        keys: What makes a pair: `SAME_EPISODE`, or `SAME_PLACEMENT` for placements of the same object.
 
     Raises:
-        HomeError: If no episode was run under both.
+        HomeError: If the two have no pair.
     """
     import polars as pl
 
-    both = first.select(*SAME_EPISODE, pl.col(column).alias("first")).join(
-        second.select(*SAME_EPISODE, pl.col(column).alias("second")), on=SAME_EPISODE
+    both = first.select(*keys, pl.col(column).alias("first")).join(
+        second.select(*keys, pl.col(column).alias("second")), on=keys
     )
     if both.is_empty():
         raise HomeError("the two release strategies have no episode of equal training and evaluation seed in common")
