@@ -1,11 +1,12 @@
 """The Home Assistant Benchmark on MuJoCo: a Fetch robot tidies the house, prepares groceries and sets the table.
 
-It reads from top to bottom like the benchmark itself:
-    robot       the Fetch as MJCF
-    objects     the ten YCB objects
-    layouts     the apartments and the free space in them
-    tasks       the three tasks: goals, skill sequences, stages, two ways of counting
-    episodes    starts, goals and clutter, kept in files
+Rooms, each built on those before it:
+    sim          the simulated world: robot, objects, apartments, head camera
+    benchmark    what is asked: tasks, episodes, the planner
+    skills       what a skill observes and earns, where it begins, how it is learned
+    agents       what acts: learned policies, the oracle, release strategies
+    evaluate     running episodes, logs, counting what stayed
+    video        films, failure sheets, a live view
 
 Importing this package imports NumPy and nothing heavier; MuJoCo, SciPy and matplotlib are imported where they are used.
 """

@@ -1,7 +1,8 @@
 """Which draw of each published apartment is the first good one, so that nobody has to check them again.
 
-A check takes a tenth of a second, and an environment for training needs dozens of apartments. `tests/home/layouts`
-draws and checks them all; after a change of macro layouts, furniture or checks it says what must stand here.
+A check takes a tenth of a second, and an environment for training needs dozens of apartments.
+`tests/home/sim/apartments` draws and checks them all; after a change of macro layouts, furniture or checks it names the
+values that belong here.
 """
 
 from __future__ import annotations
