@@ -32,15 +32,16 @@ def rows() -> list[str]:
     worlds = [
         f"set_table --place {how} {world} --split eval {THREE}" for world in WORLDS for how in ("rl", "stop", "ik")
     ]
-    known = [f"{task} --place {how} {DRAG} {THREE}" for task in TASKS for how in ("rl", "stop", "ik")]
     worlds.append(f"set_table --place rl {DRAG} --release-velocity zero --split eval {THREE}")
-    plus = [f"{task} --place ik+ {DRAG} --split eval {THREE}" for task in TASKS]
-    deltas = [f"{task} --place delta-200 {DRAG} --split eval {THREE}" for task in TASKS]
-    deltas += [f"set_table --place {each} {DRAG} --split eval {THREE}" for each in ("delta-10", "delta-50")]
-    deltas += [f"set_table --place delta-50-in-200 {DRAG} --split eval {THREE}"]
+    known = [f"{task} --place {how} {DRAG} {THREE}" for task in TASKS for how in ("rl", "ik")]
     jaws = [f"tidy_house --place {how} {DRAG} --jaws apart --split eval {THREE}" for how in ("rl", "ik")]
-    nine_known = [f"set_table --place {how} {DRAG} {NINE}" for how in ("rl", "ik")]
-    return [" ".join(row.split()) for row in (*unseen, *worlds, *known, *plus, *deltas, *jaws, *nine_known)]
+    deltas = [f"{task} --place delta-200 {DRAG} --split eval {THREE}" for task in TASKS]
+    deltas += [
+        f"set_table --place {each} {DRAG} --split eval {THREE}" for each in ("delta-10", "delta-50", "delta-50-in-200")
+    ]
+    plus = [f"{task} --place ik+ {DRAG} --split eval {THREE}" for task in TASKS]
+    known_stop = [f"{task} --place stop {DRAG} {THREE}" for task in TASKS]
+    return [" ".join(row.split()) for row in (*unseen, *worlds, *known, *jaws, *deltas, *plus, *known_stop)]
 
 
 def main(out: Path, tasks: list[str]) -> None:
