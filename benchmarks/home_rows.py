@@ -33,6 +33,7 @@ def rows() -> list[str]:
         f"set_table --place {how} {world} --split eval {THREE}" for world in WORLDS for how in ("rl", "stop", "ik")
     ]
     worlds.append(f"set_table --place rl {DRAG} --release-velocity zero --split eval {THREE}")
+    worlds += [f"{task} --place {how} --split eval {THREE}" for task in TASKS[1:] for how in ("rl", "stop", "ik")]
     known = [f"{task} --place {how} {DRAG} {THREE}" for task in TASKS for how in ("rl", "ik")]
     jaws = [f"tidy_house --place {how} {DRAG} --jaws apart --split eval {THREE}" for how in ("rl", "ik")]
     deltas = [f"{task} --place delta-200 {DRAG} --split eval {THREE}" for task in TASKS]
