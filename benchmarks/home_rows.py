@@ -41,8 +41,7 @@ def rows() -> list[str]:
         f"set_table --place {each} {DRAG} --split eval {THREE}" for each in ("delta-10", "delta-50", "delta-50-in-200")
     ]
     plus = [f"{task} --place ik+ {DRAG} --split eval {THREE}" for task in TASKS]
-    known_stop = [f"{task} --place stop {DRAG} {THREE}" for task in TASKS]
-    return [" ".join(row.split()) for row in (*unseen, *worlds, *known, *jaws, *deltas, *plus, *known_stop)]
+    return [" ".join(row.split()) for row in (*unseen, *worlds, *known, *jaws, *deltas, *plus)]
 
 
 def main(out: Path, tasks: list[str]) -> None:
