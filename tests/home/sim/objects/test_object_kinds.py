@@ -9,7 +9,7 @@ from object_scene import colliding_corners, run, scene, turned
 
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.errors import HomeError
-from perdure.home.sim.objects import KINDS, YcbObjects
+from perdure.home.sim.objects import KINDS, OBJECT_BIT, YcbObjects
 from perdure.home.sim.objects.shapes import cap_radius
 
 TABLE = {  # full sizes in millimetres (YCB models' bounding boxes; 008, 009 and 013 as measured), mass in grams
@@ -119,7 +119,7 @@ def test_looks_change_nothing_but_looks(kind):
         assert [geom.name for geom in geoms] == [f"it/{k}" for k in range(len(geoms))]
         for geom in geoms:
             collides = (geom.contype[0], geom.conaffinity[0])
-            assert collides == ((0, 0) if geom.group[0] == 2 else (1, 1))
+            assert collides == ((0, 0) if geom.group[0] == 2 else (1 | OBJECT_BIT,) * 2)
             assert geom.group[0] in ((0, 2, 3) if looks else (0,))
         run(model, data, 0.8)
         paths.append(data.qpos.copy())
