@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
+from home_tables import TABLES, TITLES, WORLDS, Row, chosen, readme_table, strategy_and_world
 from marks import put
 
 from perdure.home.benchmark.tasks import TASKS
@@ -24,8 +25,6 @@ from perdure.home.evaluate.outcomes import COUNTINGS, analyse, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
 from perdure.home.evaluate.page import Cast, read_cast
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
-from perdure.home.evaluate.protocol.naming import read_arm
-from perdure.home.sim.objects import KINDS
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
@@ -36,27 +35,8 @@ DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "home" / "results.md"
 README = Path(__file__).parents[1] / "README.md"
 PICTURE = DOCS / "images" / "home-arms.png"
-Row = dict[str, Any]
-
-GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
-"""How the tables call objects of a shape."""
-STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
-"""In the order of the tables."""
-WORLDS = {
-    "drag": "no rolling resistance",
-    "drag hull-apple": "the same, apple a convex hull",
-    "drag base-velocity-removed": "the same, base velocity removed at release",
-    "drag released-at-zero-velocity": "the same, all velocity removed at release",
-    "": "rolling friction",
-    "jaws-apart drag": "no rolling resistance, `--jaws apart`",
-}
-"""What a name of `arm_name` adds to the strategy, and how the tables call that world."""
-TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}
 BOUNDS = ("estimate", "lower", "upper")
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
-SHOWN = ("rl", "stop", "ik")
-THESIS = {"rl": 0.418, "ik": 0.653}
-"""Success in SetTable on the validation set (thesis, section 2.3)."""
 
 
 def numbers(comparison: Comparison, arm: str, cast: Cast) -> Row:
@@ -141,204 +121,6 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
                 "units": found.count,
                 "method": found.method,
             }
-
-
-def percent(share: float, digits: int = 1) -> str:
-    """0.917 -> "91.7"."""
-    return f"{100 * share:.{digits}f}"
-
-
-def share(success: Row) -> str:
-    """Return the mean and its 95 % interval."""
-    return f"{percent(success['mean'])} % [{percent(success['lower'], 0)}, {percent(success['upper'], 0)}]"
-
-
-def by_seed(success: Row) -> str:
-    """Return the success of each training seed."""
-    return ", ".join(percent(each, 0) for each in success["train_seeds"])
-
-
-def size(row: Row) -> str:
-    """Training seeds x evaluation seeds x episodes."""
-    train, evaluated = row["seeds"]["train"], row["seeds"]["eval"]
-    return f"{train} x {evaluated} x {row['episodes'] // (train * evaluated)}"
-
-
-def lost(row: Row) -> str:
-    """Return how many placements of each group of objects did not stay."""
-    counts: dict[str, tuple[int, int]] = {}
-    for name, kind in row["kinds"].items():
-        group = GROUPS[KINDS[name].shape]
-        bad, of = counts.get(group, (0, 0))
-        counts[group] = bad + kind["not_stable"], of + kind["placements"]
-    return ", ".join(f"{group} {bad:,} of {of:,}" for group, (bad, of) in sorted(counts.items()))
-
-
-def strategy_and_world(row: Row) -> tuple[str, str]:
-    """Return the two parts of a row's name: `ik drag hull-apple` -> ("ik", "drag hull-apple")."""
-    strategy = read_arm(row["arm"])[0]
-    return strategy, row["arm"].removeprefix(strategy).strip()
-
-
-def chosen(rows: list[Row], split: str, world: str | None = None, task: str | None = None) -> list[Row]:
-    """Return rows of a split, perhaps of one world and task, by task, world and strategy."""
-    found = []
-    for row in rows:
-        strategy, where = strategy_and_world(row)
-        if row["split"] == split and world in (None, where) and task in (None, row["task"]) and where in WORLDS:
-            found.append((list(TITLES).index(row["task"]), list(WORLDS).index(where), STRATEGIES.index(strategy), row))
-    return [row for *_, row in sorted(found, key=lambda each: each[:3])]
-
-
-def markdown(headings: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
-    """Return a table in Markdown."""
-    rule = "|" + "---|" * len(headings)
-    return "\n".join([f"| {' | '.join(headings)} |", rule, *(f"| {' | '.join(line)} |" for line in lines)])
-
-
-def headline(rows: list[Row], differences: list[Row]) -> str:
-    """Success on unseen layouts without rolling resistance."""
-    headings = ("task", "strategy", "seeds x episodes", "goal-stabilizing", "by training seed", "latched")
-    headings += ("placements that did not stay",)
-    lines = []
-    for row in chosen(rows, "eval", "drag"):
-        cells = (TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`", size(row), share(row["stabilizing"]))
-        lines.append((*cells, by_seed(row["stabilizing"]), share(row["latched"]), lost(row)))
-    return markdown(headings, lines)
-
-
-def difference_table(rows: list[Row], differences: list[Row]) -> str:
-    """Paired differences, worlds below each other."""
-    lines = []
-    for each in differences:
-        if each["split"] == "eval" and (each["world"] == "drag" or each["second"] != "ik+"):
-            bounds = [
-                f"{percent(part['estimate'])} [{percent(part['lower'])}, {percent(part['upper'])}]"
-                for part in (each, each["placements"])
-            ]
-            pair = f"`{each['second']}` - `{each['first']}`"
-            lines.append((TITLES[each["task"]], WORLDS[each["world"]], pair, *bounds))
-    return markdown(
-        ("task", "world", "difference", "episodes that succeed [points]", "placements that stay [points]"), lines
-    )
-
-
-def world_table(rows: list[Row], differences: list[Row]) -> str:
-    """Every world; SetTable in all of them, the other tasks with rolling friction."""
-    lines = []
-    for row in chosen(rows, "eval"):
-        strategy, world = strategy_and_world(row)
-        if strategy in SHOWN and world != "jaws-apart drag":
-            cells = (TITLES[row["task"]], WORLDS[world], f"`{strategy}`", size(row), share(row["stabilizing"]))
-            lines.append((*cells, by_seed(row["stabilizing"]), lost(row)))
-    headings = ("task", "world", "strategy", "seeds x episodes", "goal-stabilizing", "by training seed")
-    return markdown((*headings, "placements that did not stay"), lines)
-
-
-def jaws_table(rows: list[Row], differences: list[Row]) -> str:
-    """TidyHouse when an object that was let go can meet the gripper's jaws again."""
-    lines = []
-    for row in chosen(rows, "eval", task="tidy_house"):
-        strategy, world = strategy_and_world(row)
-        if strategy in ("rl", "ik") and world in ("drag", "jaws-apart drag"):
-            lines.append((WORLDS[world], f"`{strategy}`", size(row), share(row["stabilizing"]), lost(row)))
-    headings = ("world", "strategy", "seeds x episodes", "goal-stabilizing", "placements that did not stay")
-    return markdown(headings, lines)
-
-
-def layout_table(rows: list[Row], differences: list[Row]) -> str:
-    """Known and unseen layouts side by side."""
-    lines = []
-    unseen = {(row["task"], row["arm"]): row for row in chosen(rows, "eval", "drag")}
-    for row in chosen(rows, "val", "drag"):
-        other = unseen.get((row["task"], row["arm"]))
-        if other is not None:
-            cells = (TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`")
-            cells += (f"{share(row['latched'])} ({size(row)})", f"{share(other['latched'])} ({size(other)})")
-            drop = other["latched"]["mean"] - row["latched"]["mean"]
-            lines.append((*cells, f"{100 * drop:+.1f} points"))
-    return markdown(("task", "strategy", "val (known layouts)", "eval (unseen layout)", "change"), lines)
-
-
-def thesis_table(rows: list[Row], differences: list[Row]) -> str:
-    """SetTable, val, latched: the thesis' own count, and the episodes that failed at a placement."""
-    lines = []
-    for row in chosen(rows, "val", "drag", "set_table"):
-        strategy, _ = strategy_and_world(row)
-        if strategy not in THESIS:
-            continue
-        unstable = sum(row["failed_at"].values()) / row["episodes"]
-        lines.append(
-            (
-                f"`{strategy}`",
-                f"{percent(THESIS[strategy])} %",
-                f"{share(row['latched'])} ({size(row)})",
-                {"rl": "45.4 %", "ik": "18.0 %"}[strategy],
-                f"{percent(unstable)} %",
-            )
-        )
-    headings = ("strategy", "success, thesis", "success, ours", "failed at a placement, thesis")
-    return markdown((*headings, "failed at a placement, ours"), lines)
-
-
-def mode_table(rows: list[Row], differences: list[Row]) -> str:
-    """What fails with the hand-over, in few groups."""
-    groups: dict[str, tuple[str, tuple[str, ...]]] = {
-        "pick: not reached": ("pick", ("not reached", "time-out")),
-        "pick: grasp missed or wrong object": ("pick", ("grasp missed", "wrong object grasped")),
-        "pick: collision": ("pick", ("collision",)),
-        "place: tipped": ("place", ("tipped",)),
-        "place: rolled": ("place", ("rolled",)),
-        "place: thrown or dropped": ("place", ("thrown", "dropped")),
-        "place: other": ("place", ("not reached", "time-out", "collision", "displaced by the robot")),
-    }
-    lines = []
-    for row in chosen(rows, "eval", "drag"):
-        if (strategy := strategy_and_world(row)[0]) not in SHOWN:
-            continue
-        left, counts = dict(row["modes"]), []
-        for stage, mechanisms in groups.values():
-            names = [n for n in left if n.startswith(stage) and n.split(", ")[1] in mechanisms]
-            counts.append(sum(left.pop(name) for name in names))
-        failed = sum(counts) + sum(left.values())
-        cells = (TITLES[row["task"]], f"`{strategy}`", f"{failed} of {row['episodes']}")
-        lines.append((*cells, *map(str, counts), str(sum(left.values()))))
-    return markdown(("task", "strategy", "failed", *groups, "doors and drawers, rest"), lines)
-
-
-def hand_over_table(rows: list[Row], differences: list[Row]) -> str:
-    """How often a release strategy fell back."""
-    picked = [row for row in chosen(rows, "eval", "drag") if row["hand_overs"]]
-    outcomes = sorted({outcome for row in picked for outcome in row["hand_overs"]})
-    lines = []
-    for row in picked:
-        counts = (str(row["hand_overs"].get(outcome, 0)) for outcome in outcomes)
-        lines.append((TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`", *counts))
-    return markdown(("task", "strategy", *outcomes), lines)
-
-
-TABLES: dict[str, Callable[[list[Row], list[Row]], str]] = {
-    "headline": headline,
-    "differences": difference_table,
-    "worlds": world_table,
-    "jaws": jaws_table,
-    "layouts": layout_table,
-    "thesis": thesis_table,
-    "modes": mode_table,
-    "hand_overs": hand_over_table,
-}
-"""Mark in docs/home/results.md to the function that writes what stands there."""
-
-
-def readme_table(rows: list[Row]) -> str:
-    """The headline for the README: success of each task on unseen layouts."""
-    lines = []
-    for task, title in TITLES.items():
-        found = {strategy_and_world(row)[0]: row for row in chosen(rows, "eval", "drag", task)}
-        if set(SHOWN) <= found.keys():
-            lines.append((title, *(share(found[strategy]["stabilizing"]) for strategy in SHOWN)))
-    names = ("policy alone (`rl`)", "stop, then release (`stop`)", "stop, lower by 5 cm, release (`ik`)")
-    return markdown(("task", *names), lines)
 
 
 def picture(rows: list[Row]) -> Chart:

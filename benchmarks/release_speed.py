@@ -1,11 +1,11 @@
-"""How fast an object may move when it is let go: the share of placements that stay, by its speed at the release.
+"""How fast an object may move when it is released: the share of placements that stay, by release speed.
 
 python benchmarks/release_speed.py HOME_RUNS
 
-HOME_RUNS is the `--out` of `perdure home run`. Counted are all placements of val episodes in the world `drag`, of all
-tasks and training seeds there, those of policies alone (`rl`, `delta-N`) apart from those of arms that come to rest
-before they let go (`stop`, `ik`, `ik+`). One stays that is still in its goal when the task is over
-(goal-stabilizing). Writes the table of docs/home/results.md and docs/images/home-release-speed.png.
+HOME_RUNS is the `--out` of `perdure home run`. Counted are all placements of eval episodes in the world without rolling
+resistance, of all tasks and training seeds there. Placements of policies alone (`rl`, `delta-N`) are kept apart from
+those of strategies that come to rest before they release (`stop`, `ik`, `ik+`). A placement stays when it is
+goal-stabilizing. Writes the table of docs/home/results.md and docs/images/home-release-speed.png.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from home_protocol import GROUPS, PAGE
+from home_protocol import PAGE
+from home_tables import GROUPS
 from marks import put
 
 from perdure.home.evaluate.outcomes import analyse
@@ -40,11 +41,11 @@ SHAPES = ("apples", "cans", "bowls", "boxes")
 def placements(folder: Path) -> pl.DataFrame:
     """One row for each: its group of objects, its speed's interval, who let go, whether it stayed."""
     records, _ = read_cast(sorted(folder.rglob("logs.parquet")))
-    found = analyse(records).placements.filter(split="val")
+    found = analyse(records).placements.filter(split="eval")
     alone = {}
     for label in found["arm"].unique():
         arm, options = read_arm(label)
-        if options.scene.rolling == "drag" and options.jaws == "never":
+        if options == read_arm("rl drag")[1]:
             alone[label] = arm == "rl" or placing(arm).delta > 1
     found = found.filter(pl.col("arm").is_in(list(alone)))
     return found.select(
@@ -59,8 +60,8 @@ def placements(folder: Path) -> pl.DataFrame:
 def table(counts: pl.DataFrame) -> str:
     """Of how many stayed how many, in Markdown; one row for each interval."""
     heads = [(alone, group) for alone in (True, False) for group in SHAPES]
-    names = [f"{group}, {'alone' if alone else 'at rest first'}" for alone, group in heads]
-    lines = [f"| speed at the release [m/s] | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    names = [f"{group}, {'in motion' if alone else 'stopped'}" for alone, group in heads]
+    lines = [f"| release speed [m/s] | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     for number, (low, high) in enumerate(pairwise(EDGES)):
         cells = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"]
         for alone, group in heads:
@@ -81,12 +82,12 @@ def picture(counts: pl.DataFrame) -> Chart:
         series.append(Series(group, part["speed"].to_numpy(), share, category(number), points=True, tag=group))
     return Chart(
         "home-release-speed",
-        "How fast may an object be when it is let go?",
-        Axis("speed at the release [m/s]", low=0.0, high=1.05 * max(float(each.x.max()) for each in series)),
-        Axis("placements that stay until the task is over", percent=True, low=0.0, high=1.0),
+        "How fast may an object move when it is released?",
+        Axis("release speed [m/s]", low=0.0, high=1.05 * max(float(each.x.max()) for each in series)),
+        Axis("share of placements that stay", percent=True, low=0.0, high=1.0),
         tuple(series),
-        note="Placements of policies alone (rl, delta-N), all tasks, val split, drag. Each point: an interval of "
-        "speed, at the median of its placements.",
+        note="Placements released in motion (rl, delta-N), all tasks, apartments with unseen layouts, no rolling "
+        f"resistance. Each point: an interval of speed with at least {FEWEST} placements, at their median speed.",
     )
 
 
