@@ -130,7 +130,7 @@ def picture(rows: list[Row]) -> Chart:
     ]
     names = [TITLES[task] if world == "drag" else f"SetTable: {_short(world)}" for task, world in places]
     found = {(row["task"], *strategy_and_world(row)): row["stabilizing"] for row in chosen(rows, "eval")}
-    strategies = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
+    strategies = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm"}
     series = []
     for number, (strategy, label) in enumerate(strategies.items()):
         at = [k for k, (task, world) in enumerate(places) if (task, strategy, world) in found]
@@ -141,7 +141,7 @@ def picture(rows: list[Row]) -> Chart:
         series.append(Series(label, mean, heights, color, lower, upper, line=False, points=True))
         seeds = [(share, at[k] + offset + 0.08) for k, each in enumerate(rows_of) for share in each["train_seeds"]]
         x, y = np.array(seeds).T
-        series.append(Series(f"{label}: one training seed", x, y, color, line=False, points=True, hollow=True))
+        series.append(Series("each seed", x, y, color, line=False, points=True, hollow=True))
     return Chart(
         "home-arms",
         "Does the object stay where it was put?",
