@@ -84,19 +84,22 @@ class TestRuns:
         assert found["training x evaluation seeds"] == "2 x 1"
         # Runs at 3/4 and 4/4: mean 7/8, s = 0.125 sqrt(2), s / sqrt(2) = 0.125.
         assert found[LATCHED].startswith("87.5 +- 12.5 %")
-        assert "standard error over runs" in figure_note(page, "success")
-        assert "one run only" not in page
+        assert "95 % intervals over training seeds (Student t)" in figure_note(page, "success")
+        assert "silent on other seeds" not in page
+        # 7/8 -+ 12.7 * 0.125, kept within 0 and 1; and each seed as a point.
         error = figure(page, "success")["data"][0]["error_x"]
-        assert error["array"] == error["arrayminus"] == [pytest.approx(0.125)]
+        assert (error["array"], error["arrayminus"]) == ([pytest.approx(0.125)], [pytest.approx(0.875)])
+        (seeds,) = [each for each in figure(page, "success")["data"] if each["name"] == "each training seed"]
+        assert sorted(seeds["x"]) == [0.25, 1.0]
 
     def test_a_single_run_is_not_given_one(self, page):
         assert "+-" not in row(page, "Success", "rl")[LATCHED]
-        assert "one run only" in figure_note(page, "success")
+        assert "one training seed, silent on other seeds (Wilson score)" in figure_note(page, "success")
         assert "says nothing about training again" in page
 
     def test_only_the_arm_with_one_run_is_named(self, tmp_path):
         logs = records("rl", [good(0)], 1) + records("rl", [good(0)], 2) + records("ik", [good(0)], 1)
-        assert "Bars of ik: one run only" in figure_note(page_of(logs, tmp_path), "success")
+        assert "Bars of ik: 95 % intervals over episodes of one" in figure_note(page_of(logs, tmp_path), "success")
 
 
 class TestFigures:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from perdure.home.evaluate.outcomes import COUNTINGS, Counting
 from perdure.home.evaluate.page.comparison import Comparison, listed
 from perdure.report.charts import Axis, Chart, FloatArray, Series
 from perdure.report.palette import FADED, category
+from perdure.report.statistics import TRAINING_SEEDS
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,8 +43,8 @@ def final_chart(comparison: Comparison) -> Chart:
         title="Success of the whole task",
         x=Axis("share of episodes", percent=True, low=0.0, high=1.0),
         y=Axis("", rows=comparison.arms),
-        series=tuple(map(points, COUNTINGS)),
-        row_lines=2,
+        series=(*map(points, COUNTINGS), *filter(None, [_seed_points(comparison)])),
+        row_lines=3,
         note="Latched: a stage counts once its conditions hold, whatever follows. Goal-stabilizing: objects also stay. "
         + error_note(comparison)
         + unequal_note(comparison),
@@ -85,16 +85,17 @@ def stage_chart(comparison: Comparison) -> Chart:
 
 
 def error_note(comparison: Comparison, what: str = "Bars") -> str:
-    """What error bars are: the standard error over runs; intervals over episodes where an arm has one run only."""
-    runs = {arm: int(comparison.final(arm, "latched")["runs"]) for arm in comparison.arms}
-    one = [arm for arm, count in runs.items() if count == 1]
+    """What error bars are: 95 % intervals, over which units and by which method, for each arm."""
+    methods: dict[tuple[str, str], list[str]] = {}
+    for arm in comparison.arms:
+        row = comparison.final(arm, "latched")
+        methods.setdefault((str(row["units"]), str(row["method"])), []).append(arm)
     parts = []
-    if len(one) < len(runs):
-        counts = listed([f"{arm} {count}" for arm, count in runs.items() if count > 1])
-        parts.append(f"{what}: standard error over runs (training x evaluation seeds; {counts}).")
-    if one:
-        who = "" if len(one) == len(runs) else f" of {listed(one)}"
-        parts.append(f"{what}{who}: one run only, so a 95 % interval over its episodes; it is silent on other seeds.")
+    for (units, method), arms in methods.items():
+        which = "" if len(methods) == 1 else f" of {listed(arms)}"
+        seeds = units == TRAINING_SEEDS
+        over = "training seeds" if seeds else "episodes of one training seed, silent on other seeds"
+        parts.append(f"{what}{which}: 95 % intervals over {over} ({method}).")
     return " ".join(parts)
 
 
@@ -108,10 +109,26 @@ def unequal_note(comparison: Comparison) -> str:
 
 
 def _bounds(row: dict[str, float]) -> tuple[float, float]:
-    error = row["standard_error"]
-    if math.isnan(error):
-        return row["lower"], row["upper"]
-    return row["mean"] - error, row["mean"] + error
+    return row["lower"], row["upper"]
+
+
+def _seed_points(comparison: Comparison) -> Series | None:
+    """The goal-stabilizing success of every training seed; None where no arm has several."""
+    x, y = [], []
+    for place, arm in enumerate(comparison.arms):
+        seeds = comparison.episodes[arm].group_by("train_seed").agg(_share()).sort("train_seed")["share"].to_list()
+        if len(seeds) > 1:
+            x += seeds
+            y += [place + 0.26] * len(seeds)
+    if not x:
+        return None
+    return Series("each training seed", np.array(x), np.array(y), category(0), line=False, points=True, hollow=True)
+
+
+def _share() -> pl.Expr:
+    import polars as pl
+
+    return pl.col("stabilizing").mean().alias("share")
 
 
 def _stage_bounds(table: pl.DataFrame) -> tuple[FloatArray, FloatArray]:
