@@ -5,7 +5,7 @@ Sizes are those of habitat-sim's copy of the ReplicaCAD counter
 y-up with z to the left of somebody facing the counter, ours is z-up with y to the counter's own left, so
 (x, y, z) there is (x, -z, y) here. The marker names and the handle at 0.3 m in front of the link are M3's
 (hab-mobile-manipulation, `habitat_extensions/tasks/rearrange/sim.py`). What the file does not say is marked OURS and
-listed in `docs/home.md`.
+listed in `docs/home/benchmark.md`.
 """
 
 from __future__ import annotations
