@@ -27,7 +27,8 @@ from perdure.store import write_whole
 if TYPE_CHECKING:
     import polars as pl
 
-_RESERVED = ("schema", "version", "sha256")
+BODY = "columns_sha256"
+_RESERVED = ("schema", "version", "sha256", BODY)
 
 
 def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], run: Mapping[str, str]) -> Path:
@@ -53,9 +54,10 @@ def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord]
         raise HomeError(f"run says {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
     frame = to_frame(records)
     notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **run}
-    buffer = io.BytesIO()
-    frame.write_parquet(buffer, metadata={**notes, "sha256": _digest(frame, notes)}, compression_level=12)
-    return write_whole(path, buffer.getvalue())
+    notes["sha256"] = _digest(frame, notes)
+    # The columns' bytes do not depend on the metadata, which stands behind them: written once to know their digest.
+    notes[BODY] = _body_digest(_parquet(frame, notes))
+    return write_whole(path, _parquet(frame, notes))
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
@@ -76,6 +78,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
         names = {**frame.schema, **expected}
         wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
         raise HomeError(f"{path} does not fit {SCHEMA_NAME}: wrong, missing or unknown columns {wrong}")
+    notes.pop(BODY, None)
     if notes.pop("sha256", None) != _digest(frame, notes):
         raise HomeError(f"{path} is damaged: its content does not fit the SHA-256 it was written with")
     try:
@@ -150,11 +153,31 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
         raise HomeError(f"{path} is not a Parquet file")
     try:
         notes = pl.read_parquet_metadata(io.BytesIO(content))
+        if BODY in notes and notes[BODY] != _body_digest(content):
+            raise HomeError(f"{path} is damaged: its columns do not fit the SHA-256 they were written with")
         frame = pl.read_parquet(io.BytesIO(content))
+    except HomeError:
+        raise
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
     return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+
+
+def _parquet(frame: pl.DataFrame, notes: Mapping[str, str]) -> bytes:
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, metadata=dict(notes), compression_level=12)
+    return buffer.getvalue()
+
+
+def _body_digest(content: bytes) -> str:
+    """SHA-256 of a Parquet file's column data: what stands before its footer.
+
+    It is checked before the columns are decoded, because Polars can abort the process on damaged ones. A file ends
+    with its footer, the footer's length (4 bytes, little-endian) and "PAR1".
+    """
+    end = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    return hashlib.sha256(content[: max(end, 0)]).hexdigest()
 
 
 def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
