@@ -213,7 +213,7 @@ TABLES: dict[str, Callable[[list[Row], list[Row]], str]] = {
     "modes": mode_table,
     "hand_overs": hand_over_table,
 }
-"""Mark in docs/home/results.md to the function that writes what stands there."""
+"""HTML comment mark in docs/home/results.md to the function that writes the table at that mark."""
 
 
 def readme_table(rows: list[Row]) -> str:

@@ -187,3 +187,11 @@ def stop(held: Held) -> Motion:
         yield hold_base(held)
         if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
             return
+
+
+def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
+    """`stop`, and return whether a descent may begin; beside the goal region the outcome says why not."""
+    yield from stop(held)
+    if not held.above_goal:
+        held.outcome = NOT_ABOVE
+    return held.above_goal

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.agents.release.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
+from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.toward import toward
 from perdure.home.sim.world import CONTROL_HZ
@@ -34,9 +34,7 @@ class Ik(HandOver):
 
     def motion(self, held: Held) -> Motion:
         """See `HandOver.motion`."""
-        yield from stop(held)
-        if not held.above_goal:
-            held.outcome = NOT_ABOVE
+        if not (yield from stop_above_goal(held)):
             return
         start = held.sensors.gripper_in_base[0].copy()
         rotation = held.sensors.gripper_rotation[0].copy()

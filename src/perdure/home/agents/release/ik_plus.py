@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.release.hand_over import NOT_ABOVE, HandOver, Held, Motion, hold_base, stop
+from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.robot.toward import toward
@@ -46,9 +46,7 @@ class IkPlus(HandOver):
 
     def motion(self, held: Held) -> Motion:
         """See `HandOver.motion`."""
-        yield from stop(held)
-        if not held.above_goal:
-            held.outcome = NOT_ABOVE
+        if not (yield from stop_above_goal(held)):
             return
         place, now = gripper_pose(TORSO_HEIGHT, held.arm)
         yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
