@@ -65,7 +65,7 @@ def test_numpy_acting_and_values_agree_with_the_learners_forward_pass(activation
     times = ELAPSED, np.full(ROWS, 1000.0)
     assert (np.abs(mean) > 1).any(), "no action reaches the box: the test would not see a missing cut"
     np.testing.assert_allclose(policy.act_at(OBSERVATIONS, *times), np.clip(mean, -1, 1), rtol=0, atol=1e-5)
-    np.testing.assert_allclose(policy.value(OBSERVATIONS, *times), values, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(policy.scaled_value(OBSERVATIONS, *times), values, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("normalize_embedding", [False, True])

@@ -193,7 +193,7 @@ def test_the_forger_of_these_tests_can_make_a_file_that_loads(saved):
 
 
 FORGERIES = {
-    "version": lambda d: d.update(version=2),
+    "version": lambda d: d.update(version=3),
     "activation": lambda d: d.update(activation="gelu"),
     "missing": lambda d: d.pop("task"),
     "size": lambda d: d["task"].update(observation_size=12),
@@ -251,7 +251,7 @@ def test_a_policy_without_its_critic_acts_the_same_and_says_why_it_has_no_value(
     assert [each.has_critic for each in (whole, alone)] == [True, False]
     assert smaller.stat().st_size < larger.stat().st_size
     with pytest.raises(PolicyError, match="without its critic"):
-        alone.value(observations, zeros, zeros + 10)
+        alone.scaled_value(observations, zeros, zeros + 10)
 
 
 def test_a_halved_policy_is_half_as_large_and_acts_within_the_precision_of_16_bits(tmp_path):

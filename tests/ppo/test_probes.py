@@ -85,13 +85,13 @@ class TestAWageUnderARandomHorizon:
         """Rewards are scaled by a number that the file does not keep, so values are compared with each other."""
         policy, _ = wage
         to_go = np.arange(1.0, HIGH + 1)
-        values = policy.value(np.zeros((HIGH, 1)), np.zeros(HIGH), to_go)
+        values = policy.scaled_value(np.zeros((HIGH, 1)), np.zeros(HIGH), to_go)
         scale = (values @ to_go) / (to_go @ to_go)
         np.testing.assert_allclose(values, scale * to_go, rtol=0, atol=0.1 * values.max())
 
     def test_the_value_depends_on_what_is_left_and_not_on_what_has_passed(self, wage):
         policy, _ = wage
-        early, late = policy.value(np.zeros((2, 1)), np.array([0.0, 5.0]), np.array([4.0, 9.0]))
+        early, late = policy.scaled_value(np.zeros((2, 1)), np.array([0.0, 5.0]), np.array([4.0, 9.0]))
         assert early == late
 
     def test_episode_lengths_follow_the_law(self, wage):

@@ -38,6 +38,18 @@ def policies() -> str:
     )
 
 
+def _within(subject: Policy) -> str:
+    """Return what a policy does within its training horizon, in one line."""
+    reference = subject.reference
+    if reference is None:
+        return "not measured"
+    falls, episodes = int(reference.terminated.sum()), len(reference.lengths)
+    return (
+        f"mean return {reference.returns.mean():,.0f} in {episodes} episodes of at most {reference.horizon} steps, "
+        f"{reference.rate:.3g} a step, {falls} ended by the task"
+    )
+
+
 def policy(subject: Policy) -> str:
     """What a policy file holds, for a reader."""
     weights = sum(array.size for array in subject.weights.values())
@@ -51,6 +63,7 @@ def policy(subject: Policy) -> str:
         "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
         "gamma": f"{protocol.gamma:g} (reward normaliser {protocol.normalizer_gamma:g})",
         "clock": "none" if subject.clock is None else subject.clock.label,
+        "within T": _within(subject),
     }
     lines = [f"{name:17} {value}" for name, value in rows.items()]
     provenance = {k: v for k, v in subject.provenance.items() if k != "config"}

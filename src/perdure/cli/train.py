@@ -22,6 +22,8 @@ class Train:
     """A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first."""
     method: str = "geometric"
     """A method as `perdure list methods` names it."""
+    preset: str = "zoo"
+    """Whose hyperparameters: zoo (RL Baselines3 Zoo, tuned for each task; used by the thesis) or cleanrl (one set)."""
     name: str | None = None
     """A name of your own for settings of your own: OUT/TASK/NAME instead of OUT/TASK/METHOD."""
     seeds: tuple[int, ...] = (0,)
@@ -42,9 +44,11 @@ def main(args: list[str]) -> None:
     # A missing value is for the second look to complain about.
     look.add_argument("--method", nargs="?", default="geometric", const="geometric")
     args = _task_first(args)
+    look.add_argument("--preset", nargs="?", default="zoo", const="zoo")
     if args and not args[0].startswith("-"):
-        method = look.parse_known_args(args)[0].method
-        default = Train(args[0], method, ppo=method_config(method, args[0], _observation_size(args[0])))
+        known = look.parse_known_args(args)[0]
+        config = method_config(known.method, args[0], _observation_size(args[0]), known.preset)
+        default = Train(args[0], known.method, known.preset, ppo=config)
         _train(parse(Train, args[1:], "train TASK", default))
     elif any(arg in ("-h", "--help") for arg in args):
         parse(Train, ["TASK", "--help"], "train TASK")
@@ -71,7 +75,7 @@ def _train(flags: Train) -> None:
     from perdure.ppo.runs import train as train_run
     from perdure.ppo.tensorboard import tensorboard
 
-    run_ = TrainRun(flags.task, flags.name or flags.method, flags.ppo, flags.seeds)
+    run_ = TrainRun(flags.task, flags.name or flags.method, flags.ppo, flags.seeds, preset=flags.preset)
     console = Console(stderr=True)
     with ExitStack() as stack:
         watchers = [stack.enter_context(progress_bar(f"{run_.task} {run_.method}", console))]

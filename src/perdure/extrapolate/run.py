@@ -95,13 +95,18 @@ def extrapolate(
 
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
-    """A short name for each policy: its method, and what else it takes to tell it from the others."""
-    labels = [str(policy.provenance.get("method", path.stem)) for path, policy in zip(paths, policies, strict=True)]
+    """Return a short name for each policy: its method and preset, and what else tells it from the others."""
+    labels = [_method_label(policy, path.stem) for path, policy in zip(paths, policies, strict=True)]
     seeds = [policy.provenance.get("seed") for policy in policies]
     by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
     if len(by_run) == len(labels):
         return labels
     return [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
+
+
+def _method_label(policy: Policy, default: str) -> str:
+    method, preset = str(policy.provenance.get("method", default)), policy.provenance.get("preset")
+    return f"{method} ({preset})" if preset else method
 
 
 def _check(policies: Sequence[Policy]) -> None:

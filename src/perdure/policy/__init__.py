@@ -5,6 +5,7 @@
 | `policy.py` | `Policy`, its `Normalizer` and what it was trained on (`TaskInfo`) |
 | `network.py` | the forward pass in NumPy, each row independent of the others |
 | `closed_loop.py` | policies acting in a world, lane by lane |
+| `reference.py`, `measure.py` | what a policy does within its training horizon, and measuring it |
 | `files.py` | `save_policy`, `load_policy`: one safetensors file, refused when damaged |
 | `shipped.py` | policies that come with the package, by name |
 | `errors.py` | `PolicyError`, `PolicyFileError` |
@@ -13,7 +14,9 @@
 from perdure.policy.closed_loop import ClosedLoop, Moment, Pilot, check_fit
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.files import load_policy, save_policy
+from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy, shipped_policies
 
 __all__ = [
@@ -24,10 +27,12 @@ __all__ = [
     "Policy",
     "PolicyError",
     "PolicyFileError",
+    "Reference",
     "TaskInfo",
     "check_fit",
     "find_policy",
     "load_policy",
+    "measure_reference",
     "save_policy",
     "shipped_policies",
 ]

@@ -18,13 +18,18 @@ from numpy.typing import NDArray
 from perdure.horizon import HorizonProtocol, clock_from_json
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy
 from perdure.store import write_whole
 
 FORMAT = "perdure.policy"
-VERSION = 1
+VERSION = 2
+"""Version 1, which is still read, had neither the scale of the returns nor reference episodes."""
 MAX_HEADER = 10_000_000
 """Bytes; a policy's header is a few thousand."""
+
+_MEASURED = ("rewards", "lengths", "terminated", "observation_low", "observation_high")
+"""Arrays of a reference, stored as tensors."""
 
 Tensors = dict[str, NDArray[Any]]
 
@@ -36,6 +41,8 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
     tensors: Tensors = {name: np.ascontiguousarray(policy.weights[name]) for name in sorted(policy.weights)}
     tensors["normalizer.mean"] = policy.normalizer.mean
     tensors["normalizer.var"] = policy.normalizer.var
+    if policy.reference is not None:
+        tensors |= {f"reference.{name}": np.ascontiguousarray(getattr(policy.reference, name)) for name in _MEASURED}
     description = _describe(policy)
     metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
     write_whole(Path(path), _stable_header(save(tensors, metadata)))
@@ -108,6 +115,8 @@ def _describe(policy: Policy) -> str:
         "protocol": policy.protocol.to_json(),
         "clock": None if policy.clock is None else policy.clock.to_json(),
         "provenance": dict(policy.provenance),
+        "return_scale": policy.return_scale,
+        "reference": None if policy.reference is None else {"horizon": policy.reference.horizon},
     }
     return json.dumps(description, sort_keys=True, indent=1)
 
@@ -115,8 +124,13 @@ def _describe(policy: Policy) -> str:
 def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
     if not isinstance(description["provenance"], dict):
         raise PolicyError("its provenance is not a table")
-    if description["version"] != VERSION:
-        raise PolicyError(f"its format is version {description['version']}; this perdure reads version {VERSION}")
+    if description["version"] not in (1, VERSION):
+        raise PolicyError(f"its format is version {description['version']}; this perdure reads versions 1 to {VERSION}")
+    reference = description.get("reference")
+    measured = None
+    if reference is not None:
+        arrays = {name: tensors.pop(f"reference.{name}") for name in _MEASURED}
+        measured = Reference(horizon=reference["horizon"], **arrays)
     task = description["task"]
     normalizer = Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description["normalizer"])
     clock = description["clock"]
@@ -128,6 +142,8 @@ def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
         protocol=HorizonProtocol.from_json(description["protocol"]),
         clock=None if clock is None else clock_from_json(clock),
         provenance=description["provenance"],
+        return_scale=description.get("return_scale"),
+        reference=measured,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.errors import PolicyError
 from perdure.policy.network import Perceptron, Weights
+from perdure.policy.reference import Reference
 
 FloatArray = NDArray[np.float64]
 
@@ -80,6 +82,11 @@ class Policy:
     """What the policy is told about time unless told otherwise; None for a policy without phi."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Method, seed, settings, versions and the command that made it. No time stamps: the same run, the same file."""
+    return_scale: float | None = None
+    """Rewards were divided by this number in training (the standard deviation of the running discounted return at its
+    end), so the critic's output times it is in reward units. None where it is not known."""
+    reference: Reference | None = None
+    """What the policy does within its training horizon; None where that was not measured."""
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit together."""
@@ -102,6 +109,14 @@ class Policy:
             raise PolicyError(f"{self.task.name}: the normaliser must have {normalized} means and variances")
         if (self.clock is None) != (self.protocol.embedding is None):
             raise PolicyError(f"{self.task.name}: a policy has a clock if, and only if, it has an embedding")
+        scale = self.return_scale
+        if scale is not None and not (isinstance(scale, int | float) and 0 < scale < math.inf):
+            raise PolicyError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
+        if self.reference is not None and len(self.reference.observation_low) != self.task.observation_size:
+            raise PolicyError(
+                f"{self.task.name}: the reference has {len(self.reference.observation_low)} observation components, "
+                f"the task {self.task.observation_size}"
+            )
 
     @cached_property
     def _actor(self) -> Perceptron:
@@ -170,7 +185,20 @@ class Policy:
         return replace(self, weights=short)
 
     def value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
-        """The critic's estimate in scaled reward, shape (n,).
+        """Return the critic's estimate of the return from here on, in reward units, shape (n,).
+
+        Raises:
+            PolicyError: If shapes do not fit, or the critic or the scale of the returns is not in the policy.
+        """
+        if self.return_scale is None:
+            raise PolicyError(
+                f"this {self.task.name} policy does not say by what its rewards were divided in training, so its value "
+                "is known in scaled reward only: scaled_value"
+            )
+        return self.scaled_value(observations, elapsed, horizons) * self.return_scale
+
+    def scaled_value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
+        """Return the critic's estimate in rewards as scaled in training, shape (n,).
 
         Raises:
             PolicyError: If shapes do not fit, or the critic was left out.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import io
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy import Normalizer, Policy, TaskInfo
+from perdure.policy import Normalizer, Policy, TaskInfo, measure_reference
 from perdure.ppo.methods import METHODS, default_clock, method_config
 from perdure.ppo.normalizer import CLIP, EPSILON
+from perdure.ppo.presets import ZOO
 from perdure.ppo.state import EPISODE_COLUMNS, ITERATION_COLUMNS, SeedState
 from perdure.store import write_whole
 
@@ -24,9 +26,9 @@ if TYPE_CHECKING:
 
 
 def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
-    """The policy of the final weights, with everything needed to act and to know where it came from."""
+    """Return the policy of the final weights, measured within its training horizon."""
     moments = state.statistics.observations
-    return Policy(
+    policy = Policy(
         task=TaskInfo(
             spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
         ),
@@ -42,8 +44,11 @@ def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
             "engine": spec.engine,
             "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy")},
             "command": command(run, spec, state.seed),
+            **({} if run.preset == ZOO else {"preset": run.preset}),
         },
+        return_scale=math.sqrt(float(state.statistics.returns.var[0]) + EPSILON),
     )
+    return dataclasses.replace(policy, reference=measure_reference(policy))
 
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
@@ -51,8 +56,11 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     if run.command is not None:
         return run.command.format(seed=seed)
     words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
+    if run.preset != ZOO:
+        words += ["--preset", run.preset]
     if run.method in METHODS:
-        words += _overrides(run.config, method_config(run.method, run.task, spec.observation_size), "--ppo")
+        usual = method_config(run.method, run.task, spec.observation_size, run.preset)
+        words += _overrides(run.config, usual, "--ppo")
     return shlex.join(words)
 
 

@@ -46,13 +46,13 @@ from perdure.horizon import (
 )
 from perdure.ppo.config import PPOConfig
 from perdure.ppo.errors import ConfigError
-from perdure.ppo.presets import preset
+from perdure.ppo.presets import ZOO, find_preset
 
 EPISODE = Fixed(1000)
 SHORT_EPISODE = Fixed(200)
 RANDOM_EPISODE = Uniform(200, 1000)
 DEPLOYED_STEPS_TO_GO = 500
-"""C of the default clock: well inside every method's training horizons, and far from their end."""
+"""Largest C of the default clock."""
 
 
 @dataclass(frozen=True)
@@ -88,22 +88,23 @@ METHODS: dict[str, Method] = {
 }
 
 
-def method_config(method: str, task: str, observation_size: int) -> PPOConfig:
-    """The full configuration of a method on a task.
+def method_config(method: str, task: str, observation_size: int, preset: str = ZOO) -> PPOConfig:
+    """Return the full configuration of a method on a task.
 
     Args:
         method: A key of METHODS.
         task: The task's name, as worlds are named.
         observation_size: Length of its observations; phi's size follows from it.
+        preset: A key of `perdure.ppo.presets.PRESETS`: whose hyperparameters.
 
     Raises:
-        ConfigError: If there is no such method.
+        ConfigError: If there is no such method or preset.
     """
     if method not in METHODS:
         near = difflib.get_close_matches(method, METHODS, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         raise ConfigError(f"unknown method {method!r}{hint}; the methods are {', '.join(METHODS)}")
-    chosen, tuned = METHODS[method], preset(task)
+    chosen, tuned = METHODS[method], find_preset(task, preset)
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
@@ -117,7 +118,10 @@ def method_config(method: str, task: str, observation_size: int) -> PPOConfig:
 
 
 def default_clock(config: PPOConfig) -> Clock | None:
-    """What a policy of this configuration is told about time when nothing else is said."""
+    """Return the clock of a policy of this configuration: Constant(min(500, half its longest training horizon)).
+
+    Half, so that C is far from the end that the policy saw in training. None without an embedding.
+    """
     if config.protocol.embedding is None:
         return None
-    return Constant(min(DEPLOYED_STEPS_TO_GO, config.protocol.horizon.longest))
+    return Constant(min(DEPLOYED_STEPS_TO_GO, config.protocol.horizon.longest / 2))

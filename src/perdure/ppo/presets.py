@@ -17,12 +17,22 @@ the algorithm's.
 
 The zoo holds a tuned entry for Ant that is commented out (10 million steps); "tuned" values for Ant do not exist there.
 Before 2023-01 it trained Swimmer with defaults and gamma = 0.9999.
+
+With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure learn to stand still (rl-baselines3-zoo's
+issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's
+``ppo_continuous_action.py`` (Huang et al., 2022), which are Stable-Baselines3's defaults with a step size that falls
+linearly to 0. CleanRL also clips the value loss, normalizes with other clipping and counts a time limit as the task's
+end; these are not hyperparameters here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
+
+from perdure.ppo.errors import ConfigError
 
 DEFAULT_GAMMA = 0.99
 """Stable-Baselines3's."""
@@ -38,7 +48,10 @@ class Preset:
 
 _WIDE = {"hidden_sizes": (256, 256), "activation": "relu", "log_std_init": -2.0, "ortho_init": False}
 
-PRESETS: dict[str, Preset] = {
+ZOO = "zoo"
+"""The preset that is used when none is named."""
+
+_ZOO: dict[str, Preset] = {
     "HalfCheetah": Preset(
         0.98,
         {
@@ -115,6 +128,24 @@ PRESETS: dict[str, Preset] = {
 }
 
 
-def preset(task: str) -> Preset:
-    """The preset of a task in any of its versions ("Hopper-v3", "Hopper-v5"); defaults for a task without one."""
-    return PRESETS.get(task.removeprefix("gymnasium:").split("-")[0], Preset(DEFAULT_GAMMA, {}))
+_DEFAULTS = Preset(DEFAULT_GAMMA, {})
+_CLEANRL = Preset(DEFAULT_GAMMA, {"learning_rate_decay": "linear"})
+
+PRESETS: dict[str, Callable[[str], Preset]] = {
+    ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
+    "cleanrl": lambda robot: _CLEANRL,
+}
+"""Name to what makes the preset of a robot, such as "Hopper"."""
+
+
+def find_preset(task: str, name: str = ZOO) -> Preset:
+    """Return the hyperparameters of a task in any of its versions ("Hopper-v3", "gymnasium:Hopper-v5").
+
+    Raises:
+        ConfigError: If there is no preset of that name.
+    """
+    if name not in PRESETS:
+        near = get_close_matches(name, PRESETS, n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ConfigError(f"unknown preset {name!r}{hint}; the presets are {', '.join(PRESETS)}")
+    return PRESETS[name](task.removeprefix("gymnasium:").split("-")[0])

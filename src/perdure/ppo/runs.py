@@ -18,6 +18,7 @@ from perdure.ppo.checkpoint import load_checkpoint
 from perdure.ppo.config import PPOConfig
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.export import export_policy, write_curves
+from perdure.ppo.presets import ZOO
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.spread import Told, carry_all
 from perdure.ppo.state import SeedState
@@ -38,6 +39,8 @@ class TrainRun:
     """Trained side by side; each comes out as if it were trained alone."""
     command: str | None = None
     """What makes it again, `{seed}` standing for the seed; `perdure train ...` when None. Kept in the policy file."""
+    preset: str = ZOO
+    """Whose hyperparameters `config` began with; names the folder beside the method unless it is the usual one."""
 
     def __post_init__(self) -> None:
         """Refuse a list of seeds that names no run, or one twice."""
@@ -48,11 +51,13 @@ class TrainRun:
 
     def key(self, seed: int) -> str:
         """The readable identity of one seed's run."""
-        return f"{self.task.replace(':', '_')}/{self.method}/seed-{seed}"
+        variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
+        return f"{self.task.replace(':', '_')}/{variant}/seed-{seed}"
 
     def identity(self, seed: int) -> dict[str, Any]:
         """Everything the result of one seed depends on."""
-        return {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
+        identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
+        return identity if self.preset == ZOO else {**identity, "preset": self.preset}
 
 
 @dataclass(frozen=True)

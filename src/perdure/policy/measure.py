@@ -1,0 +1,65 @@
+"""Measuring what a policy does within its training horizon."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perdure.envs import World, make_world
+from perdure.horizon import Clock, Countdown
+from perdure.policy.closed_loop import ClosedLoop, Pilot
+from perdure.policy.one_thread import one_thread
+from perdure.policy.policy import Policy
+from perdure.policy.reference import BIN_STEPS, Reference
+
+EPISODES = 20
+"""Episodes that training measures."""
+FIRST_SEED = 500_000
+"""Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
+
+
+def training_horizon(policy: Policy, default: int) -> int:
+    """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
+    longest = policy.protocol.horizon.longest
+    return int(longest) if math.isfinite(longest) else default
+
+
+def measure_reference(policy: Policy, episodes: int = EPISODES, world: World | None = None) -> Reference:
+    """Run a policy within its training horizon, in this process, and return what it did.
+
+    Args:
+        policy: Acts with its mean; if it has a time-to-go input, it is told a countdown to T, as in training.
+        episodes: How many, each from a start state of its own.
+        world: Where to run, one lane for each episode; by default the policy's own task.
+
+    Raises:
+        PolicyError: If the policy does not fit the world.
+    """
+    world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
+    try:
+        horizon = training_horizon(policy, world.spec.default_horizon)
+        clock: Clock | None = None if policy.protocol.embedding is None else Countdown(float(horizon))
+        loop = ClosedLoop(world, [Pilot(policy, clock)] * episodes)
+        low, high = loop.observations.min(axis=0), loop.observations.max(axis=0)
+        rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
+        lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
+        with one_thread():
+            for step in range(horizon):
+                moment = loop.advance()
+                result = moment.step
+                valid = ~result.diverged & np.isfinite(result.rewards) & np.isfinite(result.observations).all(axis=1)
+                rewards[moment.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
+                if valid.any():
+                    low = np.minimum(low, result.observations[valid].min(axis=0))
+                    high = np.maximum(high, result.observations[valid].max(axis=0))
+                if not valid.all():
+                    loop.drop(moment.lanes[~valid])
+                ended = result.ended | ~valid
+                lengths[moment.lanes[ended]] = step + 1
+                terminated[moment.lanes[ended]] = result.terminated[ended]
+                if not len(loop.living):
+                    break
+    finally:
+        world.close()
+    return Reference(horizon, rewards, lengths, terminated, low, high)
