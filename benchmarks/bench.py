@@ -27,7 +27,7 @@ from rich.table import Table
 
 from perdure.envs import make_world
 from perdure.ppo import method_config
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 HERE = Path(__file__).parent
 PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"

@@ -27,7 +27,7 @@ from perdure.extrapolate import LaneSpec, evaluate_lanes
 from perdure.policy import load_policy
 from perdure.ppo import TrainRun, method_config, train
 from perdure.report.statistics import difference_interval, make_units
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "curves"
@@ -85,7 +85,7 @@ def run() -> None:
         world.close()
         missing = tuple(s for s in range(plan.ours) if not (FOLDER / task / f"perdure-{s}.json").exists())
         if missing:
-            paths = train(TrainRun(task, "ppo", config, missing), HERE / "runs", processes=len(missing))
+            paths = train(TrainRun(task, "ppo", config, missing), HERE / "runs", on="local")
             for seed, path in zip(missing, paths, strict=True):
                 keep_ours(task, seed, path.parent)
         for seed in range(plan.sb3):

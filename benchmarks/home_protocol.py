@@ -28,7 +28,7 @@ from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 RESULTS = Path(__file__).parent / "home_protocol.json"
 DOCS = Path(__file__).parents[1] / "docs"

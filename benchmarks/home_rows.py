@@ -51,7 +51,9 @@ def main(out: Path, tasks: list[str]) -> None:
     for number, row in enumerate(wanted, 1):
         began, arguments = time.monotonic(), shlex.split(row)
         command = shlex.join(["perdure", "home", "run", *arguments])
-        run_protocol(make_protocol(parse(HomeRun, arguments, "home run")), out, command=command, processes=cores)
+        run_protocol(
+            make_protocol(parse(HomeRun, arguments, "home run")), out, command=command, on="local", cores=cores
+        )
         print(f"{number}/{len(wanted)}  {time.monotonic() - began:6.0f} s  {command}", flush=True)
 
 

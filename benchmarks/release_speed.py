@@ -28,7 +28,7 @@ from perdure.home.sim.objects import KINDS
 from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 PICTURE = PAGE.parents[1] / "images" / "home-release-speed.png"
 EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)

@@ -33,7 +33,7 @@ from perdure.report.charts import Axis, Chart, Series
 from perdure.report.palette import category
 from perdure.report.png_renderer import render_png
 from perdure.report.wording import share
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"

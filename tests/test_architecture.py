@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
 cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
-report, processes, store: nothing of ours, but that report writes files with store.write_whole
+report, runs: nothing of ours, but that report writes files with runs.write_whole
 """
 
 import ast
@@ -16,15 +16,14 @@ ROOT = Path(perdure.__file__).parent
 
 ALLOWED = {
     "horizon": set(),
-    "store": set(),
-    "processes": set(),
-    "report": {"store"},
+    "runs": set(),
+    "report": {"runs"},
     "envs": {"horizon"},
-    "policy": {"horizon", "envs", "store"},
-    "ppo": {"horizon", "envs", "policy", "processes", "store"},
-    "extrapolate": {"horizon", "envs", "policy", "ppo", "processes", "report", "store"},
-    "home": {"horizon", "envs", "policy", "ppo", "processes", "report", "store"},
-    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "store"},
+    "policy": {"horizon", "envs", "runs"},
+    "ppo": {"horizon", "envs", "policy", "runs"},
+    "extrapolate": {"horizon", "envs", "policy", "ppo", "report", "runs"},
+    "home": {"horizon", "envs", "policy", "ppo", "report", "runs"},
+    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
     "__main__": {"cli"},
 }
@@ -34,7 +33,7 @@ HOME = "perdure.home"
 ROOMS = ("sim", "benchmark", "skills", "agents", "evaluate", "video")
 """The rooms of `perdure.home`, each above those before it."""
 
-ONLY = {("report", "store"): {"write_whole"}}
+ONLY = {("report", "runs"): {"write_whole"}}
 """Where an arrow carries certain names only."""
 
 TYPES_ONLY: set[tuple[str, str]] = set()
@@ -142,8 +141,8 @@ def test_no_exception_is_kept_that_nobody_needs(imports):
 def test_the_known_arrows_are_seen(imports):
     """The search finds something: an empty result would pass every rule."""
     arrows = {(found.source, found.target) for found in imports}
-    assert {("extrapolate", "policy"), ("ppo", "policy"), ("policy", "envs"), ("report", "store")} <= arrows
-    assert ("report", "store", "write_whole") in {(found.source, found.target, found.name) for found in imports}
+    assert {("extrapolate", "policy"), ("ppo", "policy"), ("policy", "envs"), ("report", "runs")} <= arrows
+    assert ("report", "runs", "write_whole") in {(found.source, found.target, found.name) for found in imports}
 
 
 PLANTED = {
@@ -154,8 +153,8 @@ PLANTED = {
     "relative": ("envs", "from ..ppo import train"),
     "inside a function": ("horizon", "def late():\n    from perdure.policy import Policy"),
     "for types": ("envs", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from perdure.ppo import PPOConfig"),
-    "by its name": ("store", "from importlib import import_module\nimport_module('perdure.report')"),
-    "more than a name": ("report", "from perdure.store import Store"),
+    "by its name": ("runs", "from importlib import import_module\nimport_module('perdure.report')"),
+    "more than a name": ("report", "from perdure.runs import Store"),
     "sideways": ("home", "from perdure.extrapolate import extrapolate"),
 }
 

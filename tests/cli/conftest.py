@@ -10,7 +10,7 @@ import pytest
 from perdure.envs import make_world
 from perdure.horizon import Constant, Fixed, HorizonProtocol, Linear
 from perdure.policy import Normalizer, Policy, TaskInfo, save_policy
-from perdure.processes import ONE_THREAD
+from perdure.runs import ONE_THREAD
 
 TASK = "InvertedPendulum-v4"
 OTHER_TASK = "Hopper-v3"

@@ -107,9 +107,9 @@ def test_a_run_that_other_code_made_is_taken_and_told_of_in_one_line(perdure, tr
     again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
     record.write_text(before)
     assert succeeded(again) == printed
-    told = [line for line in again.stderr.splitlines() if "other source code" in line]
+    told = [line for line in again.stderr.splitlines() if "another version of perdure" in line]
     assert len(told) == 1
-    assert told[0].startswith("perdure: 1 of 1 finished units")
+    assert told[0].startswith("perdure: 1 of 1 results")
     assert "OtherSourceWarning" not in again.stderr
 
 

@@ -33,7 +33,7 @@ MISTAKES = {
     "a negative seed": ("-1", *PENDULUM, *TINY, "--seeds", -1),
     "the same seed twice": ("[3, 3]", *PENDULUM, *TINY, "--seeds", 3, 3),
     "a name that is no folder": ("..", *PENDULUM, *TINY, "--name", ".."),
-    "no threads": ("threads", *PENDULUM, *TINY, "--threads", 0),
+    "no cores": ("cores", *PENDULUM, *TINY, "--cores", 0),
     "a method without a name": ("--method", *PENDULUM, "--method"),
     "no policies": ("policy", "extrapolate"),
     "no such policy": ("walker.safetensors", "extrapolate", "walker.safetensors"),
@@ -49,7 +49,7 @@ MISTAKES = {
     "no steps": ("steps", *EVALUATE, "--steps", 0),
     "no start states": ("eval_seeds", *EVALUATE, "--eval-seeds", 0),
     "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
-    "no processes": ("processes", *EVALUATE, "--steps", 10, "--processes", 0),
+    "no cores in an evaluation": ("cores", *EVALUATE, "--steps", 10, "--cores", 0),
     "inspect nothing": ("A policy file", "inspect"),
     "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
@@ -146,7 +146,7 @@ def test_a_message_without_a_frame_is_kept_whole():
 
 def test_a_worker_process_that_fails_ends_in_one_line_and_leaves_no_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("perdure.ppo.spread.WORKER", "perdure.no_such_worker")
+    monkeypatch.setattr("perdure.runs.workers._START", "import perdure.no_such_worker")
     monkeypatch.setattr(sys, "argv", ["perdure", "train", "InvertedPendulum-v4", "--seeds", "0", "1"])
     with pytest.raises(SystemExit) as end:
         main()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 
 import polars as pl
 import pytest
@@ -12,12 +13,12 @@ from scripted import policy_for
 
 from perdure.envs import make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
-from perdure.extrapolate import run as run_module
 from perdure.extrapolate.lanes import split
+from perdure.extrapolate.run import evaluate_group
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
 from perdure.policy import TaskInfo, save_policy
 from perdure.report import read_table
-from perdure.store import OtherSourceWarning, Store
+from perdure.runs import OtherSourceWarning, RunError, Store, Work
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 FIVE_HUNDRED = Constant(500.0)
@@ -40,7 +41,7 @@ def evaluation(policies):
 @pytest.fixture(scope="module")
 def whole(evaluation, tmp_path_factory):
     """In one process, one group."""
-    return extrapolate(evaluation, tmp_path_factory.mktemp("whole"), processes=1, command="perdure extrapolate ...")
+    return extrapolate(evaluation, tmp_path_factory.mktemp("whole"), cores=1, command="perdure extrapolate ...")
 
 
 def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
@@ -66,39 +67,74 @@ def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
     assert row["median_end_step"].item() == pytest.approx(sum(lane["end_step"]) / 2)
 
 
-def test_an_evaluation_killed_between_groups_goes_on_and_gives_the_table_of_one_process(
+def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_process(
     evaluation, whole, tmp_path, monkeypatch
 ):
-    """Two processes, four groups; the third group fails. What was finished is not computed again."""
+    """Four groups; the evaluation is killed after one. What was finished is not computed again."""
     small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_lanes=2)
-    started = []
-    real = run_module._run_worker
 
-    def dying(group, *rest):
-        started.append(group.key)
-        if len(started) == 3:
+    def die(status):
+        if any(each.state == "finished" for each in status.values()):
             raise KeyboardInterrupt
-        real(group, *rest)
 
-    monkeypatch.setattr(run_module, "_run_worker", dying)
     with pytest.raises(KeyboardInterrupt):
-        extrapolate(small, tmp_path, processes=1)
+        extrapolate(small, tmp_path, cores=1, observe=die)
     done = set(Store(tmp_path).keys("groups"))
     assert 0 < len(done) < 4
     assert not (tmp_path / "lanes.parquet").exists()
+    monkeypatch.setattr("perdure.runs.store.source_digest", lambda: "another")
     resumed = []
-    monkeypatch.setattr(run_module, "_run_worker", lambda group, *rest: (resumed.append(group.key), real(group, *rest)))
-    monkeypatch.setattr("perdure.store.store.source_digest", lambda: "another")
     with pytest.warns(OtherSourceWarning, match=f"{len(done)} of {len(done)}"):
-        result = extrapolate(small, tmp_path, processes=2)
-    assert set(resumed) == set(Store(tmp_path).keys("groups")) - done
-    assert result.frame.sort(LANE).equals(whole.frame.sort(LANE))
+        result = extrapolate(small, tmp_path, cores=2, observe=lambda status: resumed.append(set(status)))
+    assert set(Store(tmp_path).keys("groups")) == done | resumed[-1]
+    assert not done & resumed[-1]
+    assert result.frame.equals(whole.frame)
+
+
+def test_finished_lanes_are_not_run_again_however_they_were_grouped(evaluation, whole, tmp_path):
+    started = []
+
+    def extrapolated(eval_seeds, cores, **changes):
+        asked = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
+        return extrapolate(asked, tmp_path, cores=cores, observe=lambda status: started.append(set(status)))
+
+    extrapolated(1, 2, max_lanes=3)
+    first = set(Store(tmp_path).keys("groups"))
+    more = extrapolated(2, 1)
+    assert more.frame.equals(whole.frame)
+    assert started[-1] == set(Store(tmp_path).keys("groups")) - first
+    lanes = [len(Store(tmp_path).config(key)["lanes"]) for key in started[-1]]
+    assert sum(lanes) == 4, "one more start state of four pairs of policy and clock"
+    started.clear()
+    assert extrapolated(2, 2, max_lanes=1).frame.equals(whole.frame)
+    assert started == []
+
+
+def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whole, tmp_path):
+    waited = []
+    with Store(tmp_path).exclusive("extrapolate"):
+        second = threading.Thread(
+            target=lambda: extrapolate(evaluation, tmp_path, cores=1, waiting=lambda: waited.append(True))
+        )
+        second.start()
+        second.join(3.0)
+        assert waited == [True]
+        assert second.is_alive()
+        assert not (tmp_path / "lanes.parquet").exists()
+    second.join()
+    assert read_table(tmp_path / "lanes.parquet")[0].equals(read_table(whole.path)[0])
+
+
+def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_path):
+    work = Work(tmp_path, 1, lambda *done, **facts: None)
+    with pytest.raises(ExtrapolationError, match="has changed"):
+        evaluate_group(work, policies={"0" * 64: str(policies[0])}, lanes=[["0" * 64, None, 0]], steps=5)
 
 
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(ExtrapolationError, match="worker"):
-        extrapolate(evaluation, tmp_path, processes=1)
+    with pytest.raises(RunError, match="exit code 1"):
+        extrapolate(evaluation, tmp_path, cores=1)
     assert Store(tmp_path).keys("groups") == ()
 
 

@@ -67,7 +67,7 @@ def trained(kind, embedding, law, store, **settings):
     protocol = HorizonProtocol(embedding, law, "terminated", gamma=1.0, normalizer_gamma=1.0)
     usual = {"n_envs": 4, "n_steps": 128, "batch_size": 128, "hidden_sizes": (16,), "learning_rate": 5e-3}
     config = PPOConfig(protocol=protocol, **(usual | settings))
-    (path,) = train(TrainRun(f"gymnasium:perdure-{kind.__name__}-v0", "probe", config), store, threads=1)
+    (path,) = train(TrainRun(f"gymnasium:perdure-{kind.__name__}-v0", "probe", config), store, cores=1)
     return load_policy(path), pl.read_parquet(path.with_name("episodes.parquet"))
 
 

@@ -17,12 +17,11 @@ import pytest
 
 from perdure.envs import make_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
-from perdure.ppo import CheckpointError, PPOConfig, TrainRun, train
+from perdure.ppo import CheckpointError, PPOConfig, TrainRun, on_report, train
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
-from perdure.processes import WorkerError
-from perdure.store import OtherSourceWarning, StoreError
+from perdure.runs import OtherSourceWarning, RunError, StoreError
 
 TASK = "InvertedPendulum-v4"
 SEGMENT = 128
@@ -53,19 +52,19 @@ def files(store, seed):
     return {name: (folder / name).read_bytes() for name in LEFT_BEHIND}
 
 
-def die_at(step):
-    def watch(report):
+def die_at(step, *seeds):
+    def told(report):
         if report.step >= step:
             raise Killed
 
-    return watch
+    return on_report(run(*seeds), told)
 
 
 @pytest.fixture(scope="module")
 def solo(tmp_path_factory):
     """Seed 1 trained alone on one thread without interruption."""
     store = tmp_path_factory.mktemp("solo")
-    train(run(1), store, threads=1)
+    train(run(1), store, cores=1)
     return store
 
 
@@ -79,18 +78,18 @@ def test_a_run_leaves_curves_of_every_iteration_and_of_episodes_inside_the_horiz
 
 def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_same_bytes(solo, tmp_path):
     with pytest.raises(Killed):
-        train(run(1), tmp_path, threads=1, watch=die_at(SEGMENT + 64))
+        train(run(1), tmp_path, cores=1, observe=die_at(SEGMENT + 64, 1))
     assert not (tmp_path / run(1).key(1)).exists(), "an unfinished run must not look finished"
     seen = []
-    train(run(1), tmp_path, threads=1, watch=lambda report: seen.append(report.step))
+    train(run(1), tmp_path, cores=1, observe=on_report(run(1), lambda report: seen.append(report.step)))
     assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
     assert files(tmp_path, 1) == files(solo, 1)
 
 
-@pytest.mark.parametrize("processes", [None, 1, 2])
-def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, processes):
+@pytest.mark.parametrize(("on", "cores"), [("here", 2), ("local", 1), ("local", 2)])
+def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, on, cores):
     told = []
-    train(run(0, 1, 2), tmp_path, threads=2, processes=processes, watch=told.append)
+    train(run(0, 1, 2), tmp_path, cores=cores, on=on, observe=on_report(run(0, 1, 2), told.append))
     assert {report.seed for report in told} == {0, 1, 2}
     shares = [report.share for report in told]
     assert shares == sorted(shares)
@@ -102,9 +101,9 @@ def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(s
 
 def test_seeds_in_processes_whose_run_is_killed_go_on_from_where_they_were(solo, tmp_path):
     with pytest.raises(Killed):
-        train(run(1, 2), tmp_path, threads=2, processes=2, watch=die_at(SEGMENT + 64))
+        train(run(1, 2), tmp_path, cores=2, on="local", observe=die_at(SEGMENT, 1, 2))
     assert not (tmp_path / run(1).key(1)).exists()
-    train(run(1, 2), tmp_path, threads=2, processes=2)
+    train(run(1, 2), tmp_path, cores=2, on="local")
     assert files(tmp_path, 1) == files(solo, 1)
 
 
@@ -113,17 +112,17 @@ def test_a_process_that_fails_says_why_and_leaves_no_run(tmp_path):
 
     gymnasium.register("OnlyHere-v0", "gymnasium.envs.classic_control.pendulum:PendulumEnv", max_episode_steps=50)
     only_here = TrainRun("gymnasium:OnlyHere-v0", "geometric", TINY, (0,))
-    with pytest.raises(WorkerError, match="OnlyHere"):
-        train(only_here, tmp_path, processes=1)
+    with pytest.raises(RunError, match="OnlyHere"):
+        train(only_here, tmp_path, on="local")
     assert not (tmp_path / only_here.key(0)).exists()
 
 
 def test_a_finished_run_is_not_touched_again_whatever_code_made_it(solo, monkeypatch):
     before = (solo / run(1).key(1) / "policy.safetensors").stat()
     with monkeypatch.context() as patch:
-        patch.setattr("perdure.store.store.source_digest", lambda: "another")
+        patch.setattr("perdure.runs.store.source_digest", lambda: "another")
         with pytest.warns(OtherSourceWarning, match="1 of 1"):
-            train(run(1), solo, threads=1, watch=lambda report: pytest.fail("a finished run must not be trained"))
+            train(run(1), solo, cores=1, observe=lambda status: pytest.fail("a finished run must not be trained"))
     after = (solo / run(1).key(1) / "policy.safetensors").stat()
     assert (after.st_mtime_ns, after.st_ino) == (before.st_mtime_ns, before.st_ino)
 
@@ -197,30 +196,32 @@ class TestCheckpointFiles:
 
 SCRIPT = """
 import sys
-from perdure.ppo import PPOConfig, TrainRun, train
+from perdure.ppo import PPOConfig, TrainRun, on_report, train
 from perdure.horizon import HorizonProtocol, Uniform
 protocol = HorizonProtocol(None, Uniform(20, 60), "truncated", gamma=0.99, normalizer_gamma=0.99)
 config = PPOConfig(protocol=protocol, n_steps=256, batch_size=64, hidden_sizes=(16,),
                    segment_steps=1024, total_steps=4096)
 run = TrainRun("Hopper-v3", "ppo", config, (0, 1))
-train(run, sys.argv[1], processes=int(sys.argv[2]) or None, watch=lambda report: print(report.step, flush=True))
+train(
+    run, sys.argv[1], on=sys.argv[2], observe=on_report(run, lambda report: print(report.step, flush=True))
+)
 """
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("processes", ["0", "2"])
-def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_the_same_bytes(tmp_path, processes):
+@pytest.mark.parametrize("on", ["here", "local"])
+def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_the_same_bytes(tmp_path, on):
     command = [sys.executable, "-c", SCRIPT]
-    subprocess.run([*command, str(tmp_path / "whole"), "0"], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, str(tmp_path / "whole"), "here"], check=True, stdout=subprocess.DEVNULL)
     for step in (512, 2560):
-        process = subprocess.Popen([*command, str(tmp_path / "killed"), processes], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen([*command, str(tmp_path / "killed"), on], stdout=subprocess.PIPE, text=True)
         for line in process.stdout:
             if int(line) >= step:
                 os.kill(process.pid, signal.SIGKILL)
                 break
         process.stdout.close()
         assert process.wait() == -signal.SIGKILL
-    subprocess.run([*command, str(tmp_path / "killed"), processes], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, str(tmp_path / "killed"), on], check=True, stdout=subprocess.DEVNULL)
     for seed in (0, 1):
         whole, killed = (tmp_path / name / f"Hopper-v3/ppo/seed-{seed}" for name in ("whole", "killed"))
         for name in LEFT_BEHIND:

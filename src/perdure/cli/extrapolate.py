@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,8 +28,10 @@ class Extrapolate:
     """Start states; the same ones for every policy and clock."""
     out: Path = Path("extrapolation")
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
-    processes: int | None = None
-    """Worker processes; one for each core by default. Results do not depend on it."""
+    cores: int | None = None
+    """Cores to use; all by default. Results do not depend on it."""
+    on: str = "local"
+    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
     max_lanes: int = 48
     """Lanes that share a process at a time."""
 
@@ -38,8 +41,8 @@ def main(args: list[str]) -> None:
     flags = parse(Extrapolate, args, "extrapolate")
     from perdure.extrapolate import Extrapolation
     from perdure.extrapolate import extrapolate as evaluate
-    from perdure.extrapolate.progress import progress_bar
     from perdure.policy.shipped import find_policy
+    from perdure.runs.progress import show_progress
 
     evaluation = Extrapolation(
         tuple(find_policy(name) for name in flags.policies),
@@ -49,6 +52,14 @@ def main(args: list[str]) -> None:
         max_lanes=flags.max_lanes,
     )
     command = shlex.join(["perdure", "extrapolate", *args])
-    with progress_bar() as watch:
-        result = evaluate(evaluation, flags.out, processes=flags.processes, command=command, watch=watch)
+    with show_progress("extrapolate", "steps") as observe:
+        result = evaluate(
+            evaluation,
+            flags.out,
+            cores=flags.cores,
+            on=flags.on,
+            command=command,
+            observe=observe,
+            waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
+        )
     write_and_show(result.path, flags.out)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -54,8 +52,10 @@ class HomeRun:
     """Physics steps per second."""
     lanes: int = 50
     """Episodes side by side. Results do not depend on it."""
-    threads: int | None = None
+    cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
+    on: str = "local"
+    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
     out: Path = Path("home-runs")
     """Where logs are kept."""
 
@@ -72,7 +72,7 @@ def make_protocol(flags: HomeRun) -> Protocol:
         apple=flags.apple,
         release_velocity=flags.release_velocity,
     )
-    options = ExecutorOptions(lanes=flags.lanes, threads=flags.threads, jaws=flags.jaws, scene=scene)
+    options = ExecutorOptions(lanes=flags.lanes, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
     return Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options)
 
@@ -80,25 +80,18 @@ def make_protocol(flags: HomeRun) -> Protocol:
 def main(args: list[str]) -> None:
     """``perdure home run``."""
     flags = parse(HomeRun, args, "home run")
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from perdure.home.evaluate.outcomes import analyse
     from perdure.home.evaluate.page import read_cast, write_page
     from perdure.home.evaluate.protocol import run_protocol
+    from perdure.runs.progress import show_progress
 
     check_folder(flags.out)
     protocol = make_protocol(flags)
     for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
         protocol.cast(train_seed)
     command = shlex.join(["perdure", "home", "run", *args])
-    total = flags.episodes * flags.train_seeds * flags.eval_seeds
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        bar = progress.add_task(f"{flags.task} {flags.place}", total=total)
-        cores = flags.threads or len(os.sched_getaffinity(0))
-        paths = run_protocol(protocol, flags.out, partial(progress.advance, bar), command, cores)
-        progress.update(bar, completed=total)
+    with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
+        paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
     records, cast = read_cast(paths)
     analysis = analyse(records)
     page = write_page(analysis, flags.out / protocol.folder, command, cast)

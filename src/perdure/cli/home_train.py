@@ -33,25 +33,27 @@ class HomeTrain:
     """Episodes on val starts after training."""
     out: Path = Path("runs")
     """Where runs are kept."""
-    threads: int | None = None
+    cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
+    on: str = "local"
+    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
 
 
 def main(args: list[str]) -> None:
     """``perdure home train``."""
     flags = parse(HomeTrain, args, "home train")
-    from rich.console import Console
-
     from perdure.home.skills.training import FLAGS, evaluate_skill, train_skill
     from perdure.policy import load_policy
-    from perdure.ppo.progress import progress_bar
+    from perdure.runs.progress import show_progress
 
     usual = HomeTrain(flags.skill)
     options = {name: value for name in FLAGS if (value := getattr(flags, name)) != getattr(usual, name)}
-    with progress_bar(f"{flags.task} {flags.skill}", Console(stderr=True)) as watch:
+    with show_progress(f"{flags.task} {flags.skill}", "steps") as observe:
         paths = train_skill(
-            *(flags.skill, flags.task, flags.seeds, flags.out, flags.threads, watch, flags.steps),
-            processes=len(flags.seeds),
+            *(flags.skill, flags.task, flags.seeds, flags.out, flags.steps),
+            cores=flags.cores,
+            on=flags.on,
+            observe=observe,
             **options,
         )
     for path in paths:

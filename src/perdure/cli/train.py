@@ -12,6 +12,7 @@ import tyro
 
 from perdure.cli.parse import parse
 from perdure.ppo import PPOConfig, method_config
+from perdure.runs import Status
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,10 @@ class Train:
     """Training seeds, trained side by side; each comes out as if it were trained alone."""
     out: Path = Path("runs")
     """Where runs are kept, as OUT/TASK/METHOD/seed-N/policy.safetensors."""
-    threads: int | None = None
+    cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
+    on: str = "local"
+    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
     tensorboard: bool = False
     """Also write curves for TensorBoard to OUT/tensorboard."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -68,25 +71,23 @@ def _task_first(args: list[str]) -> list[str]:
 
 
 def _train(flags: Train) -> None:
-    from rich.console import Console
-
-    from perdure.ppo.progress import progress_bar
-    from perdure.ppo.runs import Report, TrainRun
-    from perdure.ppo.runs import train as train_run
     from perdure.ppo.tensorboard import tensorboard
+    from perdure.ppo.training import TrainRun, on_report
+    from perdure.ppo.training import train as train_run
+    from perdure.runs.progress import show_progress
 
     run_ = TrainRun(flags.task, flags.name or flags.method, flags.ppo, flags.seeds, preset=flags.preset)
-    console = Console(stderr=True)
     with ExitStack() as stack:
-        watchers = [stack.enter_context(progress_bar(f"{run_.task} {run_.method}", console))]
+        observers = [stack.enter_context(show_progress(f"{run_.task} {run_.method}", "steps"))]
         if flags.tensorboard:
-            watchers.append(stack.enter_context(tensorboard(flags.out / "tensorboard" / run_.task / run_.method)))
+            folder = flags.out / "tensorboard" / run_.task / run_.method
+            observers.append(on_report(run_, stack.enter_context(tensorboard(folder))))
 
-        def watch(report: Report) -> None:
-            for watcher in watchers:
-                watcher(report)
+        def observe(status: Status) -> None:
+            for observer in observers:
+                observer(status)
 
-        paths = train_run(run_, flags.out, flags.threads, watch, processes=len(flags.seeds))
+        paths = train_run(run_, flags.out, cores=flags.cores, on=flags.on, observe=observe)
     for path in paths:
         print(path)
 

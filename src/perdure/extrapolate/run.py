@@ -1,97 +1,81 @@
-"""A whole evaluation: groups of lanes over the cores, finished groups kept, one table at the end."""
+"""A whole evaluation: groups of lanes over the cores, finished lanes kept, one table at the end."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import queue
-import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.envs import make_world
 from perdure.extrapolate.errors import ExtrapolationError
+from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import ExtrapolationResult
+from perdure.extrapolate.table import lane_table
+from perdure.horizon import clock_from_json
 from perdure.policy import Policy, check_fit, load_policy
-from perdure.processes import WorkerError, WorkerProcess
-from perdure.store import Store, config_digest
+from perdure.runs import Observer, Store, StoreError, Unit, Work, config_digest, core_count, make_workers, run_units
 
 if TYPE_CHECKING:
     import polars as pl
 
-Watcher = Callable[[int, int], None]
-"""Called with (lane steps made or no longer needed, lane steps in all)."""
-
-
-@dataclass(frozen=True)
-class _Group:
-    lanes: tuple[LaneSpec, ...]
-    config: dict[str, Any]
-
-    @property
-    def key(self) -> str:
-        return f"groups/{config_digest(self.config)[:16]}"
+TABLE = "lanes.parquet"
+GROUPS = "groups"
+"""Folder of the store that keeps finished groups of lanes."""
 
 
 def extrapolate(
     evaluation: Extrapolation,
     out: str | Path,
     *,
-    processes: int | None = None,
+    cores: int | None = None,
+    on: str = "local",
     command: str = "",
-    watch: Watcher = lambda made, total: None,
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
 ) -> ExtrapolationResult:
-    """Evaluates every lane and writes ``lanes.parquet`` into ``out``.
+    """Evaluate every lane and write ``lanes.parquet`` into ``out``.
 
-    Finished groups of lanes are kept in ``out``: an evaluation that was interrupted goes on where it was, and one that
-    is repeated with the same number of processes costs nothing. Results do not depend on that number.
+    Finished lanes are kept in ``out``: an evaluation that was interrupted resumes, one that is repeated costs nothing,
+    and one with more clocks or start states runs only those. Results do not depend on the number of cores.
 
     Args:
         evaluation: What is evaluated.
         out: A folder; made if it is missing.
-        processes: Worker processes; one for each core by default.
+        cores: Cores to use; all of them by default.
+        on: Where lanes run, see `perdure.runs.make_workers`.
         command: Stored with the table, so that a reader can repeat it.
-        watch: Told about progress.
+        observe: Called with the progress of every group of lanes; the measure is steps of single lanes.
+        waiting: Called once if another evaluation into ``out`` is running, which is waited for.
 
     Raises:
-        ExtrapolationError: If the policies do not belong to one task, there is no process, or a worker failed.
+        ExtrapolationError: If the policies do not belong to one task.
+        RunError: If a group of lanes failed, or ``cores`` or ``on`` is out of range.
         PolicyFileError: If a policy file cannot be read.
         OSError: If ``out`` cannot be written.
     """
-    if processes is not None and processes < 1:
-        raise ExtrapolationError(f"processes must be at least 1, got {processes}")
+    workers = core_count(cores)
     policies = [load_policy(path) for path in evaluation.policies]
     _check(policies)
     Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
-    labels = policy_labels(evaluation.policies, policies)
-    groups = _plan(evaluation, policies, labels, workers := processes or len(os.sched_getaffinity(0)))
+    lanes = _plan(evaluation, policies)
+    digests = [_digest(path) for path in evaluation.policies]
     store = Store(out)
-    store.warn_of_other_source(group.key for group in groups)
-    progress = _Progress([len(group.lanes) for group in groups], evaluation.steps, watch)
+    with store.exclusive("extrapolate", waiting):
+        finished = _finished(store, evaluation.steps)
+        kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
+        missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
+        units = list(_units(missing, evaluation, digests, workers))
+        store.warn_of_other_source(dict.fromkeys(kept.values()))
+        if units:
+            run_units(units, out, make_workers(on, units, cores), observe)
+        keys = [*dict.fromkeys(kept.values()), *(unit.key for unit in units)]
+        frame = _collect(store, keys, lanes, digests, policy_labels(evaluation.policies, policies))
+        from perdure.report import write_table
 
-    free: queue.SimpleQueue[int] = queue.SimpleQueue()
-    cores = sorted(os.sched_getaffinity(0))
-    for place in range(workers):
-        free.put(cores[place % len(cores)])
-
-    def work(number: int) -> None:
-        if not store.done(groups[number].key):
-            core = free.get()
-            try:
-                _run_worker(groups[number], evaluation, labels, store, core, lambda *now: progress.moved(number, *now))
-            finally:
-                free.put(core)
-        progress.finished(number)
-
-    with ThreadPoolExecutor(workers) as pool:
-        for future in [pool.submit(work, number) for number in range(len(groups))]:
-            future.result()
-    return _collect(store, groups, Path(out), {"command": command})
+        return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
 
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
@@ -123,7 +107,11 @@ def _check(policies: Sequence[Policy]) -> None:
         world.close()
 
 
-def _plan(evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequence[str], workers: int) -> list[_Group]:
+Identity = tuple[str, str, int]
+"""What a lane's result depends on besides steps and versions: policy file, clock, evaluation seed."""
+
+
+def _plan(evaluation: Extrapolation, policies: Sequence[Policy]) -> list[LaneSpec]:
     lanes = [
         LaneSpec(number, clock, seed)
         for number, policy in enumerate(policies)
@@ -132,77 +120,91 @@ def _plan(evaluation: Extrapolation, policies: Sequence[Policy], labels: Sequenc
     ]
     if not lanes:
         raise ExtrapolationError("no lane to evaluate: these clocks fit none of the policies")
-    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in evaluation.policies]
-    return [
-        _Group(
-            tuple(group),
-            {
-                "steps": evaluation.steps,
-                "versions": {name: version(name) for name in ("perdure", "envpool", "gymnasium", "numpy")},
-                "lanes": [
-                    [digests[lane.policy], labels[lane.policy], _clock_json(lane), lane.eval_seed] for lane in group
-                ],
-            },
+    return lanes
+
+
+def _identity(lane: LaneSpec, digests: Sequence[str]) -> Identity:
+    return digests[lane.policy], "none" if lane.clock is None else lane.clock.label, lane.eval_seed
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "numpy")}
+
+
+def _units(
+    lanes: Sequence[LaneSpec], evaluation: Extrapolation, digests: Sequence[str], workers: int
+) -> Iterator[Unit]:
+    """Cut lanes into groups, one unit each."""
+    for group in split(lanes, evaluation.max_lanes, workers) if lanes else ():
+        written = [
+            [digests[lane.policy], None if lane.clock is None else lane.clock.to_json(), lane.eval_seed]
+            for lane in group
+        ]
+        config = {"steps": evaluation.steps, "versions": _versions(), "lanes": written}
+        paths = {digests[number]: str(path.resolve()) for number, path in enumerate(evaluation.policies)}
+        yield Unit(
+            f"{GROUPS}/{config_digest(config)[:16]}",
+            config,
+            "perdure.extrapolate.run:evaluate_group",
+            {"policies": paths, "lanes": written, "steps": evaluation.steps},
+            size=float(len(group) * evaluation.steps),
         )
-        for group in split(lanes, evaluation.max_lanes, workers)
+
+
+def _finished(store: Store, steps: int) -> dict[Identity, str]:
+    """Return every lane that is in the store already, and the key of its group."""
+    found: dict[Identity, str] = {}
+    for key in store.keys(GROUPS):
+        config = store.config(key)
+        if config.get("steps") != steps or config.get("versions") != _versions():
+            continue
+        for lane in config["lanes"]:
+            if len(lane) == 3:  # older versions wrote four values
+                digest, clock, seed = lane
+                found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+    return found
+
+
+def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[Sequence[Any]], steps: int) -> None:
+    """Evaluate a group of lanes and leave its table in the work folder; the function of an evaluation's units."""
+    used = list(dict.fromkeys(digest for digest, _, _ in lanes))
+    for digest in used:
+        if _digest(Path(policies[digest])) != digest:
+            raise ExtrapolationError(f"{policies[digest]} has changed since this evaluation began")
+    loaded = [load_policy(policies[digest]) for digest in used]
+    specs = [
+        LaneSpec(used.index(digest), None if clock is None else clock_from_json(clock), seed)
+        for digest, clock, seed in lanes
     ]
 
+    def progress(step: int, living: int) -> None:
+        work.report(step * living + steps * (len(specs) - living), steps * len(specs))  # ended lanes need no more steps
 
-def _clock_json(lane: LaneSpec) -> dict[str, Any] | None:
-    return None if lane.clock is None else lane.clock.to_json()
-
-
-def _run_worker(
-    group: _Group,
-    evaluation: Extrapolation,
-    labels: Sequence[str],
-    store: Store,
-    core: int,
-    moved: Callable[[int, int], None],
-) -> None:
-    job = {
-        "policies": [str(path.resolve()) for path in evaluation.policies],
-        "labels": list(labels),
-        "lanes": [[lane.policy, _clock_json(lane), lane.eval_seed] for lane in group.lanes],
-        "steps": evaluation.steps,
-        "store": str(store.root),
-        "key": group.key,
-        "config": group.config,
-    }
-    with WorkerProcess("perdure.extrapolate.worker", [core]) as worker:
-        try:
-            for step, living in worker.ask(job):
-                moved(step, living)
-        except WorkerError as error:
-            raise ExtrapolationError(str(error)) from None
+    records = evaluate_lanes(loaded, specs, steps, progress)
+    lane_table(used, loaded, specs, records, steps).write_parquet(work.folder / TABLE)
 
 
-class _Progress:
-    """Adds up what the groups report. Lanes that have ended need no more steps, and count as done."""
-
-    def __init__(self, lanes: Sequence[int], steps: int, watch: Watcher) -> None:
-        self._lanes, self._steps, self._watch = lanes, steps, watch
-        self._made = [0] * len(lanes)
-        self._lock = threading.Lock()
-
-    def moved(self, group: int, step: int, living: int) -> None:
-        ended = self._lanes[group] - living
-        self._set(group, step * living + self._steps * ended)
-
-    def finished(self, group: int) -> None:
-        self._set(group, self._lanes[group] * self._steps)
-
-    def _set(self, group: int, made: int) -> None:
-        with self._lock:
-            self._made[group] = made
-            self._watch(sum(self._made), sum(self._lanes) * self._steps)
-
-
-def _collect(store: Store, groups: Sequence[_Group], out: Path, notes: dict[str, str]) -> ExtrapolationResult:
+def _collect(
+    store: Store, keys: Sequence[str], lanes: Sequence[LaneSpec], digests: Sequence[str], labels: Sequence[str]
+) -> pl.DataFrame:
+    """Return the rows of these lanes in their order, policies by their labels."""
     import polars as pl
 
-    from perdure.extrapolate.worker import TABLE
-    from perdure.report import write_table
-
-    frame: pl.DataFrame = pl.concat([pl.read_parquet(store.get(group.key) / TABLE) for group in groups])
-    return ExtrapolationResult(frame, write_table(out / TABLE, frame, notes))
+    columns = list(zip(*(_identity(lane, digests) for lane in lanes), strict=True))
+    wanted = pl.DataFrame(
+        {
+            **dict(zip(("policy", "clock", "eval_seed"), columns, strict=True)),
+            "label": [labels[lane.policy] for lane in lanes],
+            "lane": range(len(lanes)),
+        }
+    )
+    frame = pl.concat([pl.read_parquet(store.get(key) / TABLE) for key in keys])
+    names = frame.columns
+    frame = frame.join(wanted, on=["policy", "clock", "eval_seed"], maintain_order="left")
+    if frame["lane"].n_unique() < len(lanes):
+        raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}")
+    return frame.sort("lane", "step").with_columns(policy=pl.col("label")).select(names)

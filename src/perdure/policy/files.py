@@ -20,7 +20,7 @@ from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
 from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 FORMAT = "perdure.policy"
 VERSION = 2

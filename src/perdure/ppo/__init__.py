@@ -6,10 +6,9 @@
 | `networks.py`, `normalizer.py` | policy and value network; running normalisation |
 | `rollout.py` | collecting experience inside one compiled loop |
 | `advantages.py`, `learner.py`, `update.py` | what a rollout is worth; minibatches; loss and Adam |
-| `segment.py`, `state.py`, `checkpoint.py`, `chain.py` | a run as a chain of segments that survives kill -9 |
-| `runs.py`, `export.py` | training runs, and the files they leave |
-| `spread.py`, `worker.py` | seeds spread over processes |
-| `progress.py`, `tensorboard.py` | watching a run |
+| `segment.py`, `state.py`, `checkpoint.py` | a run as a chain of segments that survives kill -9 |
+| `training.py`, `export.py` | training runs, and the files they leave |
+| `tensorboard.py` | learning curves for TensorBoard |
 | `errors.py` | `ConfigError`, `CheckpointError` |
 """
 
@@ -27,14 +26,15 @@ __all__ = [
     "TrainRun",
     "default_clock",
     "method_config",
+    "on_report",
     "train",
 ]
 
 
 def __getattr__(name: str) -> object:
     """Loads the learner, and with it JAX, only when it is asked for."""
-    if name in ("train", "TrainRun", "Report"):
-        from perdure.ppo import runs as module
+    if name in ("train", "TrainRun", "Report", "on_report"):
+        from perdure.ppo import training as module
 
         return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

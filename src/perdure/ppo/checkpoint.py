@@ -16,7 +16,7 @@ from perdure.ppo.normalizer import RunningMoments
 from perdure.ppo.rollout import Statistics
 from perdure.ppo.state import SeedState
 from perdure.ppo.update import AdamState
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 FORMAT = "perdure.checkpoint"
 VERSION = "1"

@@ -18,11 +18,11 @@ from perdure.ppo.methods import METHODS, default_clock, method_config
 from perdure.ppo.normalizer import CLIP, EPSILON
 from perdure.ppo.presets import ZOO
 from perdure.ppo.state import EPISODE_COLUMNS, ITERATION_COLUMNS, SeedState
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 if TYPE_CHECKING:
     from perdure.envs import TaskSpec
-    from perdure.ppo.runs import TrainRun
+    from perdure.ppo.training import TrainRun
 
 
 def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:

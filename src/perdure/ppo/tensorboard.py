@@ -1,9 +1,9 @@
-"""Training curves for TensorBoard, as one more watcher. Needs the extra ``perdure[tensorboard]``."""
+"""Training curves for TensorBoard. Needs the extra ``perdure[tensorboard]``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from perdure.ppo.errors import ConfigError
 
 if TYPE_CHECKING:
-    from perdure.ppo.runs import Report, Watcher
+    from perdure.ppo.training import Report
 
 
 @contextmanager
-def tensorboard(folder: Path) -> Iterator[Watcher]:
-    """Gives a watcher that writes ``train/seed-N/mean_return`` at the seed's step.
+def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
+    """Give a function of reports that writes ``train/seed-N/mean_return`` at the seed's step.
 
     Raises:
         ConfigError: If tensorboardX is not installed.

@@ -18,7 +18,7 @@ from perdure.report.png_renderer import render_png
 from perdure.report.schema import check_table, read_table
 from perdure.report.table import HEADINGS, make_rows
 from perdure.report.verdict import verdict
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 PAGE = "report.html"
 SEED = 0

@@ -36,7 +36,7 @@ from pathlib import Path
 import polars as pl
 
 from perdure.report.errors import ReportError
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "1"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 Picture = NDArray[np.uint8]
 

@@ -13,7 +13,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes import analyse, write_records
 from perdure.home.evaluate.page import PAGE, Cast, read_cast, write_page
 from perdure.home.sim.objects import KINDS
-from perdure.store import Store
+from perdure.runs import Store
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

@@ -1,4 +1,4 @@
-"""The protocol: which units, who acts, and that a second call runs nothing again."""
+"""The protocol: which parts, who acts, and that a second call runs nothing again."""
 
 import json
 from pathlib import Path
@@ -19,14 +19,14 @@ from perdure.home.evaluate.protocol import (
     choose_policies,
     logged_policies,
     make_actors,
+    parts,
     placing,
     run_protocol,
-    units,
 )
-from perdure.home.evaluate.protocol.job import Job
+from perdure.home.evaluate.protocol.job import Job, run_part
 from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.sim.world import SceneOptions
-from perdure.store import OtherSourceWarning, StoreError
+from perdure.runs import OtherSourceWarning, StoreError, Work
 
 LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
@@ -35,24 +35,25 @@ ORACLES = dict.fromkeys(LEARNED, "oracle")
 def test_units_cover_every_episode_of_every_seed_once():
     protocol = Protocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
     seen = [
-        (unit.train_seed, unit.eval_seed, episode)
-        for unit in units(protocol)
-        for episode in range(unit.first, unit.last + 1)
+        (part.train_seed, part.eval_seed, episode)
+        for part in parts(protocol)
+        for episode in range(part.first, part.last + 1)
     ]
     assert sorted(seen) == [(t, e, k) for t in range(2) for e in range(3) for k in range(25)]
-    keys = [unit.key(protocol) for unit in units(protocol)]
+    keys = [part.key(protocol) for part in parts(protocol)]
     assert len(set(keys)) == len(keys)
 
 
 def test_what_was_run_is_not_run_again(tmp_path):
     protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     told = []
-    first = run_protocol(protocol, tmp_path, told.append, "asked by a test")
+    first = run_protocol(protocol, tmp_path, observe=told.append, command="asked by a test")
     _say_other_source_made(first[0].parent)
     with pytest.warns(OtherSourceWarning, match="1 of 1"):
-        second = run_protocol(protocol, tmp_path, told.append)
+        second = run_protocol(protocol, tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))
     assert first == second
-    assert told == [1]
+    (progress,) = told[-1].values()
+    assert (progress.state, progress.done) == ("finished", 1)
     (record,) = read_logs(first[0])
     assert record.index == 0
     notes = read_notes(first[0])
@@ -61,8 +62,8 @@ def test_what_was_run_is_not_run_again(tmp_path):
 
 
 def _say_other_source_made(unit):
-    record = json.loads((unit / "unit.json").read_text())
-    (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))
+    record = json.loads((unit / "part.json").read_text())
+    (unit / "part.json").write_text(json.dumps({**record, "sources": ["another"]}))
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path):
@@ -89,8 +90,8 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
     protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
     told = []
     alone = run_protocol(protocol, tmp_path / "alone")
-    together = run_protocol(protocol, tmp_path / "together", told.append, processes=2)
-    assert told == [1, 1]
+    together = run_protocol(protocol, tmp_path / "together", on="local", cores=2, observe=told.append)
+    assert [each.state for each in told[-1].values()] == ["finished"] * 2
     assert [path.read_bytes() for path in together] == [path.read_bytes() for path in alone]
 
 
@@ -106,11 +107,10 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path = tmp_path / "place.safetensors"
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
     protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
-    settings = Job(protocol, next(units(protocol)), protocol.cast(0), tmp_path, "").to_json()
-    assert Job.from_json(settings).config == settings["config"]
+    unit = Job(protocol, next(parts(protocol)), protocol.cast(0), "").unit
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
     with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
-        Job.from_json(settings)
+        run_part(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
 
 
 @pytest.mark.parametrize(

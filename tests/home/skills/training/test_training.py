@@ -16,7 +16,7 @@ from perdure.policy import load_policy
 def policy(tmp_path_factory):
     """A place policy that has learned next to nothing."""
     out = tmp_path_factory.mktemp("runs")
-    (path,) = train_skill("place", "set_table", (0,), out, 1, total_steps=4096, split="val", episodes=2)
+    (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=4096, split="val", episodes=2)
     return load_policy(path)
 
 

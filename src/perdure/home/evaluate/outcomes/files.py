@@ -22,7 +22,7 @@ from perdure.home.evaluate.outcomes.schema import (
     from_frame,
     to_frame,
 )
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 if TYPE_CHECKING:
     import polars as pl

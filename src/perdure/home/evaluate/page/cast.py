@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from perdure.home.evaluate.outcomes import EpisodeRecord, noted_hand_overs, noted_policies, read_logs, read_notes
-from perdure.store import Store, StoreError
+from perdure.runs import Store, StoreError
 
 Group = tuple[str, str, str]
 """Task, split, arm."""

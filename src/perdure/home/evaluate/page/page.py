@@ -17,7 +17,7 @@ from perdure.home.evaluate.page.success import final_chart, stage_chart
 from perdure.report import document
 from perdure.report.charts import Chart
 from perdure.report.png_renderer import render_png
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 PAGE = "report.html"
 METHOD = """A task plan runs skills one after the other, whatever became of the last one, from the same episodes and

@@ -1,14 +1,14 @@
-"""A part of a protocol that is run and kept as a whole, in this process or in another one."""
+"""A part of a protocol that is run and kept as a whole."""
 
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from perdure.home.agents import Actor
 from perdure.home.agents.release import HandOver
@@ -19,19 +19,16 @@ from perdure.home.evaluate.execute import Executor
 from perdure.home.evaluate.outcomes import UNTRAINED, write_logs
 from perdure.home.evaluate.protocol.policies import SkillPolicy, make_actors, read_policy
 from perdure.home.evaluate.protocol.protocol import Protocol
-from perdure.store import Store
+from perdure.runs import Unit, Work
 
 CHUNK = 50
-"""Episodes in one unit of the store: what a killed run loses at most (about a minute), and what runs side by side."""
+"""Episodes in one part: what a killed run loses at most (about a minute), and what runs side by side."""
 LOGS = "logs.parquet"
-
-Told = Callable[[int], None]
-"""Told of every episode that has ended."""
 
 
 @dataclass(frozen=True)
-class Unit:
-    """A part of a protocol that is run and kept as a whole."""
+class Part:
+    """Which episodes, and with which seeds."""
 
     train_seed: int
     eval_seed: int
@@ -47,40 +44,39 @@ class Unit:
         )
 
 
-def units(protocol: Protocol) -> Iterator[Unit]:
+def parts(protocol: Protocol) -> Iterator[Part]:
     """All parts of a protocol, evaluation seeds before training seeds, so that an early look sees every policy."""
     for eval_seed in range(protocol.eval_seeds):
         for train_seed in range(protocol.train_seeds):
             for first in range(0, protocol.episodes, CHUNK):
-                yield Unit(train_seed, eval_seed, first, min(first + CHUNK, protocol.episodes) - 1)
+                yield Part(train_seed, eval_seed, first, min(first + CHUNK, protocol.episodes) - 1)
 
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that running one unit takes."""
+    """Everything that running one part takes."""
 
     protocol: Protocol
-    unit: Unit
+    part: Part
     policies: Mapping[SkillName, SkillPolicy]
-    out: str | Path
     command: str
 
     @property
     def key(self) -> str:
         """Its place in the store."""
-        return self.unit.key(self.protocol)
+        return self.part.key(self.protocol)
 
     @property
     def config(self) -> dict[str, Any]:
-        """What the unit is: everything its logs depend on."""
-        protocol, unit, options = self.protocol, self.unit, self.protocol.options
+        """Everything its logs depend on."""
+        protocol, part, options = self.protocol, self.part, self.protocol.options
         return {
             "task": protocol.task,
             "split": protocol.split,
             "place": protocol.place,
-            "train_seed": unit.train_seed,
-            "eval_seed": unit.eval_seed,
-            "episodes": [unit.first, unit.last],
+            "train_seed": part.train_seed,
+            "eval_seed": part.eval_seed,
+            "episodes": [part.first, part.last],
             "policies": {skill: each.sha256 or each.source for skill, each in self.policies.items()},
             "jaws": options.jaws,
             "physics_hz": options.scene.physics_hz,
@@ -95,7 +91,7 @@ class Job:
     @property
     def notes(self) -> dict[str, str]:
         """What the logs say about who acted."""
-        trained = str(self.unit.train_seed) if any(each.policy for each in self.policies.values()) else str(UNTRAINED)
+        trained = str(self.part.train_seed) if any(each.policy for each in self.policies.values()) else str(UNTRAINED)
         names = {skill: each.name for skill, each in self.policies.items()}
         return {
             "arm": self.protocol.name,
@@ -104,49 +100,49 @@ class Job:
             "command": self.command,
         }
 
-    def on_one_core(self) -> Job:
-        """The same work, for one process among several."""
-        return replace(self, protocol=replace(self.protocol, options=replace(self.protocol.options, threads=1)))
-
-    def run(self, told: Told) -> None:
-        """Runs the unit and keeps its logs; tells 1 whenever an episode has ended."""
-        protocol, unit = self.protocol, self.unit
-        actors = make_actors(self.policies, protocol.placing.arm)
-        executor = Executor(protocol.skills(), actors, replace(protocol.options, eval_seed=unit.eval_seed))
-        episodes = load_episodes(protocol.task, protocol.split).episodes[unit.first : unit.last + 1]
-        logs = []
-        for log in executor.run(episodes):
-            logs.append(log)
-            told(1)
-        logs.sort(key=lambda log: log.episode.index)
-        with Store(self.out).write(self.key, self.config) as folder:
-            write_logs(folder / LOGS, logs, {**self.notes, **_hand_overs(actors["place"])})
-
-    def to_json(self) -> dict[str, Any]:
-        """For another process, see `from_json`."""
-        return {
+    @property
+    def unit(self) -> Unit:
+        """The unit of work that runs it."""
+        arguments = {
             "protocol": self.protocol.to_json(),
-            "unit": asdict(self.unit),
+            "part": asdict(self.part),
             "policies": {skill: each.source for skill, each in self.policies.items()},
-            "out": str(self.out),
+            "digests": self.config["policies"],
             "command": self.command,
-            "config": self.config,
         }
+        size = float(self.part.last - self.part.first + 1)
+        function = "perdure.home.evaluate.protocol.job:run_part"
+        return Unit(self.key, self.config, function, arguments, size=size, cores=len(os.sched_getaffinity(0)))
 
-    @classmethod
-    def from_json(cls, settings: Mapping[str, Any]) -> Self:
-        """The job that `to_json` described, its policies read anew.
 
-        Raises:
-            HomeError: If a policy is another one by now.
-        """
-        protocol, unit = Protocol.from_json(settings["protocol"]), Unit(**settings["unit"])
-        policies = {skill: read_policy(source) for skill, source in settings["policies"].items()}
-        job = cls(protocol, unit, policies, settings["out"], settings["command"])
-        for skill, known in settings["config"]["policies"].items():
-            if job.config["policies"][skill] != known:
-                raise HomeError(f"{policies[skill].source} has changed since this run began")
-        return job
+def run_part(
+    work: Work,
+    *,
+    protocol: Mapping[str, Any],
+    part: Mapping[str, int],
+    policies: Mapping[SkillName, str],
+    digests: Mapping[SkillName, str],
+    command: str,
+) -> None:
+    """Run a part of a protocol and leave its logs in the work folder; the function of `Job.unit`.
+
+    Raises:
+        HomeError: If a policy is another one by now.
+    """
+    read = {skill: read_policy(source) for skill, source in policies.items()}
+    job = Job(Protocol.from_json(protocol), Part(**part), read, command)
+    for skill, known in digests.items():
+        if job.config["policies"][skill] != known:
+            raise HomeError(f"{policies[skill]} has changed since this run began")
+    options = replace(job.protocol.options, eval_seed=job.part.eval_seed, threads=work.threads)
+    actors = make_actors(read, job.protocol.placing.arm)
+    episodes = load_episodes(job.protocol.task, job.protocol.split).episodes[job.part.first : job.part.last + 1]
+    logs = []
+    for log in Executor(job.protocol.skills(), actors, options).run(episodes):
+        logs.append(log)
+        work.report(len(logs), len(episodes))
+    logs.sort(key=lambda log: log.episode.index)
+    write_logs(work.folder / LOGS, logs, {**job.notes, **_hand_overs(actors["place"])})
 
 
 def _hand_overs(place: Actor) -> dict[str, str]:

@@ -5,47 +5,44 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from perdure.home.errors import HomeError
-from perdure.home.evaluate.protocol.job import LOGS, Job, Told, units
+from perdure.home.evaluate.protocol.job import LOGS, Job, parts
 from perdure.home.evaluate.protocol.protocol import Protocol
-from perdure.processes import WorkerError, share_out
-from perdure.store import Store
-
-WORKER = "perdure.home.evaluate.protocol.worker"
+from perdure.runs import Observer, Store, core_count, make_workers, run_units
 
 
 def run_protocol(
-    protocol: Protocol, out: str | Path, told: Told = lambda episodes: None, command: str = "", processes: int = 1
+    protocol: Protocol,
+    out: str | Path,
+    *,
+    cores: int | None = None,
+    on: str = "here",
+    command: str = "",
+    observe: Observer = lambda status: None,
 ) -> list[Path]:
-    """Runs what is missing of a protocol and hands back the logs of all of it.
+    """Run what is missing of a protocol and return the logs of all of it.
 
     Args:
         protocol: What to run.
-        out: Folder of the store. The same call goes on where a killed one stopped.
-        told: Called with 1 whenever an episode has ended.
+        out: Folder of the store. The same call resumes an interrupted one.
+        cores: Cores to use; all by default. No result depends on it.
+        on: Where to run, see `perdure.runs.make_workers`.
         command: What asked for it; noted in the logs that are written now.
-        processes: How many work side by side, each on one core; with 1 this process alone, on the cores of
-            `ExecutorOptions.threads`. No result depends on it.
+        observe: Called with the progress of every part; the measure is episodes.
 
     Raises:
-        HomeError: If a policy is missing, before anything is run; or if a process failed.
+        HomeError: If a policy is missing, before anything is run.
+        RunError: If a part failed.
     """
-    store, jobs = Store(out), list(_jobs(protocol, out, command))
+    store, jobs = Store(out), list(_jobs(protocol, command))
     store.warn_of_other_source(job.key for job in jobs)
-    missing = [job for job in jobs if not store.done(job.key, job.config)]
-    if processes > 1 and len(missing) > 1:
-        try:
-            share_out(WORKER, [job.on_one_core().to_json() for job in missing], processes, lambda _, more: told(more))
-        except WorkerError as error:
-            raise HomeError(str(error)) from None
-    else:
-        for job in missing:
-            job.run(told)
+    missing = [job.unit for job in jobs if not store.done(job.key, job.config)]
+    if missing:
+        run_units(missing, out, make_workers(on, missing, cores), observe, threads=core_count(cores))
     return [store.get(job.key, job.config) / LOGS for job in jobs]
 
 
-def _jobs(protocol: Protocol, out: str | Path, command: str) -> Iterator[Job]:
-    """All units; each training seed's policies are read once."""
+def _jobs(protocol: Protocol, command: str) -> Iterator[Job]:
+    """All parts; each training seed's policies are read once."""
     policies = {seed: protocol.cast(seed) for seed in range(protocol.train_seeds)}
-    for unit in units(protocol):
-        yield Job(protocol, unit, policies[unit.train_seed], out, command)
+    for part in parts(protocol):
+        yield Job(protocol, part, policies[part.train_seed], command)

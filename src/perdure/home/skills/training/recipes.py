@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,8 @@ from perdure.home.skills.gym import env_id
 from perdure.home.skills.gym.options import checked_options
 from perdure.horizon import Fixed
 from perdure.ppo import PPOConfig, method_config
-from perdure.ppo.runs import Report, TrainRun, train
+from perdure.ppo.training import TrainRun, train
+from perdure.runs import Observer
 
 
 @dataclass(frozen=True)
@@ -117,10 +118,11 @@ def train_skill(
     task: str,
     seeds: tuple[int, ...],
     out: str | Path,
-    threads: int | None = None,
-    watch: Callable[[Report], None] = lambda report: None,
     total_steps: int | None = None,
-    processes: int | None = None,
+    *,
+    cores: int | None = None,
+    on: str = "here",
+    observe: Observer = lambda status: None,
     **options: object,
 ) -> list[Path]:
     """Trains a skill with its recipe; the same call goes on where a killed one stopped.
@@ -130,10 +132,10 @@ def train_skill(
         task: The task whose objects and places it is learned on.
         seeds: Training seeds.
         out: Where runs are kept.
-        threads: Cores to use.
-        watch: Told after every iteration.
         total_steps: Environment steps in place of the recipe's.
-        processes: As for `perdure.ppo.train`.
+        cores: Cores to use.
+        on: Where to train, see `perdure.ppo.train`.
+        observe: Called with the progress of every seed.
         options: Of the environment, such as `delta`.
 
     Returns:
@@ -144,7 +146,7 @@ def train_skill(
     command = _command(skill, task, total_steps, options)
     lesson = {**_recipe(skill, task).lesson, **options}
     run = TrainRun(skill_task(skill, task, **lesson), skill, config, seeds, command)
-    return train(run, out, threads, watch, processes)
+    return train(run, out, cores=cores, on=on, observe=observe)
 
 
 def _recipe(skill: str, task: str) -> Recipe:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from perdure.store.errors import StoreError
-from perdure.store.source import source_digest
-from perdure.store.whole import write_whole
+from perdure.runs.errors import StoreError
+from perdure.runs.source import source_digest
+from perdure.runs.whole import write_whole
 
 RECORD = "unit.json"
 """The file inside every unit that says what the unit is."""

@@ -1,9 +1,9 @@
 """Store(root): one folder per finished unit of work.
 
     root/Hopper-v3/geometric/seed-0/           a finished unit: its files and unit.json
-    root/.working/Hopper-v3~geometric~seed-0/  a unit that checkpoints inside and survives being killed
-    root/.writing/3f9a0c51/                    a unit being written in one go; dropped when its writer dies
-    root/.locks/                               who is alive
+    root/.working/Hopper-v3~geometric~seed-0/  a unit in work; survives a kill
+    root/.locks/                               who is at work on what
+    root/.progress/, root/.failures/           last report and last error of units that are not finished
 
 A unit appears under its key by one rename, so it is there with all its files or not at all.
 """
@@ -11,21 +11,29 @@ A unit appears under its key by one rename, so it is there with all its files or
 from __future__ import annotations
 
 import os
-import secrets
-import shutil
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from perdure.store import lock
-from perdure.store.errors import OtherSourceWarning, StoreError
-from perdure.store.identity import RECORD, Identity, check_key
-from perdure.store.source import source_digest
-from perdure.store.whole import sync_file, sync_folder
+from perdure.runs import lock
+from perdure.runs.errors import OtherSourceWarning, StoreError, UnitBusyError
+from perdure.runs.identity import RECORD, Identity, check_key
+from perdure.runs.source import source_digest
+from perdure.runs.whole import sync_file, sync_folder
 
 Config = Mapping[str, Any]
+
+
+@dataclass
+class Workspace:
+    """The work folder of a unit, see `Store.workspace`."""
+
+    folder: Path
+    complete: bool = True
+    """Whether the folder becomes the unit when the block ends."""
 
 
 class Store:
@@ -40,50 +48,64 @@ class Store:
         source_digest()  # now, for long work outlives what is edited meanwhile
 
     @contextmanager
-    def write(self, key: str, config: Config) -> Iterator[Path]:
-        """Give an empty temporary folder and make it the unit when the block ends without error.
-
-        When the block fails, or its process dies, nothing of it stays. When another process finished the same unit
-        meanwhile, the first one is kept and this one dropped: `get(key)` afterwards names the folder that counts.
-
-        Raises:
-            StoreError: Bad key or config, or the key is taken by another config or by a folder that is no unit.
-        """
-        unit = Identity.of(key, config)
-        self._check_place(unit)
-        self.clean()
-        folder, lock_path, descriptor = self._new_temporary()
-        try:
-            yield folder
-            self._promote(folder, unit)
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-            lock.release(descriptor, lock_path)
-
-    @contextmanager
-    def workspace(self, key: str, config: Config) -> Iterator[Path]:
+    def workspace(self, key: str, config: Config) -> Iterator[Workspace]:
         """Give the work folder of a unit, with whatever an earlier, interrupted block left in it.
 
-        When the block ends without error the folder becomes the unit; when it fails, or its process dies, the folder
-        stays for the next attempt. One process at a time may hold it.
+        When the block ends without error the folder becomes the unit, unless the block set `complete` to False. When
+        the block fails, or its process dies, the folder stays for the next attempt. One process at a time may hold it.
 
         Raises:
-            StoreError: As `write`; also when another process is at work on the unit, when the unit is finished
-                already, or when the work folder was begun with another config.
+            UnitBusyError: Another process is at work on the unit.
+            StoreError: Bad key or config; the key is taken by another config or by a folder that is no unit; the unit
+                is finished already; or the work folder was begun with another config.
         """
         unit = Identity.of(key, config)
         self._check_place(unit)
-        lock_path = self._hidden("locks") / f"work-{_flat(key)}"
+        self._hidden("locks")
+        lock_path = self._lock_path(key)
         descriptor = lock.acquire(lock_path)
         if descriptor is None:
-            raise StoreError(f"{key!r} is being worked on by another process in {self.root}.")
+            raise UnitBusyError(f"{key!r} is being worked on by another process in {self.root}.")
         try:
-            folder = self._begin_work(unit)
-            yield folder
-            self._promote(folder, unit)
-            shutil.rmtree(folder, ignore_errors=True)
+            workspace = Workspace(self._begin_work(unit))
+            yield workspace
+            if workspace.complete:
+                self._promote(workspace.folder, unit)
         finally:
             lock.release(descriptor, lock_path)
+
+    def is_busy(self, key: str) -> bool:
+        """Say whether a process is at work on the unit."""
+        if not self._lock_path(key).exists():
+            return False
+        descriptor = lock.acquire(self._lock_path(key))
+        if descriptor is None:
+            return True
+        lock.release(descriptor, self._lock_path(key))
+        return False
+
+    @contextmanager
+    def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
+        """Hold the whole store for one purpose, waiting for another process that does.
+
+        Args:
+            name: The purpose.
+            waiting: Called once if there is another process.
+        """
+        path = self._hidden("locks") / f"all-{check_key(name)}"
+        descriptor = lock.acquire(path)
+        if descriptor is None:
+            waiting()
+            descriptor = lock.acquire(path, wait=True)
+        assert descriptor is not None
+        try:
+            yield
+        finally:
+            lock.release(descriptor, path)
+
+    def note_path(self, kind: str, key: str) -> Path:
+        """Return where a note of some kind ("progress", "failures") about a unit lies; its folder may be missing."""
+        return self.root / f".{kind}" / f"{_flat(check_key(key))}.json"
 
     def done(self, key: str, config: Config | None = None) -> bool:
         """Say whether the unit is finished.
@@ -119,15 +141,14 @@ class Store:
     def warn_of_other_source(self, keys: Iterable[str]) -> None:
         """Warn (`OtherSourceWarning`) when other source code than this had a hand in finished units among `keys`.
 
-        They still count: whether a change of the code changes a result, only who made it knows. Units that do not say
-        what made them are passed over.
+        They are reused: not every change of the code changes a result. Units that do not name their source are skipped.
         """
         folders = [self._folder(key) for key in keys if self.done(key)]
         others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
         if others:
             warnings.warn(
-                f"{len(others)} of {len(folders)} finished units were made by other source code of perdure and are "
-                f"taken as they are, first of all {others[0]}. Remove those that shall be made anew.",
+                f"{len(others)} of {len(folders)} results were made by another version of perdure's source code and "
+                f"are reused, such as {others[0]}. Remove a result's folder to compute it again.",
                 OtherSourceWarning,
                 stacklevel=2,
             )
@@ -143,28 +164,6 @@ class Store:
                 names.clear()
         return tuple(sorted(found))
 
-    def remove(self, key: str) -> None:
-        """Remove a finished unit. It vanishes by one rename, so nobody sees half of it.
-
-        Raises:
-            StoreError: The unit is not finished.
-        """
-        folder = self.get(key)
-        temporary, lock_path, descriptor = self._new_temporary()
-        try:
-            os.replace(folder, temporary)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-            lock.release(descriptor, lock_path)
-
-    def clean(self) -> None:
-        """Remove what dead writers left in `.writing`. Living writers hold a lock and are left alone."""
-        for lock_path in list((self.root / ".locks").glob("write-*")):
-            descriptor = lock.acquire(lock_path)
-            if descriptor is not None:
-                shutil.rmtree(self.root / ".writing" / lock_path.name.removeprefix("write-"), ignore_errors=True)
-                lock.release(descriptor, lock_path)
-
     def _folder(self, key: str) -> Path:
         folder = self.root / check_key(key)
         if not folder.parent.resolve().is_relative_to(self.root.resolve()):
@@ -176,15 +175,8 @@ class Store:
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
-    def _new_temporary(self) -> tuple[Path, Path, int]:
-        """Make an empty folder in `.writing`, locked before it exists so that `clean` never takes it for dead."""
-        token = secrets.token_hex(8)
-        lock_path = self._hidden("locks") / f"write-{token}"
-        descriptor = lock.acquire(lock_path, wait=True)
-        assert descriptor is not None
-        folder = self._hidden("writing") / token
-        folder.mkdir()
-        return folder, lock_path, descriptor
+    def _lock_path(self, key: str) -> Path:
+        return self.root / ".locks" / f"work-{_flat(check_key(key))}"
 
     def _check_place(self, unit: Identity) -> None:
         """Refuse a unit whose key is taken by another config, lies inside a unit, or is a folder with units in it."""

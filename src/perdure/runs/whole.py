@@ -8,7 +8,7 @@ import secrets
 from contextlib import suppress
 from pathlib import Path
 
-from perdure.store.lock import is_still_at
+from perdure.runs.lock import is_still_at
 
 
 def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:

@@ -9,7 +9,7 @@ import textwrap
 
 import pytest
 
-from perdure.store import write_whole
+from perdure.runs import write_whole
 
 
 def names(folder):
@@ -60,7 +60,7 @@ def test_a_full_disk_leaves_the_old_file_whole_and_names_it(tmp_path):
     # A limit on file size fails the write in its middle, exactly where a full disk would.
     script = """
         import resource, signal, sys
-        from perdure.store import write_whole
+        from perdure.runs import write_whole
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
         try:
@@ -82,7 +82,7 @@ def test_what_a_killed_writer_left_is_removed_by_the_next_one_and_a_living_write
     # The writer stops right before its rename; SIGSTOP keeps it alive, SIGKILL then makes its file a leftover.
     script = """
         import os, signal, sys
-        from perdure.store import write_whole
+        from perdure.runs import write_whole
         os.replace = lambda *_: os.kill(os.getpid(), signal.SIGSTOP)
         write_whole(sys.argv[1], "never arrives")
     """

@@ -6,25 +6,25 @@ import warnings
 
 import pytest
 
-from perdure.store import OtherSourceWarning, Store
-from perdure.store.source import PACKAGE, source_digest
+from perdure.runs import OtherSourceWarning, Store
+from perdure.runs.source import PACKAGE, source_digest
 
 CONFIG = {"gamma": 1.0}
 
 
 def become(monkeypatch, digest):
     for module in ("identity", "store"):
-        monkeypatch.setattr(f"perdure.store.{module}.source_digest", lambda: digest)
+        monkeypatch.setattr(f"perdure.runs.{module}.source_digest", lambda: digest)
 
 
 def put(store, key):
-    with store.write(key, CONFIG) as folder:
-        (folder / "curve.csv").write_text("done")
+    with store.workspace(key, CONFIG) as work:
+        (work.folder / "curve.csv").write_text("done")
 
 
 def test_the_digest_knows_every_python_file_and_no_other(tmp_path):
     copy = tmp_path / "one"
-    shutil.copytree(PACKAGE / "store", copy)
+    shutil.copytree(PACKAGE / "runs", copy)
     before = source_digest(copy)
     other = shutil.copytree(copy, tmp_path / "two")
     (other / "notes.txt").write_text("no code")
@@ -44,12 +44,12 @@ def test_who_takes_what_other_code_made_is_warned_and_gets_it(tmp_path, monkeypa
     become(monkeypatch, "new")
     put(store, "run/c")
     keys = ["run/a", "run/b", "run/c", "run/never"]
-    with pytest.warns(OtherSourceWarning, match=r"2 of 3 .* first of all .*run/a") as told:
+    with pytest.warns(OtherSourceWarning, match=r"2 of 3 .* such as .*run/a") as told:
         store.warn_of_other_source(keys)
     assert len(told) == 1
     assert store.done("run/a", CONFIG)
-    store.remove("run/a")
-    store.remove("run/b")
+    shutil.rmtree(store.get("run/a"))
+    shutil.rmtree(store.get("run/b"))
     put(store, "run/a")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,0 +1,173 @@
+"""Training runs: seeds of one task and method, checkpointed, resumed, and turned into policy files.
+
+A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from perdure.policy import save_policy
+from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
+from perdure.ppo.config import PPOConfig
+from perdure.ppo.errors import ConfigError
+from perdure.ppo.export import export_policy, write_curves
+from perdure.ppo.presets import ZOO
+from perdure.ppo.segment import SegmentRunner
+from perdure.ppo.state import start_state
+from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_whole
+
+POLICY = "policy.safetensors"
+CHECKPOINT = "checkpoint.safetensors"
+
+
+@dataclass(frozen=True)
+class TrainRun:
+    """What is trained. Two runs that are equal give the same files, bit for bit, on the same machine."""
+
+    task: str
+    method: str
+    """Names the run's folder; the settings are all in ``config``."""
+    config: PPOConfig
+    seeds: tuple[int, ...] = (0,)
+    """Trained side by side; each comes out as if it were trained alone."""
+    command: str | None = None
+    """What makes it again, `{seed}` standing for the seed; `perdure train ...` when None. Kept in the policy file."""
+    preset: str = ZOO
+    """Whose hyperparameters `config` began with; names the folder beside the method unless it is the usual one."""
+
+    def __post_init__(self) -> None:
+        """Refuse a list of seeds that names no run, or one twice."""
+        if not self.seeds:
+            raise ConfigError("a training run needs at least one seed")
+        if min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
+            raise ConfigError(f"seeds must be different numbers from 0 up, got {list(self.seeds)}")
+
+    def key(self, seed: int) -> str:
+        """The readable identity of one seed's run."""
+        variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
+        return f"{self.task.replace(':', '_')}/{variant}/seed-{seed}"
+
+    def identity(self, seed: int) -> dict[str, Any]:
+        """Everything the result of one seed depends on."""
+        identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
+        return identity if self.preset == ZOO else {**identity, "preset": self.preset}
+
+    def unit(self, seed: int) -> Unit:
+        """Return the training of one seed as a unit of work."""
+        settings: dict[str, Any] = {"task": self.task, "method": self.method, "config": self.config.to_json()}
+        settings |= {"command": self.command, "preset": self.preset, "seed": seed}
+        steps = float(self.config.iterations * self.config.rollout_size)
+        return Unit(
+            self.key(seed),
+            self.identity(seed),
+            "perdure.ppo.training:train_segment",
+            settings,
+            size=steps,
+            cores=self.config.n_envs,
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an observer of training is told."""
+
+    seed: int
+    """Which seed has made progress."""
+    step: int
+    """Environment steps it has made."""
+    steps: int
+    """Environment steps it will have made in all."""
+    mean_return: float
+    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
+    share: float
+    """How much of the work is done, all seeds together, from 0 to 1."""
+
+
+def train(
+    run: TrainRun,
+    out: str | Path,
+    *,
+    cores: int | None = None,
+    on: str = "here",
+    observe: Observer = lambda status: None,
+) -> list[Path]:
+    """Train every seed that is not finished and return the policy files in the order of the seeds.
+
+    A run that was interrupted resumes from its last checkpoint; nothing but time depends on that. A finished seed is
+    not trained again.
+
+    Args:
+        run: What is trained.
+        out: The folder of the store that keeps the runs.
+        cores: Cores to use; all of them by default. Results do not depend on it.
+        on: Where seeds are trained, see `perdure.runs.make_workers`: "here" (this process, one seed after the other),
+            "local" (a process for each core: faster, also for one seed, but blind to environments that only this
+            process has registered; name those "gymnasium:module:Env-v0"), or a Ray cluster. Results do not depend
+            on it.
+        observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`.
+
+    Raises:
+        ConfigError: If the run makes no sense.
+        StoreError: If the folder already holds a run of the same name with other settings.
+        UnknownTask: If there is no such task.
+        RunError: If training a seed failed.
+    """
+    store, units = Store(out), [run.unit(seed) for seed in run.seeds]
+    store.warn_of_other_source(unit.key for unit in units)
+    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
+    if missing:
+        run_units(units, out, make_workers(on, missing, cores), observe, threads=core_count(cores))
+    return [store.get(unit.key) / POLICY for unit in units]
+
+
+def on_report(run: TrainRun, told: Callable[[Report], None]) -> Observer:
+    """Return an observer that calls `told` with a `Report` whenever a seed has made progress."""
+    last: dict[int, float] = {}
+
+    def observe(status: Status) -> None:
+        from perdure.runs.progress import total_share
+
+        for seed in run.seeds:
+            progress = status[run.key(seed)]
+            if progress.facts and progress.done != last.get(seed):
+                last[seed] = progress.done
+                mean = progress.facts.get("return", float("nan"))
+                told(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
+
+    return observe
+
+
+def train_segment(
+    work: Work, *, task: str, method: str, config: Mapping[str, Any], command: str | None, preset: str, seed: int
+) -> bool:
+    """Train one seed for one more segment; the function of `TrainRun.unit`.
+
+    Returns:
+        Whether that was the last segment: then the policy and its learning curves are in the work folder.
+    """
+    run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset)
+    runner = _runner(task, run.config, work.threads)
+    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
+    state = load_checkpoint(checkpoint) if checkpoint.exists() else start_state(seed, runner.spec, run.config)
+    if state.segment < run.config.segments:
+        state = runner.run(state, lambda step, mean: work.report(step, steps, **{"return": mean}))
+        save_checkpoint(state, checkpoint)
+    if state.segment < run.config.segments:
+        return False
+    save_policy(export_policy(run, runner.spec, state), work.folder / POLICY)
+    write_curves(state, work.folder)
+    write_whole(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    checkpoint.unlink(missing_ok=True)
+    return True
+
+
+@lru_cache(maxsize=1)
+def _runner(task: str, config: PPOConfig, threads: int) -> SegmentRunner:
+    """Keep the compiled programs from segment to segment."""
+    return SegmentRunner(task, config, threads)

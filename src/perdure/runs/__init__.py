@@ -1,0 +1,48 @@
+"""All long work: units with a key and a config, run once each, on this machine or on a cluster, resumable.
+
+    unit.py       Unit: key, config, function; attempt: runs one, up to its end or its next checkpoint
+    run.py        run_units: a graph of units on workers; status, failures
+    workers.py    worker processes on this machine
+    on_ray.py     tasks on a Ray cluster
+    cores.py      which cores are free
+    progress.py   a bar in a terminal, a line every half minute elsewhere
+    store.py      Store: one folder per finished unit, written whole
+    identity.py   the SHA-256 of a config, and a unit's record
+    source.py     which source code made a unit
+    whole.py      write_whole: one file, either the old or the new, never half of it
+    lock.py       advisory locks that the kernel releases when a process dies
+    errors.py     StoreError, UnitBusyError, RunError, OtherSourceWarning
+
+The package imports nothing else of perdure.
+"""
+
+from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError
+from perdure.runs.identity import config_digest
+from perdure.runs.run import Observer, Progress, Status, read_status, run_units
+from perdure.runs.store import Store
+from perdure.runs.unit import Unit, Work, attempt
+from perdure.runs.whole import write_whole
+from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, core_count, make_workers
+
+__all__ = [
+    "ONE_THREAD",
+    "LocalWorkers",
+    "Observer",
+    "OtherSourceWarning",
+    "Progress",
+    "RunError",
+    "Status",
+    "Store",
+    "StoreError",
+    "Unit",
+    "UnitBusyError",
+    "Work",
+    "Workers",
+    "attempt",
+    "config_digest",
+    "core_count",
+    "make_workers",
+    "read_status",
+    "run_units",
+    "write_whole",
+]
