@@ -32,6 +32,8 @@ EVALUATION_SEEDS_ONLY = "evaluation seeds only"
 STUDENT_T, BOOTSTRAP, WILSON = "Student t", "bootstrap", "Wilson score"
 FEW_UNITS = 10
 """Below this many units intervals are Student's t."""
+FEWEST_FOR_INTERVAL = 3
+"""Figures draw no interval over fewer units: two have one difference, which says little about their spread."""
 _TRIMMED: dict[Statistic, float] = {"mean": 0.0, "iqm": 0.25}
 """Share of the units that a statistic leaves out at each end."""
 _BATCH_ELEMENTS = 4_000_000
