@@ -41,7 +41,7 @@ class TestCurves:
     def test_a_band_is_drawn_where_there_are_bounds(self):
         lower = np.array([0.1, np.nan, 3.0])
         drawn = rows(spec(curve(lower=lower, upper=lower + 1.0)), "area")
-        assert [(row["x"], row["y"], row["y2"]) for row in drawn] == [(1.0, 0.1, 1.1), (100.0, 3.0, 4.0)]
+        assert [(row["x"], row["lower"], row["upper"]) for row in drawn] == [(1.0, 0.1, 1.1), (100.0, 3.0, 4.0)]
 
     def test_members_are_thin_lines(self):
         drawn = rows(spec(curve(members=np.array([[1.0, 2.0, np.nan], [3.0, 4.0, 5.0]]))), "line", size=0.9)

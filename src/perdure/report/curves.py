@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 FEWEST_JOINED = 3
 """Fewer points are not joined by a line: nothing is known between two."""
-_LINE, _NAME = 13, 24
-"""Height of a line of text [px]; letters of a curve's name in one line."""
+_LINE, _NAME, _BAR = 13, 24, 5
+"""Height of a line of text [px]; letters of a curve's name in one line; room for a bar at the right [px]."""
+_TEXT: dict[str, Any] = {"align": "left", "baseline": "middle", "fontSize": theme.FONT_SIZE, "lineHeight": _LINE}
 
 Row = dict[str, Any]
 
@@ -48,6 +49,12 @@ class Curve:
 
     def __post_init__(self) -> None:
         check_lengths(self.label, self.x, y=self.y, lower=self.lower, upper=self.upper)
+
+    def interval(self, k: int) -> dict[str, float | None]:
+        """Return the bounds at point k; nothing where there is no interval."""
+        if self.lower is None or self.upper is None or not np.isfinite(self.lower[k]):
+            return {}
+        return {"lower": number(self.lower[k]), "upper": number(self.upper[k])}
 
 
 @dataclass(frozen=True)
@@ -97,74 +104,67 @@ def curve_chart(
     ys += finite([[each.y, each.lower, each.upper] for each in levels])
     xs = finite(each.x for each in lines)
     names = _end_names(lines, levels, x, y.bounds(ys), x.bounds(xs)[1])
+    lasts = [row for row in names if row.get("lower") is not None]
     longest = max((len(word) for row in names for word in row["text"]), default=0)
-    plot = max(width - 75 - theme.text_width(longest) - 5 * len(lines), width // 3)
-    across, up = x.channel(alt.X, "x", xs), y.channel(alt.Y, "y", ys, grid=True)
-    color, dash, shape = looks([*lines, *levels])
-    interpolate = "step-after" if steps else "linear"
+    plot = max(width - 75 - theme.text_width(longest) - _BAR * len(lasts), width // 3)
+    end = plot + _BAR * len(lasts)
     x_value: Any = alt.XValue
     x2_value: Any = alt.X2Value
-    joined, dots, bands, bars, members = _parts(lines, x)
-    lasts = [row for row in names if row["lower"] is not None]
-    shift = 5 * len(lasts)
-    layers: list[alt.Chart] = []
+    across, up = x.channel(alt.X, "x", xs), y.channel(alt.Y, "y", ys, grid=True)
+    span = (y.channel(alt.Y, "lower", ys, grid=True), alt.Y2("upper"))
+    color, dash, shape = looks([*lines, *levels])
+    layers = _marker_layers(markers, across, *(x.place(each.at, xs) for each in markers))
 
     def add(rows: Sequence[Row], mark: str, *channels: Any, **style: Any) -> None:
         if rows:
             layers.append(getattr(chart(rows), f"mark_{mark}")(**style).encode(*channels, color))
 
-    layers += _marker_layers(markers, across, *(x.place(each.at, xs) for each in markers))
-    add(bands, "area", across, up, alt.Y2("y2"), opacity=0.14, interpolate=interpolate)
-    flat = [
-        {name: number(getattr(each, name)) for name in ("y", "lower", "upper")} | {"label": each.label}
-        for each in levels
-    ]
-    spans = [row for row in flat if row["lower"] is not None]
-    add(spans, "rect", y.channel(alt.Y, "lower", ys, grid=True), alt.Y2("upper"), opacity=0.1)
-    add(flat, "rule", up, dash, size=1.6)
-    add(members, "line", across, up, alt.Detail("member:N"), size=0.9, opacity=0.6, interpolate=interpolate)
-    add(bars, "rule", across, up, alt.Y2("y2"), size=1.8, opacity=0.55)
-    add(joined, "line", across, up, dash, size=2, interpolate=interpolate)
-    add(dots, "point", across, up, shape, size=55, filled=True, opacity=1)
+    parts, flat = _parts(lines, x), _level_rows(levels)
+    joined, dots = parts["line"], parts["mark"]
+    kind = {"interpolate": "step-after" if steps else "linear"}
     tips = [alt.Tooltip("label:N", title="curve"), x.tooltip("x"), y.tooltip("y")]
+    add(parts["band"], "area", across, *span, opacity=0.14, **kind)
+    add([row for row in flat if row["lower"] is not None], "rect", *span, opacity=0.1)
+    add(flat, "rule", up, dash, size=1.6)
+    add(parts["member"], "line", across, up, alt.Detail("member:N"), size=0.9, opacity=0.6, **kind)
+    add(parts["bar"], "rule", across, *span, size=1.8, opacity=0.55)
+    add(joined, "line", across, up, dash, size=2, **kind)
+    add(dots, "point", across, up, shape, size=55, filled=True, opacity=1)
     add([*joined, *dots], "point", across, up, tips, size=90, filled=True, opacity=0)
     for k, row in enumerate(lasts):
-        place = x_value(plot + 4 + 5 * k)
-        add([row], "rule", place, y.channel(alt.Y, "lower", ys, grid=True), alt.Y2("upper"), size=2.6, opacity=0.7)
-    add(names, "rule", across, up, alt.Y2("at"), x2_value(plot + 9 + shift), size=0.7, opacity=0.7)
-    text = {"align": "left", "baseline": "middle", "fontSize": theme.FONT_SIZE, "lineHeight": _LINE}
-    add(names, "text", x_value(plot + 13 + shift), alt.Y("at:Q"), alt.Text("text:N"), **text)
+        add([row], "rule", x_value(plot + 4 + _BAR * k), *span, size=2.6, opacity=0.7)
+    add(names, "rule", across, up, alt.Y2("at"), x2_value(end + 9), size=0.7, opacity=0.7)
+    add(names, "text", x_value(end + 13), alt.Y("at:Q"), alt.Text("text:N"), **_TEXT)
     return alt.LayerChart(layer=layers, width=plot, height=theme.HEIGHT)
 
 
-def _parts(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
-    """Return the data of the lines, of the marks, of bands, of bars, of thin lines."""
-    joined: list[Row] = []
-    dots: list[Row] = []
-    bands: list[Row] = []
-    bars: list[Row] = []
-    members: list[Row] = []
+def _parts(lines: Sequence[Curve], x: Axis) -> dict[str, list[Row]]:
+    """Return the data of lines, marks, bands, bars and thin lines ("member")."""
+    parts: dict[str, list[Row]] = {name: [] for name in ("line", "mark", "band", "bar", "member")}
     for each in lines:
-        known = np.flatnonzero(np.isfinite(each.y))
+        known = np.flatnonzero(np.isfinite(each.y)).tolist()
         whole = len(known) >= FEWEST_JOINED
         for k in known:
-            at = {"x": x.names[int(each.x[k])] if x.names else number(each.x[k]), "label": each.label}
+            at = {"x": _place(each, k, x), "label": each.label}
             point = at | {"y": number(each.y[k])}
-            joined += [point] if whole else []
-            dots += [point] if each.marked or not whole else []
-            if (
-                each.intervals != "last"
-                and each.lower is not None
-                and each.upper is not None
-                and np.isfinite(each.lower[k])
-            ):
-                interval = at | {"y": number(each.lower[k]), "y2": number(each.upper[k])}
-                (bands if each.intervals == "band" and whole else bars).append(interval)
+            parts["line"] += [point] if whole else []
+            parts["mark"] += [point] if each.marked or not whole else []
+            interval = each.interval(k)
+            if interval and each.intervals != "last":
+                parts["band" if each.intervals == "band" and whole else "bar"].append(at | interval)
             if each.members is not None and whole:
-                members += [
-                    at | {"y": number(row[k]), "member": n} for n, row in enumerate(each.members) if np.isfinite(row[k])
-                ]
-    return joined, dots, bands, bars, members
+                values = [(n, number(row[k])) for n, row in enumerate(each.members)]
+                parts["member"] += [at | {"y": value, "member": n} for n, value in values if value is not None]
+    return parts
+
+
+def _place(line: Curve, k: int, x: Axis) -> Any:
+    return x.names[int(line.x[k])] if x.names else number(line.x[k])
+
+
+def _level_rows(levels: Sequence[Level]) -> list[Row]:
+    bounds = ("y", "lower", "upper")
+    return [{"label": each.label} | {name: number(getattr(each, name)) for name in bounds} for each in levels]
 
 
 def _end_names(
@@ -173,15 +173,12 @@ def _end_names(
     """Return the names, moved apart where they would overlap, and where the thin lines to their curves begin."""
     rows: list[Row] = []
     for each in lines:
-        known = np.flatnonzero(np.isfinite(each.y))
-        if len(known) and each.named:
+        known = np.flatnonzero(np.isfinite(each.y)).tolist()
+        if known and each.named:
             k = known[-1]
-            at = x.names[int(each.x[k])] if x.names else number(each.x[k])
-            rows.append({"x": at, "y": float(each.y[k]), "label": each.label, "lower": None, "upper": None})
-            if each.intervals == "last" and each.lower is not None and each.upper is not None:
-                rows[-1] |= {"lower": number(each.lower[k]), "upper": number(each.upper[k])}
-    end = x.names[-1] if x.names else last
-    rows += [{"x": end, "y": each.y, "label": each.label, "lower": None} for each in levels]
+            row = {"x": _place(each, k, x), "y": float(each.y[k]), "label": each.label}
+            rows.append(row | each.interval(k) if each.intervals == "last" else row)
+    rows += [{"x": x.names[-1] if x.names else last, "y": each.y, "label": each.label} for each in levels]
     for row in rows:
         unbroken = row["label"].replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
         row["text"] = textwrap.wrap(unbroken, _NAME) or [""]

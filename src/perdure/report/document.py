@@ -67,7 +67,7 @@ def figure(drawn: Figure) -> str:
     kind = " class='wide'" if drawn.wide else ""
     return (
         f"<figure id='{drawn.name}'{kind}><figcaption>{html.escape(drawn.title)}</figcaption><div class='plot'></div>"
-        f"<script type='application/json'>{script_json(drawn.spec())}</script>"
+        f"<script type='application/json'>{script_json(drawn.spec)}</script>"
         f"<p class='note'>{html.escape(drawn.note)}</p></figure>"
     )
 

@@ -13,6 +13,7 @@ import textwrap
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -48,8 +49,9 @@ class Figure:
         if _NAME.fullmatch(self.name) is None:
             raise ReportError(f"A figure cannot be named {self.name!r}: letters a to z, digits and dashes; see slug.")
 
+    @cached_property
     def spec(self) -> dict[str, Any]:
-        """Return the Vega-Lite specification, without title and note."""
+        """The Vega-Lite specification, without title and note."""
         return {**self.chart.to_dict(), "config": theme.config()}
 
     def standalone(self) -> dict[str, Any]:
@@ -59,7 +61,7 @@ class Figure:
         big = round(width / theme.text_width(100, theme.TITLE_SIZE * 1.15) * 100)
         title = ": ".join(filter(None, (self.heading, self.title)))
         lines = {"text": textwrap.wrap(title, big), "subtitle": textwrap.wrap(self.note, letters)}
-        return {**self.spec(), "title": lines}
+        return {**self.spec, "title": lines}
 
 
 def render(figure: Figure, kind: Format = "png") -> bytes:

@@ -136,7 +136,7 @@ def _row_channels(names: Sequence[str], labels: Sequence[str], line: bool = Fals
     import altair as alt
 
     axis = alt.Axis(labelPadding=10, domain=line)
-    y = alt.Y("row:N", title=None, scale=alt.Scale(domain=list(names), paddingInner=0.2, paddingOuter=0.1), axis=axis)
+    y = alt.Y("row:N", title=None, scale=alt.Scale(domain=list(names), paddingInner=0.3, paddingOuter=0.1), axis=axis)
     return y, alt.YOffset("label:N", scale=alt.Scale(domain=list(labels), paddingInner=0.12))
 
 
