@@ -26,6 +26,10 @@ from perdure.envs import make_world
 from perdure.extrapolate import LaneSpec, evaluate_lanes
 from perdure.policy import load_policy
 from perdure.ppo import TrainRun, method_config, train
+from perdure.report import theme
+from perdure.report.axes import Axis
+from perdure.report.curves import Curve, curve_chart
+from perdure.report.render import Figure, save
 from perdure.report.statistics import difference_interval, make_units
 from perdure.runs import write_whole
 
@@ -134,24 +138,23 @@ def compare() -> None:
 
 
 def draw() -> None:
-    import matplotlib
+    import altair as alt
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    panels, names = [], {"perdure": "perdure", "sb3": "Stable-Baselines3"}
     tasks = [task for task in PLANS if (FOLDER / task).exists()]
-    figure, axes = plt.subplots(1, len(tasks), figsize=(4.2 * len(tasks), 3.5), layout="constrained", squeeze=False)
-    for axis, task in zip(axes[0], tasks, strict=True):
-        steps = (np.arange(BINS) + 1) / BINS * PLANS[task].steps
-        for side, color in (("sb3", "#777777"), ("perdure", "#0b6e99")):
-            for number, path in enumerate(sorted((FOLDER / task).glob(f"{side}-*.json"))):
-                curve = [np.nan if v is None else v for v in json.loads(path.read_text())["curve"]]
-                label = {"sb3": "Stable-Baselines3", "perdure": "perdure"}[side] if number == 0 else None
-                axis.plot(steps, curve, color=color, alpha=0.8, label=label, lw=1.5)
-        axis.set(title=f"{task}, ppo", xlabel="environment steps", ylabel="training return")
-        axis.spines[["top", "right"]].set_visible(False)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-    figure.savefig(HERE / "curves.png", dpi=150)
+    for task in tasks:
+        steps, curves = (np.arange(BINS) + 1) / BINS * PLANS[task].steps, []
+        for number, (side, name) in enumerate(names.items()):
+            paths = sorted((FOLDER / task).glob(f"{side}-*.json"))
+            seeds = np.array([json.loads(path.read_text())["curve"] for path in paths], dtype=np.float64)
+            label = f"{name} (n = {len(seeds)})"
+            curves.append(Curve(label, steps, np.nanmean(seeds, axis=0), theme.style(number), members=seeds))
+        x, y = Axis("environment steps"), Axis("mean training return of an episode")
+        panels.append(curve_chart(curves, x, y, width=theme.WIDE // len(tasks)).properties(title=task))
+    title = "Learning curves of PPO with the same settings in perdure and in Stable-Baselines3"
+    note = "Thick: mean of n training seeds. Thin: each seed."
+    chart = alt.hconcat(*panels).resolve_scale(color="independent", strokeDash="independent")
+    save([Figure("curves", title, chart, note, wide=True)], HERE)
 
 
 if __name__ == "__main__":

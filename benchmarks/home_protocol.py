@@ -25,9 +25,10 @@ from perdure.home.evaluate.outcomes import COUNTINGS, analyse, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
 from perdure.home.evaluate.page import Cast, read_cast
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
-from perdure.report.charts import Axis, Chart, Series
-from perdure.report.palette import category
-from perdure.report.png_renderer import render_png
+from perdure.report.axes import Axis
+from perdure.report.render import Figure, render
+from perdure.report.rows import Points, point_chart
+from perdure.report.theme import style
 from perdure.runs import write_whole
 
 RESULTS = Path(__file__).parent / "home_protocol.json"
@@ -123,36 +124,31 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
             }
 
 
-def picture(rows: list[Row]) -> Chart:
+def picture(rows: list[Row]) -> Figure:
     """How often each strategy succeeds: tasks on unseen layouts, then SetTable in the other worlds."""
     places = [(task, "drag") for task in TITLES] + [
         ("set_table", world) for world in WORLDS if world not in ("drag", "jaws-apart drag")
     ]
-    names = [TITLES[task] if world == "drag" else f"SetTable: {_short(world)}" for task, world in places]
+    names = [TITLES[task] if world == "drag" else f"SetTable, {_short(world)}" for task, world in places]
     found = {(row["task"], *strategy_and_world(row)): row["stabilizing"] for row in chosen(rows, "eval")}
-    strategies = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm"}
-    series = []
-    for number, (strategy, label) in enumerate(strategies.items()):
+    points = []
+    for number, (strategy, label) in enumerate(STRATEGIES.items()):
         at = [k for k, (task, world) in enumerate(places) if (task, strategy, world) in found]
         rows_of = [found[places[k][0], strategy, places[k][1]] for k in at]
         mean, lower, upper = (np.array([each[key] for each in rows_of]) for key in ("mean", "lower", "upper"))
-        offset = 0.24 * (number - 1)
-        heights, color = np.array(at) + offset, category(number)
-        series.append(Series(label, mean, heights, color, lower, upper, line=False, points=True))
-        seeds = [(share, at[k] + offset + 0.08) for k, each in enumerate(rows_of) for share in each["train_seeds"]]
-        x, y = np.array(seeds).T
-        series.append(Series("each seed", x, y, color, line=False, points=True, hollow=True))
-    return Chart(
+        seeds = [each["train_seeds"] for each in rows_of]
+        points.append(Points(label, at, mean, style(number), lower, upper, seeds))
+    return Figure(
         "home-arms",
         "Does the object stay where it was put?",
-        Axis("share of episodes whose objects all stay until the end", percent=True, low=0.0, high=1.0),
-        Axis("", rows=tuple(names)),
-        tuple(series),
-        row_lines=4,
-        note="Apartments with a layout never seen in training. Unless named otherwise the world has no rolling "
-        "resistance. Bars: 95 % Student t interval over three training seeds (rings); three evaluation seeds of 100 "
-        "episodes each for the tasks, one in the other worlds.",
+        point_chart(names, points, Axis("share of episodes whose objects all stay until the end", percent=True)),
+        "Apartments with a layout never seen in training. Unless named otherwise the world has no rolling resistance. "
+        "Filled: mean of n = 3 training seeds. Small open marks: each seed (n = 300 episodes in the first three rows, "
+        "100 in the others). Bars: 95 % Student t intervals over the training seeds.",
     )
+
+
+STRATEGIES = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
 
 
 def _short(world: str) -> str:
@@ -192,7 +188,7 @@ def main(folder: Path) -> None:
         print(f"{mark}\n\n{text}\n")
     write_whole(PAGE, page)
     write_whole(README, put(README.read_text(), "home results", readme_table(kept["rows"])))
-    write_whole(PICTURE, render_png(picture(kept["rows"])))
+    write_whole(PICTURE, render(picture(kept["rows"])))
 
 
 if __name__ == "__main__":

@@ -25,9 +25,11 @@ from perdure.home.evaluate.page import read_cast
 from perdure.home.evaluate.protocol import placing
 from perdure.home.evaluate.protocol.naming import read_arm
 from perdure.home.sim.objects import KINDS
-from perdure.report.charts import Axis, Chart, Series
-from perdure.report.palette import category
-from perdure.report.png_renderer import render_png
+from perdure.report.axes import Axis
+from perdure.report.curves import Curve, curve_chart
+from perdure.report.render import Figure, render
+from perdure.report.statistics import wilson
+from perdure.report.theme import style
 from perdure.runs import write_whole
 
 PICTURE = PAGE.parents[1] / "images" / "home-release-speed.png"
@@ -73,21 +75,27 @@ def table(counts: pl.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def picture(counts: pl.DataFrame) -> Chart:
-    """Policies alone: share that stays over the interval's median speed."""
-    series = []
+def picture(counts: pl.DataFrame) -> Figure:
+    """Policies alone: share that stays over the interval's median speed, with Wilson's interval."""
+    curves = []
     for number, group in enumerate(SHAPES):
         part = counts.filter(pl.col("count") >= FEWEST, alone=True, group=group).sort("interval")
         share = (part["stayed"] / part["count"]).to_numpy()
-        series.append(Series(group, part["speed"].to_numpy(), share, category(number), points=True, tag=group))
-    return Chart(
+        bounds = [wilson(p, n) for p, n in zip(share, part["count"], strict=True)]
+        lower, upper = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
+        label, speed = f"{group} (n = {part['count'].sum():,})", part["speed"].to_numpy()
+        curves.append(Curve(label, speed, share, style(number), lower, upper, marked=True, intervals="bars"))
+    return Figure(
         "home-release-speed",
         "How fast may an object move when it is released?",
-        Axis("release speed [m/s]", low=0.0, high=1.05 * max(float(each.x.max()) for each in series)),
-        Axis("share of placements that stay", percent=True, low=0.0, high=1.0),
-        tuple(series),
-        note="Placements released in motion (rl, delta-N), all tasks, apartments with unseen layouts, no rolling "
-        f"resistance. Each point: an interval of speed with at least {FEWEST} placements, at their median speed.",
+        curve_chart(
+            curves,
+            Axis("release speed of the object [m/s]"),
+            Axis("share of placements that stay", percent=True),
+        ),
+        "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
+        f"no rolling resistance. Each point: an interval of speed with at least {FEWEST} placements, at their median "
+        "speed; bars: 95 % Wilson score intervals over placements.",
     )
 
 
@@ -97,7 +105,7 @@ def main(folder: Path) -> None:
     counts = grouped.agg(pl.len().alias("count"), pl.col("stayed").sum(), pl.col("speed").median())
     text = table(counts)
     write_whole(PAGE, put(PAGE.read_text(), "release_speed", text))
-    write_whole(PICTURE, render_png(picture(counts)))
+    write_whole(PICTURE, render(picture(counts)))
     print(text)
 
 

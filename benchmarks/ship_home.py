@@ -29,9 +29,11 @@ from perdure.home.evaluate.protocol import placing
 from perdure.home.evaluate.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
 from perdure.home.skills.training import RECIPES, evaluate_skill
 from perdure.policy import Policy, load_policy, save_policy
-from perdure.report.charts import Axis, Chart, Series
-from perdure.report.palette import category
-from perdure.report.png_renderer import render_png
+from perdure.report import theme
+from perdure.report.axes import Axis
+from perdure.report.curves import Curve, curve_chart
+from perdure.report.render import Figure, save
+from perdure.report.theme import style
 from perdure.report.wording import share
 from perdure.runs import write_whole
 
@@ -96,31 +98,36 @@ def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
     lasting = {policy for policy, _ in seeds if policy.startswith("place-")}
     apart = lasting if len(lasting) > 1 else set()
     usual = {key: entries for key, entries in seeds.items() if key[0] not in apart}
-    _draw(f"home-learning-{task}", f"How the skills of {task} are learned", usual)
+    title = task.title().replace("_", "")
+    _draw(f"home-learning-{task}", f"How the skills of {title} are learned", usual)
     if apart:
         places = {key: entries for key, entries in seeds.items() if key[0] in ("place", *apart)}
-        _draw(f"home-learning-{task}-place", f"How place is learned on {task} for several Deltas", places)
+        _draw(f"home-learning-{task}-place", f"How placing is learned on {title} for several stable times", places)
 
 
 def _draw(name: str, title: str, seeds: dict[tuple[str, int], list[dict[str, Any]]]) -> None:
-    """A curve for each policy and number of training steps: the mean of the seeds, within their range."""
-    series = []
+    """A curve for each policy and number of training steps: the mean of the seeds, and thin lines for each."""
+    curves = []
     for number, ((policy, total), entries) in enumerate(seeds.items()):
-        curves = np.array([entry["curve"] for entry in entries], float)
-        known = ~np.isnan(curves).any(axis=0)
-        steps, curves = (np.arange(BINS)[known] + 0.5) * total / BINS, curves[:, known]
+        returns = np.array([entry["curve"] for entry in entries], float)
+        steps = (np.arange(BINS) + 0.5) * total / BINS
         rates = ", ".join(share(entry["success"]).removesuffix(" %") for entry in entries)
-        bounds = (curves.min(axis=0), curves.max(axis=0)) if len(entries) > 1 else (None, None)
-        series.append(Series(f"{policy} ({rates} %)", steps, curves.mean(axis=0), category(number), *bounds))
-    chart = Chart(
-        name,
-        title,
-        Axis("environment steps"),
-        Axis("training return of an episode, mean and range of seeds; in brackets: success on val starts, each seed"),
-        tuple(series),
-        wide=True,
+        label = f"{_words(policy)}: {rates} %"
+        curves.append(Curve(label, steps, returns.mean(axis=0), style(number), members=returns))
+    chart = curve_chart(curves, Axis("environment steps"), Axis("mean training return of an episode"), width=theme.WIDE)
+    note = (
+        "Thick: mean of the training seeds. Thin: each seed. Behind the name: success of each seed from "
+        f"n = {EPISODES} starts on the validation set."
     )
-    write_whole(IMAGES / f"{name}.png", render_png(chart))
+    save([Figure(name, title, chart, note, wide=True)], IMAGES)
+
+
+def _words(policy: str) -> str:
+    """Such as "place, stay 50 steps"."""
+    skill, _, rest = policy.partition("-delta-")
+    steps, _, limit = rest.partition("-in-")
+    stay = f", stay {steps} steps" + (f" of {limit}" if limit else "") if steps else ""
+    return skill.replace("_", " ") + stay
 
 
 def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:

@@ -12,7 +12,7 @@ import pytest
 import perdure
 
 ROOT = Path(perdure.__file__).parent
-HEAVY = ("envpool", "gymnasium", "jax", "matplotlib", "mujoco", "plotly", "polars", "rich", "scipy", "tyro")
+HEAVY = ("altair", "envpool", "gymnasium", "jax", "mujoco", "polars", "rich", "scipy", "tyro", "vl_convert")
 
 
 def module_name(path):
@@ -56,7 +56,9 @@ def test_no_public_name_of_perdure_hides_one_of_its_packages():
     assert [name for name in perdure.__all__ if (ROOT / name).is_dir() or (ROOT / f"{name}.py").exists()] == []
 
 
-@pytest.mark.parametrize("statement", ["import perdure", "import perdure.horizon", "import perdure.runs"])
+@pytest.mark.parametrize(
+    "statement", ["import perdure", "import perdure.horizon", "import perdure.report", "import perdure.runs"]
+)
 def test_importing_loads_no_heavy_library(statement):
     script = f"import sys; {statement}; print(*[name for name in {HEAVY} if name in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)

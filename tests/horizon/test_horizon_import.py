@@ -9,7 +9,7 @@ import pytest
 import perdure.horizon
 import perdure.horizon.wrappers
 
-HEAVY = ("gymnasium", "jax", "envpool", "polars", "plotly", "matplotlib", "scipy", "torch", "stable_baselines3")
+HEAVY = ("gymnasium", "jax", "envpool", "polars", "altair", "scipy", "torch", "stable_baselines3")
 
 
 def loaded_by(statement):

@@ -1,11 +1,16 @@
-"""The page: what it says about tables whose truth is known, and whether a browser draws it."""
+"""The page: what it says about tables whose truth is known, what it lets run, and whether a browser draws it."""
 
+import base64
+import hashlib
+import html
+import json
 import math
 import re
 import shutil
 import subprocess
 
 import pytest
+from specs import by_label, notes, rows, specs
 
 from perdure.report import ReportError, summary_text, write_report
 from perdure.report.page import PAGE
@@ -25,23 +30,25 @@ def half_fall(synthetic, **more):
 
 
 class TestWhatItSays:
-    def test_the_verdict_counts_the_lanes_that_still_go(self, synthetic):
+    def test_the_verdict_counts_the_episodes_that_are_productive(self, synthetic):
         text = summary_text(half_fall(synthetic))
-        assert text.startswith("Hopper-v3 · geometric · constant(500): 50 % of 8 lanes still go after 100,000 steps")
-        assert "1,000 steps was the training horizon" in text
+        assert text.startswith(
+            "Hopper-v3, geometric, always 500 steps to go: 4 of 8 episodes were still running and productive after "
+            "100,000 steps; the training horizon was 1,000 steps."
+        )
 
     def test_the_table_gives_the_mean_return_and_the_reasons(self, synthetic):
         # (4 lanes x 500 steps + 4 lanes x 100,000 steps) x 2 / 8 lanes = 100,500
         assert "100,500" in summary_text(half_fall(synthetic))
         assert re.search(r"4 (terminated|survived), 4 (terminated|survived)", summary_text(half_fall(synthetic)))
 
-    def test_lanes_that_live_on_for_nothing_do_not_go(self, synthetic):
+    def test_episodes_that_run_on_for_nothing_are_not_productive(self, synthetic):
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0}])
-        assert ": 0 % of 8 lanes still go" in summary_text(silent)
+        assert ": 0 of 8 episodes were still running and productive" in summary_text(silent)
 
     def test_the_best_group_is_judged(self, synthetic):
         frame = synthetic([{"clock": "constant(100)", "rate": 1.0}, {"clock": "constant(900)", "rate": 3.0}])
-        assert "constant(900): 100 % of 8 lanes" in summary_text(frame).splitlines()[0]
+        assert "always 900 steps to go: 8 of 8 episodes" in summary_text(frame).splitlines()[0]
 
     def test_one_training_seed_is_said_to_speak_of_start_states_only(self, synthetic, tmp_path):
         one = write_report(half_fall(synthetic), tmp_path / "one", "x").read_text()
@@ -60,28 +67,121 @@ class TestWhatItSays:
         assert not (tmp_path / PAGE).exists()
 
 
+def drawn(frame, folder):
+    """The specifications of a report, by the figure's name without its task, and their notes."""
+    page = write_report(frame, folder, "x", ()).read_text()
+    return [{name.removeprefix("hopper-v3-"): each for name, each in part(page).items()} for part in (specs, notes)]
+
+
+class TestFigures:
+    def test_return_over_a_logarithmic_axis_is_per_step(self, synthetic, tmp_path):
+        found, _ = drawn(half_fall(synthetic), tmp_path)
+        (values,) = by_label(found["reward"], "line").values()
+        # 2 a step while all run; from step 500 half of the episodes earn nothing: (4 * 500 + 4 * s) * 2 / 8 / s.
+        assert values[:4] == pytest.approx([2.0, 2.0, 2.0, 1.5])
+        assert values[-1] == pytest.approx(1.005)
+
+    def test_survival_falls_where_episodes_end(self, synthetic, tmp_path):
+        found, text = drawn(half_fall(synthetic), tmp_path)
+        (values,) = by_label(found["survival"], "line").values()
+        assert values == [1.0, 1.0, 1.0, *[0.5] * 7]
+        (bar,) = rows(found["survival"], "rule", size=2.6)
+        assert (bar["lower"], bar["upper"]) == pytest.approx((0.2152, 0.7848), abs=1e-4)  # Wilson, 4 of 8
+        assert "(Wilson score) over n = 8 start states, from one training run" in text["survival"]
+
+    def test_two_episodes_give_thin_lines_and_no_band(self, synthetic, tmp_path):
+        groups = [{"rate": 2.0, "spread": 0.5}]
+        two, note = drawn(synthetic(groups, lanes=2), tmp_path / "2")
+        three, _ = drawn(synthetic(groups, lanes=3), tmp_path / "3")
+        assert rows(two["reward"], "area") == []
+        assert {row["member"] for row in rows(two["reward"], "line", size=0.9)} == {0, 1}
+        assert rows(two["survival"], "rule", size=2.6) == []
+        assert rows(two["early-and-late"], "rule") == []
+        assert "No interval where n is less than 3. Thin lines" in note["reward"]
+        assert len(rows(three["reward"], "area")) == 10
+        assert rows(three["reward"], "line", size=0.9) == []
+
+    def test_labels_are_words_with_n(self, synthetic, tmp_path):
+        clocks = ["constant(500)", "periodic(500)", "countdown(100000)", "none"]
+        found, _ = drawn(synthetic([{"clock": clock} for clock in clocks]), tmp_path)
+        assert set(by_label(found["reward"], "line")) == {
+            *("geometric, always 500 steps to go", "geometric, countdown from 500, repeated"),
+            *("geometric, countdown from 100,000", "geometric"),
+        }
+        assert "(n = 8 episodes each)" in json.dumps(found["reward"])
+        assert {row["row"] for row in rows(found["early-and-late"], "point")} >= {"geometric (n = 8)"}
+
+    def test_two_values_of_c_are_not_joined(self, synthetic, tmp_path):
+        some = [{"clock": f"constant({c})", "rate": 1.0 + c, "spread": 0.1} for c in (0, 1, 2)]
+        two, _ = drawn(synthetic(some[:2]), tmp_path / "2")
+        three, _ = drawn(synthetic(some), tmp_path / "3")
+        assert rows(two["return-against-c"], "line") == []
+        assert [row["x"] for row in rows(two["return-against-c"], "point", opacity=1)] == [0.0, 1.0]
+        assert [row["x"] for row in rows(three["return-against-c"], "line")] == [0.0, 1.0, 2.0]
+
+    def test_the_training_horizon_is_marked_where_it_is_on_the_axis(self, synthetic, tmp_path):
+        found, _ = drawn(half_fall(synthetic), tmp_path / "in")
+        assert "training horizon, 1,000 steps" in json.dumps(found["reward"])
+        for horizon in (math.inf, math.nan, 1e6):
+            found, _ = drawn(half_fall(synthetic, train_horizon=horizon), tmp_path / "out")
+            assert "training horizon" not in json.dumps(found["reward"])
+
+
 class TestTheFiles:
     def test_nothing_is_loaded_from_elsewhere(self, synthetic, tmp_path):
         page = write_report(half_fall(synthetic), tmp_path, "x").read_text()
-        assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", page)
+        assert len(page) < 1.2e6
+        markup = re.sub(r"(<script[^>]*>).*?</script>", r"\1", page, flags=re.DOTALL)
+        assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", markup)
 
-    def test_every_figure_has_a_png_of_its_name(self, synthetic, tmp_path):
+    def test_only_the_two_scripts_of_the_page_may_run(self, synthetic, tmp_path):
         page = write_report(half_fall(synthetic), tmp_path, "x").read_text()
+        policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', page)[1])
+        rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+        scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+        digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
+        assert rules["default-src"] == "'none'"
+        assert rules["script-src"] == " ".join(f"'sha256-{digest}'" for digest in digests)
+        assert len(scripts) == 2
+        assert page.count("<script") == 2 + 1 + page.count("<figure")  # the others hold JSON
+
+    def test_every_figure_has_a_file_of_its_name(self, synthetic, tmp_path):
+        page = write_report(half_fall(synthetic), tmp_path, "x", ("png", "svg")).read_text()
         names = re.findall(r"<figure id='([^']+)'>", page)
         assert len(names) >= 3
-        for name in names:
-            assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert {path.name for path in tmp_path.iterdir()} == {
+            PAGE,
+            *(f"{name}.{kind}" for name in names for kind in ("png", "svg")),
+        }
+
+    def test_the_same_table_gives_the_same_pictures(self, synthetic, tmp_path):
+        for name in "ab":
+            write_report(half_fall(synthetic), tmp_path / name, "x", ("svg",))
+        for path in (tmp_path / "a").iterdir():
+            assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
     def test_labels_and_the_command_cannot_bring_in_markup(self, synthetic, tmp_path):
         evil = "</script><script>alert(1)</script>"
-        frame = half_fall(synthetic, method=evil, task=evil)
+        frame = half_fall(synthetic, method=evil, task=evil, clock="<!--<b>")
         page = write_report(frame, tmp_path, evil).read_text()
         assert "alert(1)" in page
         assert evil not in page
+        assert "<!--" not in page
+        assert all("<" not in text for text in re.findall(r"<script type='application/json'>(.*?)</script>", page))
 
-    def test_infinite_and_unknown_horizons_are_drawn(self, synthetic, tmp_path):
-        groups = [{"clock": f"constant({c})", "train_horizon": h} for c, h in ((1, math.inf), (2, math.nan))]
-        assert write_report(synthetic(groups), tmp_path, "x").exists()
+    def test_a_task_cannot_choose_where_files_go(self, synthetic, tmp_path):
+        frame = synthetic([{"task": task} for task in ("../../up", "..-..-up", "/etc/x")])
+        write_report(frame, tmp_path / "here" / "out", "x", ("svg",))
+        written = [path.relative_to(tmp_path).parts for path in tmp_path.rglob("*.*")]
+        assert {parts[:2] for parts in written} == {("here", "out")}
+        assert len(written) == 1 + 3 * 3
+
+
+def browse(page, profile):
+    """What Chromium makes of a page: the document after its scripts ran, and what the console says."""
+    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={profile}", page.as_uri()]
+    browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+    return browser.stdout, [line for line in browser.stderr.splitlines() if "CONSOLE" in line]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: apt-get install chromium)")
@@ -90,17 +190,21 @@ class TestInABrowser:
         clocks = [f"constant({c})" for c in range(0, 1001, 100)] + ["countdown(100000)"]
         groups = [{"clock": clock, "hazard": 1e-4, "rate": 1.0, "spread": 0.1} for clock in clocks]
         page = write_report(synthetic(groups), tmp_path, "perdure extrapolate")
-        command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}", page.as_uri()]
-        browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
-        figures = browser.stdout.count("<figure id=")
-        assert figures >= 4
-        assert browser.stdout.count("js-plotly-plot") >= figures
-        assert browser.stdout.count('class="scatterlayer') >= figures
-        assert "CONSOLE" not in browser.stderr
+        shown, console = browse(page, tmp_path / "profile")
+        assert shown.count("<figure id=") == shown.count('class="marks"') >= 4
+        assert shown.count("always C steps to go") >= 1
+        assert console == []
+
+    def test_an_injected_script_does_not_run(self, synthetic, tmp_path):
+        page = write_report(half_fall(synthetic), tmp_path, "x")
+        text = page.read_text().replace("<main>", "<main><script>document.title = 'in'</script>", 1)
+        page.write_text(text)
+        shown, console = browse(page, tmp_path / "profile")
+        assert "<title>in</title>" not in shown
+        assert "Content Security Policy" in console[0]
 
     def test_a_broken_page_would_be_noticed(self, tmp_path):
         """Negative control."""
         page = tmp_path / "broken.html"
         page.write_text("<script>nothing.there()</script>")
-        command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}", page.as_uri()]
-        assert "CONSOLE" in subprocess.run(command, capture_output=True, text=True, timeout=100, check=True).stderr
+        assert browse(page, tmp_path / "profile")[1]

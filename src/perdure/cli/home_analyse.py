@@ -9,6 +9,7 @@ from pathlib import Path
 import tyro
 
 from perdure.cli.parse import check_folder, log_files, parse
+from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,9 @@ class HomeAnalyse:
     logs: tyro.conf.Positional[tuple[Path, ...]]
     """Files of logs, or folders that hold some; of several tasks and placing arms if you like."""
     out: Path | None = None
-    """Folder for report.html, which sets the arms side by side, and its figures as PNG."""
+    """Folder for report.html, which sets the arms side by side, and its figures."""
+    formats: tuple[Format, ...] = ("png",)
+    """What each figure is written as, beside the page."""
 
 
 def main(args: list[str]) -> None:
@@ -34,7 +37,7 @@ def main(args: list[str]) -> None:
     analysis = analyse(records)
     page = None
     if flags.out is not None:
-        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyse", *args]), cast)
+        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyse", *args]), cast, flags.formats)
     print(analysis.summary())
     if page is not None:
         print(f"\nReport: {page.resolve()}")

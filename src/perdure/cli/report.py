@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from perdure.cli.parse import parse
+from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
@@ -18,18 +20,20 @@ class Report:
     """lanes.parquet"""
     out: Path | None = None
     """Folder to write into; the table's own by default."""
+    formats: tuple[Format, ...] = ("png",)
+    """What each figure is written as, beside the page."""
 
 
 def main(args: list[str]) -> None:
     """``perdure report``."""
     flags = parse(Report, args, "report")
-    write_and_show(flags.table, flags.out or flags.table.parent)
+    write_and_show(flags.table, flags.out or flags.table.parent, flags.formats)
 
 
-def write_and_show(table: Path, out: Path) -> None:
+def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:
     """Writes the report of a table into ``out``; prints the summary and where the report is."""
     from perdure.report import read_table, summary_text, write_report
 
     frame, notes = read_table(table)
     print(summary_text(frame))
-    print(f"\nReport: {write_report(frame, out, notes.get('command', '')).resolve()}")
+    print(f"\nReport: {write_report(frame, out, notes.get('command', ''), formats).resolve()}")

@@ -8,7 +8,7 @@ Rooms, each built on those before it:
     evaluate     running episodes, logs, counting what stayed
     video        films, failure sheets, a live view
 
-Importing this package imports NumPy and nothing heavier; MuJoCo, SciPy and matplotlib are imported where they are used.
+Importing this package imports NumPy and nothing heavier; MuJoCo and SciPy are imported where they are used.
 """
 
 from perdure.home.benchmark.episodes import Episode, load_episodes, start_pose

@@ -3,15 +3,19 @@
     schema.py           the Parquet table: columns, version, read_table, write_table
     statistics.py       estimates with intervals: training runs are the units
     groups.py           the lanes of a table that share policy, clock and task
-    charts.py           what a chart is, whatever draws it
-    figures.py          which charts a table gives
+    theme.py            colors, dash patterns, shapes, fonts, sizes
+    axes.py             what all charts share
+    curves.py           charts of curves
+    rows.py             charts with rows of points or bars
+    render.py           Figure: a chart with title and note, as PNG, SVG, PDF, or as a specification in a page
+    figures.py          which figures a table gives
     table.py            the summary table
     verdict.py          the sentence on top
-    png_renderer.py     a chart as PNG (matplotlib)
-    plotly_renderer.py  a chart for the page (plotly.js)
     document.py         a self-contained HTML document of figures and tables
-    page.py             write_report: the page of a table, the PNG files beside it
+    page.py             write_report: the page of a table, the figures as files beside it
     errors.py           ReportError
+
+Charts are Altair's; vl-convert draws them. `theme` and the three modules after it know nothing of tables.
 
 Of perdure the package imports only `store.write_whole`. Its parts are loaded when they are first used.
 """

@@ -6,8 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.report.groups import Group, IntArray
-from perdure.report.statistics import DEFAULT, Bootstrap, Interval, mean_interval, survival_interval
+from perdure.report.groups import FloatArray, Group, IntArray
+from perdure.report.statistics import (
+    DEFAULT,
+    Bootstrap,
+    Interval,
+    estimate_interval,
+    make_units,
+    mean_interval,
+    survival_interval,
+)
 
 MOST_POINTS = 80
 """Checkpoints drawn per curve; a table may hold many more."""
@@ -22,6 +30,8 @@ class Estimate:
     """The checkpoints kept, shape (points,); the last one is the table's last."""
     returns: Interval
     """Mean cumulative return, shape (points,)."""
+    return_units: FloatArray
+    """Of the units of these intervals, shape (units, points)."""
     survival: Interval
     """Share of lanes alive, shape (points,)."""
     first_tenth: Interval
@@ -40,10 +50,12 @@ def estimate_group(group: Group, rng: np.random.Generator, how: Bootstrap = DEFA
     known = np.isfinite(group.first_tenth) & np.isfinite(group.last_tenth)
     # A tenth that nobody knows yet is nan for all lanes; then the estimate is nan too.
     rows = known if known.any() else np.ones_like(known)
+    units = make_units(group.returns[:, kept], group.runs)
     return Estimate(
         group=group,
         steps=group.steps[kept],
-        returns=mean_interval(group.returns[:, kept], group.runs, rng, how),
+        returns=estimate_interval(units, rng, how),
+        return_units=units.values,
         survival=survival_interval(group.alive[:, kept], group.runs, rng, how),
         first_tenth=mean_interval(group.first_tenth[rows], group.runs[rows], rng, how),
         last_tenth=mean_interval(group.last_tenth[rows], group.runs[rows], rng, how),

@@ -1,47 +1,51 @@
-"""Which charts a table gives: return and survival over steps, the choice of C, early against late."""
+"""Which figures a table gives: reward and survival over steps, the choice of C, early against late."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
-from perdure.report import wording
-from perdure.report.charts import Axis, Chart, Dash, Marker, Series
+from perdure.report import theme, wording
+from perdure.report.axes import Axis, FloatArray
+from perdure.report.curves import Curve, Level, Marker, curve_chart
 from perdure.report.estimates import Estimate
 from perdure.report.groups import NO_CLOCK
-from perdure.report.palette import FADED, INK, Colour, category, scale
+from perdure.report.render import Figure, slug
+from perdure.report.rows import Points, point_chart
+from perdure.report.statistics import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval
+from perdure.report.theme import Style
 
 MOST_CURVES = 8
-"""Curves one chart shows without a colour scale; sweeps of C get charts of their own."""
-_DASHES: dict[str, Dash] = {NO_CLOCK: "solid", "countdown": "dot", "constant": "solid", "periodic": "dash"}
+"""Curves one figure shows without a color scale; sweeps of C get figures of their own."""
+_AT_THE_END = "Bars at the right: at the last step,"
 
 
-def make_charts(estimates: Sequence[Estimate]) -> tuple[Chart, ...]:
-    """Make the charts of one task.
+def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
+    """Make the figures of one task.
 
     Args:
         estimates: The task's groups, at least one, in the order of `make_groups`.
 
     Returns:
-        Return over steps and survival over steps; per swept method and kind of clock both again with all C; the final
-        return against C when there are two or more values; reward per step early and late. Names are unique.
+        Reward and survival over steps; per swept method and kind of clock both again with all C; the return at the end
+        against C when there are two or more values; reward per step early and late.
     """
     shown = overview(estimates)
-    pairs = [("", shown, _paint(shown))]
-    pairs += [(title, sweep, _paint(sweep)) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
-    charts = []
-    for title, chosen, colours in pairs:
-        charts += [_return_chart(title, chosen, colours), _survival_chart(title, chosen, colours)]
-    charts += _choice_chart(estimates)
-    charts.append(_tenths_chart(estimates))
-    return _name_apart(charts, estimates[0].group.task)
+    chosen = [("", shown)]
+    chosen += [(title, sweep) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
+    figures = []
+    for title, part in chosen:
+        figures += [_reward_figure(title, part), _survival_figure(title, part)]
+    figures += [*_choice_figure(estimates), _tenths_figure(estimates)]
+    task = estimates[0].group.task
+    return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
 
 
 def overview(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Choose what the first charts show: all groups if few, else the best C of each line and kind and what has no C."""
+    """Choose what the first figures show: all groups, or the best C of each line and kind and all without C."""
     if len(estimates) <= MOST_CURVES:
         return list(estimates)
     best: dict[tuple[str, str], Estimate] = {}
@@ -64,183 +68,182 @@ def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
     for item in estimates:
         if item.group.is_tuned_by_steps:
             sweeps.setdefault((item.group.line, item.group.clock_kind), []).append(item)
-    return [(f"{line}, {kind}(C)", baselines + sweep) for (line, kind), sweep in sweeps.items() if len(sweep) > 2]
+    found = [(line, wording.clock(kind, "C"), sweep) for (line, kind), sweep in sweeps.items() if len(sweep) > 2]
+    return [(f"{line}, {clock}", baselines + sweep) for line, clock, sweep in found]
 
 
-def _paint(estimates: Sequence[Estimate]) -> list[Colour]:
-    """Colours by C where one line is swept, by name otherwise."""
-    tuned = [item.group for item in estimates if item.group.is_tuned_by_steps]
+def _styles(chosen: Sequence[Estimate]) -> list[Style]:
+    """Styles by C where one line is swept, by name otherwise."""
+    tuned = [item.group for item in chosen if item.group.is_tuned_by_steps]
     values = sorted({group.clock_steps for group in tuned})
-    if len(values) < 4 or len({group.line for group in tuned}) > 1:
-        return [category(index) for index in range(len(estimates))]
-    others = iter([INK, FADED, category(1), category(3), category(4)] * len(estimates))
-    position = {value: index / (len(values) - 1) for index, value in enumerate(values)}
-    return [scale(position[e.group.clock_steps]) if e.group.is_tuned_by_steps else next(others) for e in estimates]
+    if len(values) < 4 or len({(group.line, group.clock_kind) for group in tuned}) > 1:
+        return [theme.style(index) for index in range(len(chosen))]
+    place = {value: index / (len(values) - 1) for index, value in enumerate(values)}
+    others = iter(range(1, len(chosen) + 1))
+    return [
+        theme.ordered_style(place[item.group.clock_steps])
+        if item.group.is_tuned_by_steps
+        else replace(theme.style(next(others)), color=theme.INK)
+        for item in chosen
+    ]
 
 
-def _curves(chosen: Sequence[Estimate], colours: Sequence[Colour], what: str) -> tuple[Series, ...]:
-    lines = {item.group.line for item in chosen if item.group.is_tuned_by_steps}
-    curves = []
-    for item, colour in zip(chosen, colours, strict=True):
-        interval, group = getattr(item, what), item.group
-        swept = len(lines) == 1 and group.is_tuned_by_steps and len(chosen) > 3
-        curves.append(
-            Series(
-                label=group.label,
-                x=item.steps.astype(np.float64),
-                y=interval.estimate,
-                colour=colour,
-                lower=interval.lower,
-                upper=interval.upper,
-                dash=_DASHES.get(group.clock_kind, "dashdot"),
-                group=f"{group.line} \u00b7 {group.clock_kind}" if swept else group.line,
-                tag=group.clock if swept else group.label,
+def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival"]) -> list[Curve]:
+    """One curve for each group: returns divided by the steps so far, or survival."""
+    per_step = what == "returns"
+    tuned = {(item.group.line, item.group.clock_kind) for item in chosen if item.group.is_tuned_by_steps}
+    found = []
+    for item, style in zip(chosen, _styles(chosen), strict=True):
+        interval: Interval = getattr(item, what)
+        steps = item.steps.astype(np.float64)
+        divisor = steps if per_step else np.ones_like(steps)
+        swept = len(tuned) == 1 and len(chosen) > MOST_CURVES // 2 and item.group.is_tuned_by_steps
+        few = interval.count < FEWEST_FOR_INTERVAL
+        found.append(
+            Curve(
+                label=f"C = {wording.whole(item.group.clock_steps)}" if swept else item.group.label,
+                x=steps,
+                y=interval.estimate / divisor,
+                style=style,
+                lower=None if few else interval.lower / divisor,
+                upper=None if few else interval.upper / divisor,
+                members=item.return_units / divisor if few and per_step and interval.count > 1 else None,
+                intervals="band" if per_step and len(chosen) <= MOST_CURVES else "last",
             )
         )
-    return tuple(curves)
+    return found
 
 
 def _step_axis(chosen: Sequence[Estimate]) -> Axis:
     steps = chosen[0].steps
-    return Axis("steps since reset", log=len(steps) > 1, low=float(steps[0]), high=float(steps[-1]))
+    return Axis("steps since the reset", log=len(steps) > 1, low=float(steps[0]), high=float(steps[-1]))
 
 
 def _markers(chosen: Sequence[Estimate]) -> tuple[Marker, ...]:
     """Where training horizons end, inside the drawn steps; infinite and unknown ones have no place on the axis."""
     low, high = float(chosen[0].steps[0]), float(chosen[0].steps[-1])
     horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
-    return tuple(Marker(at, f"training horizon {wording.whole(at)}") for at in horizons)
+    return tuple(Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons)
 
 
-def _return_chart(title: str, chosen: Sequence[Estimate], colours: Sequence[Colour]) -> Chart:
-    return Chart(
-        name="-".join(["return", _slug(title)]),
-        title="Return over steps" + (f": {title}" if title else ""),
-        x=_step_axis(chosen),
-        y=Axis("mean cumulative return"),
-        series=_curves(chosen, colours, "returns"),
+def _reward_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
+    """Reward per step so far. A cumulative return over a logarithmic axis would bend what grows evenly."""
+    chart = curve_chart(
+        _curves(chosen, "returns"),
+        _step_axis(chosen),
+        Axis(f"mean reward per step so far ({_episodes(chosen)})"),
         markers=_markers(chosen),
-        note=f"An ended lane keeps its return. {_bands(chosen)}",
     )
+    bands = "Bands: pointwise" if len(chosen) <= MOST_CURVES else _AT_THE_END
+    note = "Return so far, divided by the steps so far; an ended episode earns nothing more. "
+    note += _notes(chosen, "returns", bands)
+    name = slug("reward", title)
+    return Figure(name, ": ".join(filter(None, ("Reward per step so far", title))), chart, note)
 
 
-def _survival_chart(title: str, chosen: Sequence[Estimate], colours: Sequence[Colour]) -> Chart:
-    return Chart(
-        name="-".join(["survival", _slug(title)]),
-        title="Survival over steps" + (f": {title}" if title else ""),
-        x=_step_axis(chosen),
-        y=Axis("share of lanes that have not ended", percent=True, low=0.0, high=1.0),
-        series=_curves(chosen, colours, "survival"),
+def _survival_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
+    chart = curve_chart(
+        _curves(chosen, "survival"),
+        _step_axis(chosen),
+        Axis(f"share of episodes still running ({_episodes(chosen)})", percent=True),
         markers=_markers(chosen),
-        note=_bands(chosen),
+        steps=True,
     )
+    shown = ": ".join(filter(None, ("Episodes still running", title)))
+    return Figure(slug("survival", title), shown, chart, _notes(chosen, "survival", _AT_THE_END))
 
 
-def _bands(chosen: Sequence[Estimate]) -> str:
-    kinds = sorted({f"{item.returns.label} ({item.returns.method})" for item in chosen})
-    return f"Bands: pointwise 95 % intervals over {' or '.join(kinds)}."
+def _episodes(chosen: Sequence[Estimate]) -> str:
+    return wording.sample([item.group.lanes for item in chosen], "episode")
 
 
-def _choice_chart(estimates: Sequence[Estimate]) -> list[Chart]:
+def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
+    """Say what the intervals are and over how many, and what is drawn where there are too few."""
+    intervals = [getattr(item, what) for item in chosen]
+    parts = []
+    many = [each for each in intervals if each.count >= FEWEST_FOR_INTERVAL]
+    kinds = dict.fromkeys((each.label, each.method) for each in many)
+    for label, method in kinds:
+        counts = [each.count for each in many if (each.label, each.method) == (label, method)]
+        if label == TRAINING_SEEDS:
+            over = wording.sample(counts, "training run")
+        else:
+            over = f"{wording.sample(counts, 'start state')}, from one training run"
+        parts.append(f"{name} 95 % intervals ({method}) over {over}.")
+    if len(many) < len(intervals):
+        parts.append(f"No interval where n is less than {FEWEST_FOR_INTERVAL}.")
+    if what == "returns" and any(each.count == 2 for each in intervals):
+        parts.append("Thin lines: the two means that a curve is the mean of.")
+    return " ".join(parts)
+
+
+def _choice_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     """Return at the end against C, with the clocks that have no C as level lines."""
-    values = sorted({item.group.clock_steps for item in estimates if item.group.is_tuned_by_steps})
-    if len(values) < 2:
-        return []
-    arms: dict[tuple[str, str], list[Estimate]] = {}
+    sweeps: dict[tuple[str, str], list[Estimate]] = {}
     for item in estimates:
         if item.group.is_tuned_by_steps:
-            arms.setdefault((item.group.line, item.group.clock_kind), []).append(item)
-    lines = list(dict.fromkeys(line for line, _ in arms))
-    series = [_arm(line, kind, arm, category(lines.index(line))) for (line, kind), arm in arms.items()]
+            sweeps.setdefault((item.group.line, item.group.clock_kind), []).append(item)
+    values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
+    if len(values) < 2:
+        return []
+    lines = [_sweep(line, kind, sweep, theme.style(k)) for k, ((line, kind), sweep) in enumerate(sweeps.items())]
     level = [item for item in estimates if not item.group.is_tuned_by_steps]
-    colours = [INK, FADED, *(category(len(lines) + index) for index in range(len(level)))]
-    series += [_level(item, values, colour) for item, colour in zip(level, colours, strict=False)]
-    last = wording.whole(float(estimates[0].steps[-1]))
-    return [
-        Chart(
-            name="return-against-c",
-            title=f"Return after {last} steps against C",
-            x=Axis("C: the steps to go that the policy is told"),
-            y=Axis("mean cumulative return"),
-            series=tuple(series),
-            note="Level lines have no C. The C that looks best here was chosen on these very lanes.",
-        )
+    levels = [
+        Level(item.group.label, item.final_return, *_bounds(item.returns), replace(theme.style(k + 1), color=theme.INK))
+        for k, item in enumerate(level)
     ]
+    last = wording.whole(float(estimates[0].steps[-1]))
+    chart = curve_chart(
+        lines,
+        Axis("C: the steps to go that the policy is told", low=-0.03 * values[-1]),
+        Axis(f"mean return of {last} steps ({_episodes(estimates)})"),
+        levels=levels,
+    )
+    over = _notes(estimates, "returns", "Bars:")
+    note = f"{over} Level lines: no C to choose. The C that is best here was chosen on these very episodes."
+    return [Figure("return-against-c", f"Return of {last} steps by the steps to go that are told", chart, note)]
 
 
-def _arm(line: str, kind: str, arm: Sequence[Estimate], colour: Colour) -> Series:
-    return Series(
-        label=f"{line} \u00b7 {kind}(C)",
-        x=np.array([item.group.clock_steps for item in arm]),
-        y=np.array([item.returns.estimate[-1] for item in arm]),
-        colour=colour,
-        lower=np.array([item.returns.lower[-1] for item in arm]),
-        upper=np.array([item.returns.upper[-1] for item in arm]),
-        dash=_DASHES.get(kind, "dashdot"),
-        points=True,
-        hollow=kind == "periodic",
-        group=line,
-        tag=f"{kind}(C)",
+def _sweep(line: str, kind: str, sweep: Sequence[Estimate], style: Style) -> Curve:
+    lower, upper = zip(*(_bounds(item.returns) for item in sweep), strict=True)
+    return Curve(
+        label=f"{line}, {wording.clock(kind, 'C')}",
+        x=np.array([item.group.clock_steps for item in sweep]),
+        y=np.array([item.final_return for item in sweep]),
+        style=style,
+        lower=np.array(lower),
+        upper=np.array(upper),
+        marked=True,
+        intervals="bars",
     )
 
 
-def _level(item: Estimate, values: Sequence[float], colour: Colour) -> Series:
-    ends = np.array([values[0], values[-1]], dtype=np.float64)
-    bounds = [np.full(2, float(bound[-1])) for bound in (item.returns.lower, item.returns.upper)]
-    return Series(
-        label=item.group.label,
-        x=ends,
-        y=np.full(2, item.final_return),
-        colour=colour,
-        lower=bounds[0],
-        upper=bounds[1],
-        dash=_DASHES.get(item.group.clock_kind, "dashdot"),
-        group=item.group.line,
-        tag=item.group.label,
+def _bounds(interval: Interval) -> tuple[float, float]:
+    """Return the last bounds; nan where there are too few units."""
+    few = interval.count < FEWEST_FOR_INTERVAL
+    lower, upper = (float(np.ravel(bound)[-1]) for bound in (interval.lower, interval.upper))
+    return (np.nan, np.nan) if few else (lower, upper)
+
+
+def _tenths_figure(estimates: Sequence[Estimate]) -> Figure:
+    def points(label: str, what: str, style: Style) -> Points:
+        intervals: list[Interval] = [getattr(item, what) for item in estimates]
+        bounds = np.array([_bounds(interval) for interval in intervals])
+        middle: FloatArray = np.array([float(interval.estimate) for interval in intervals])
+        return Points(label, range(len(estimates)), middle, style, bounds[:, 0], bounds[:, 1])
+
+    wide = len(estimates) > MOST_CURVES
+    chart = point_chart(
+        [f"{item.group.label} (n = {item.group.lanes})" for item in estimates],
+        [
+            points("first tenth of the steps", "first_tenth", Style(theme.FADED, shape="square")),
+            points("last tenth of the steps", "last_tenth", theme.style(0)),
+        ],
+        Axis("mean reward per step"),
+        theme.WIDE if wide else theme.WIDTH,
     )
-
-
-def _tenths_chart(estimates: Sequence[Estimate]) -> Chart:
-    places = np.arange(len(estimates), dtype=np.float64)
-
-    def dots(label: str, what: str, colour: Colour, hollow: bool) -> Series:
-        intervals = [getattr(item, what) for item in estimates]
-        return Series(
-            label=label,
-            x=np.array([float(interval.estimate) for interval in intervals]),
-            y=places,
-            colour=colour,
-            lower=np.array([float(interval.lower) for interval in intervals]),
-            upper=np.array([float(interval.upper) for interval in intervals]),
-            line=False,
-            points=True,
-            hollow=hollow,
-        )
-
-    return Chart(
-        name="early-and-late",
-        title="Reward per step: first and last tenth",
-        x=Axis("mean reward per step"),
-        y=Axis("", rows=tuple(item.group.label for item in estimates)),
-        linked=True,
-        series=(dots("first tenth", "first_tenth", FADED, True), dots("last tenth", "last_tenth", category(0), False)),
-        note="A lane that ended earns 0 in its last tenth. A wide gap where lanes survive is a silent failure.",
+    over = _notes(estimates, "first_tenth", "Bars:")
+    note = (
+        f"{over} An episode that ended earns 0 in its last tenth. Less reward while it still runs is a silent failure."
     )
-
-
-def _slug(text: str) -> str:
-    """Reduce text to what a file name may hold anywhere."""
-    return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-").lower()[:60]
-
-
-def _name_apart(charts: Sequence[Chart], task: str) -> tuple[Chart, ...]:
-    taken: set[str] = set()
-    named = []
-    for chart in charts:
-        stem = "-".join(part for part in (_slug(task), chart.name.strip("-")) if part)
-        name, number = stem, 2
-        while name in taken:
-            name, number = f"{stem}-{number}", number + 1
-        taken.add(name)
-        named.append(replace(chart, name=name))
-    return tuple(named)
+    return Figure("early-and-late", "Reward per step early and late in the episode", chart, note, wide=wide)

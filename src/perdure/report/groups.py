@@ -10,13 +10,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from perdure.report import wording
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NO_CLOCK = "none"
-GOING_SHARE = 0.1
-"""A living lane is no longer going when its last tenth earns less than this share of its first tenth per step."""
+PRODUCTIVE_SHARE = 0.1
+"""A lane that still runs is not productive when its last tenth earns less, per step, than this share of its first."""
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 
 
@@ -62,8 +64,13 @@ class Group:
 
     @property
     def label(self) -> str:
-        """What a reader calls it, e.g. "geometric · constant(500)"."""
-        return self.line if self.clock_kind == NO_CLOCK else f"{self.line} \u00b7 {self.clock}"
+        """What a reader calls it, e.g. "geometric, always 500 steps to go"."""
+        if self.clock_kind == NO_CLOCK:
+            return self.line
+        known = np.isfinite(self.clock_steps)
+        return (
+            f"{self.line}, {wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock}"
+        )
 
     @property
     def is_tuned_by_steps(self) -> bool:
@@ -71,9 +78,9 @@ class Group:
         return self.clock_kind in ("constant", "periodic")
 
     @cached_property
-    def going(self) -> BoolArray:
-        """Which lanes are alive at the end and still earn: a fallen robot that lies still is alive, but not going."""
-        silent = (self.first_tenth > 0.0) & (self.last_tenth < GOING_SHARE * self.first_tenth)
+    def productive(self) -> BoolArray:
+        """Which lanes still run at the end and still earn; a fallen robot may lie there and still run."""
+        silent = (self.first_tenth > 0.0) & (self.last_tenth < PRODUCTIVE_SHARE * self.first_tenth)
         return self.alive[:, -1] & ~silent
 
 

@@ -1,15 +1,19 @@
-// Draws every figure from the data beside it, in the colours of the page, and again when those change.
+// Draws every figure from the specification beside it, in the colors of the page, and again when those change.
 (function () {
   "use strict";
-  var dark = window.matchMedia("(prefers-color-scheme: dark)");
-  var options = { responsive: true, displayModeBar: false };
+  var night = window.matchMedia("(prefers-color-scheme: dark)");
+  var dark = JSON.parse(document.getElementById("dark").textContent);
   function draw() {
     document.querySelectorAll("figure").forEach(function (figure) {
-      var both = JSON.parse(figure.querySelector("script").textContent);
-      var chart = dark.matches ? both.dark : both.light;
-      Plotly.react(figure.querySelector(".plot"), chart.data, chart.layout, options);
+      var spec = JSON.parse(figure.querySelector("script").textContent, function (key, value) {
+        return night.matches && typeof value === "string" && Object.hasOwn(dark, value) ? dark[value] : value;
+      });
+      // The interpreter (ast) evaluates Vega's expressions, so that the page may forbid eval.
+      var options = { actions: false, ast: true, defaultStyle: false, renderer: "svg" };
+      options.tooltip = { theme: night.matches ? "dark" : "light" };
+      vegaEmbed(figure.querySelector(".plot"), spec, options).catch(console.error);
     });
   }
-  dark.addEventListener("change", draw);
+  night.addEventListener("change", draw);
   draw();
 })();

@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs no network, and each figure as PNG beside it."""
+"""The report: one HTML page that needs no network, and each figure as a picture file beside it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ import numpy as np
 import polars as pl
 
 from perdure.report import document
-from perdure.report.charts import Chart
 from perdure.report.estimates import Estimate, estimate_group
-from perdure.report.figures import make_charts
+from perdure.report.figures import make_figures
 from perdure.report.groups import make_groups, tasks_of
-from perdure.report.png_renderer import render_png
+from perdure.report.render import Figure, Format, save, unique
 from perdure.report.schema import check_table, read_table
 from perdure.report.table import HEADINGS, make_rows
 from perdure.report.verdict import verdict
@@ -23,13 +22,15 @@ from perdure.runs import write_whole
 PAGE = "report.html"
 SEED = 0
 """Of the bootstrap's generator: the same table, the same intervals."""
-METHOD = """Every policy and clock ran closed loop from the same start states. The lanes of one training run are
-averaged first; training runs are the units of the 95 % intervals. With one training run its lanes are the units, and
-the interval is labelled “evaluation seeds only”: it says nothing about training again. Fewer than ten units give
-Student's t interval, more a percentile bootstrap (2,000 resamples); a share of the lanes of one training run gives
-Wilson's score interval. <em>Going</em> means alive and still earning at least a tenth, per step, of what the lane
-earned in its first tenth. <em>Stuck</em> means that some window of 1,000 steps earned less than a tenth of the lane's
-first 1,000."""
+METHOD = """Every policy ran closed loop under every clock from the same start states. The episodes of one training
+run are averaged first; training runs are the units of the 95 % intervals. With one training run its episodes are the
+units, and the interval is labeled “evaluation seeds only”: it says nothing about training again. Fewer than ten units
+give Student's t interval, more a percentile bootstrap (2,000 resamples); a share of the episodes of one training run
+gives Wilson's score interval. <em>Clock</em>: what the policy was told about time; constant(C): always C steps to go;
+countdown(T): the steps to go until T; periodic(C): a countdown from C, again and again. <em>Running</em>: not ended by
+the environment. <em>Productive</em>: running, and in the last tenth of the steps still earning at least a tenth of the
+reward per step of the first tenth. <em>Stuck</em>: some window of 1,000 steps earned less than a tenth of the first
+1,000 steps."""
 
 
 def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:
@@ -55,19 +56,25 @@ def summary_text(frame: pl.DataFrame) -> str:
     return "\n\n".join(parts)
 
 
-def write_report(table: pl.DataFrame | str | os.PathLike[str], out: str | os.PathLike[str], command: str) -> Path:
-    """Write the page and the PNG files.
+def write_report(
+    table: pl.DataFrame | str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    command: str,
+    formats: Sequence[Format] = ("png",),
+) -> Path:
+    """Write the page, and each figure as a file beside it.
 
     Args:
         table: An extrapolation table, or its file.
         out: A folder; made if it is missing.
         command: What made the table; shown so that a reader can repeat it.
+        formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
 
     Returns:
         The page.
 
     Raises:
-        ReportError: The table does not fit the schema.
+        ReportError: The table does not fit the schema, or a format is unknown.
         OSError: The folder cannot be written.
     """
     if not isinstance(table, pl.DataFrame):
@@ -75,12 +82,12 @@ def write_report(table: pl.DataFrame | str | os.PathLike[str], out: str | os.Pat
     check_table(table, "The table to report")
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    sections = []
+    sections: list[str] = []
+    taken: set[str] = set()
     for task, estimates in estimate_table(table).items():
-        charts = make_charts(estimates)
-        for chart in charts:
-            write_whole(folder / f"{chart.name}.png", render_png(chart, task))
-        sections.append(_section(task, estimates, charts))
+        figures = unique(make_figures(estimates), taken)
+        save(figures, folder, formats)
+        sections.append(_section(task, estimates, figures))
     return write_whole(folder / PAGE, _page(sections, command))
 
 
@@ -88,8 +95,10 @@ def _page(sections: Sequence[str], command: str) -> str:
     return document.page("perdure: does it hold?", [*sections, document.text("How this was made", METHOD)], command)
 
 
-def _section(task: str, estimates: Sequence[Estimate], charts: Sequence[Chart]) -> str:
+def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]) -> str:
     rows = make_rows(estimates)
     over = " or ".join(sorted({row.intervals for row in rows}))
-    lanes = document.table("All lanes", HEADINGS, [row.cells for row in rows], f"Intervals over {over}.")
-    return document.header(task, verdict(estimates)) + document.figures(charts) + lanes
+    numbers = document.table(
+        "All policies and clocks", HEADINGS, [row.cells for row in rows], f"Intervals over {over}."
+    )
+    return document.header(task, verdict(estimates)) + document.figures(figures) + numbers

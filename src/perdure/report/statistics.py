@@ -32,6 +32,8 @@ EVALUATION_SEEDS_ONLY = "evaluation seeds only"
 STUDENT_T, BOOTSTRAP, WILSON = "Student t", "bootstrap", "Wilson score"
 FEW_UNITS = 10
 """Below this many units intervals are Student's t."""
+FEWEST_FOR_INTERVAL = 3
+"""Figures draw no interval over fewer units: two have one difference, which says little about their spread."""
 _TRIMMED: dict[Statistic, float] = {"mean": 0.0, "iqm": 0.25}
 """Share of the units that a statistic leaves out at each end."""
 _BATCH_ELEMENTS = 4_000_000
@@ -149,7 +151,7 @@ def t_interval(units: Units, rng: np.random.Generator | None = None, how: Bootst
         rng: Unused; here so that it can stand in for `bootstrap_interval`.
         how: Statistic and confidence.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit  # scipy.stats is slow to import
 
     columns = units.values.reshape(units.count, -1)
     finite = np.isfinite(columns).all(axis=0)
@@ -157,7 +159,7 @@ def t_interval(units: Units, rng: np.random.Generator | None = None, how: Bootst
     estimate[finite] = _STATISTICS[how.statistic](columns[:, finite], axis=0)
     squared_error, freedom = _squared_error(columns[:, finite], how.statistic)
     if freedom > 0:
-        half[finite] = t.ppf(0.5 + how.confidence / 2.0, freedom) * np.sqrt(squared_error)
+        half[finite] = stdtrit(freedom, 0.5 + how.confidence / 2.0) * np.sqrt(squared_error)
     shape = units.values.shape[1:]
     lower, upper = ((estimate + sign * half).reshape(shape) for sign in (-1.0, 1.0))
     return Interval(estimate.reshape(shape), lower, upper, units.label, units.count, STUDENT_T)
@@ -296,7 +298,7 @@ def difference_interval(left: Units, right: Units, rng: np.random.Generator, how
 
 def _welch_half_width(left: FloatArray, right: FloatArray, how: Bootstrap) -> FloatArray:
     """Half the width of Welch's interval: t(f) sqrt(d1 + d2), f = (d1 + d2)^2 / (d1^2/f1 + d2^2/f2)."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     (first, first_freedom), (second, second_freedom) = (
         _squared_error(values[:, None], how.statistic) for values in (left, right)
@@ -305,7 +307,7 @@ def _welch_half_width(left: FloatArray, right: FloatArray, how: Bootstrap) -> Fl
     if d1 + d2 == 0.0:
         return np.zeros(())
     freedom = (d1 + d2) ** 2 / (d1**2 / first_freedom + d2**2 / second_freedom)
-    return np.asarray(t.ppf(0.5 + how.confidence / 2.0, freedom) * math.sqrt(d1 + d2))
+    return np.asarray(stdtrit(freedom, 0.5 + how.confidence / 2.0) * math.sqrt(d1 + d2))
 
 
 def _resample(

@@ -11,7 +11,18 @@ import numpy as np
 from perdure.report import wording
 from perdure.report.estimates import Estimate
 
-HEADINGS = ("policy", "clock", "lanes", "return", "95 % interval", "alive", "going", "median end", "ever stuck", "ends")
+HEADINGS = (
+    "policy",
+    "clock",
+    "episodes",
+    "return",
+    "95 % interval",
+    "running",
+    "productive",
+    "median length",
+    "stuck",
+    "endings",
+)
 
 
 @dataclass(frozen=True)
@@ -40,9 +51,9 @@ def _row(item: Estimate) -> Row:
         wording.quantity(item.final_return),
         interval,
         wording.share(float(group.alive[:, -1].mean())),
-        wording.share(float(group.going.mean())),
+        wording.share(float(group.productive.mean())),
         wording.whole(float(np.median(group.end_steps))),
         wording.share(float((group.stuck_steps > 0).mean())),
         ", ".join(f"{number} {reason}" for reason, number in reasons.most_common()),
     )
-    return Row(cells, f"{returns.label} ({returns.method}, {returns.count} units)")
+    return Row(cells, f"{returns.label} ({returns.method}, {wording.count(returns.count, 'unit')})")

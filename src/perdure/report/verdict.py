@@ -1,4 +1,4 @@
-"""The sentence on top: what became of the lanes that did best."""
+"""The sentence on top: how the group with the highest return did."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ def verdict(estimates: Sequence[Estimate]) -> str:
     """
     best = max(estimates, key=lambda item: item.final_return)
     group = best.group
-    going = float(group.going.mean())
+    were = "was" if group.lanes == 1 else "were"
     return (
-        f"{group.task} \u00b7 {group.label}: {wording.share(going)} of {wording.count(group.lanes, 'lane')} still go "
-        f"after {wording.whole(float(group.test_horizon))} steps; {wording.horizon(group.train_horizon)}."
+        f"{group.task}, {group.label}: {int(group.productive.sum())} of {wording.count(group.lanes, 'episode')} {were} "
+        f"still running and productive after {wording.whole(float(group.test_horizon))} steps; "
+        f"{wording.horizon(group.train_horizon)}."
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 
 def whole(value: float) -> str:
@@ -34,19 +35,29 @@ def quantity(value: float) -> str:
     return "\u2212" + text[1:] if text.startswith("-") else text
 
 
-def short(value: float) -> str:
-    """Axis labels: 100000 -> "100k", 2.5e6 -> "2.5M"."""
-    for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if abs(value) >= size:
-            return f"{value / size:g}{letter}".replace("-", "\u2212")
-    return f"{value:g}".replace("-", "\u2212")
+def clock(kind: str, steps: str) -> str:
+    """Say what a policy is told about time: "constant", "500" -> "always 500 steps to go"."""
+    known = {
+        "constant": f"always {steps} steps to go",
+        "countdown": f"countdown from {steps}",
+        "periodic": f"countdown from {steps}, repeated",
+    }
+    return known.get(kind, f"{kind} {steps}")
+
+
+def sample(counts: Sequence[int], noun: str) -> str:
+    """Say how many there are: [6, 6], "episode" -> "n = 6 episodes each"; [4, 6] -> "n = 4 to 6 episodes"."""
+    least, most = min(counts), max(counts)
+    if least < most:
+        return f"n = {least:,} to {count(most, noun)}"
+    return f"n = {count(most, noun)}" + (" each" if len(counts) > 1 else "")
 
 
 def horizon(value: float) -> str:
     """Say what the training horizon was."""
     if math.isnan(value):
         return "the training horizon is unknown"
-    return f"{whole(value)} steps was the training horizon" if math.isfinite(value) else "it was trained without an end"
+    return f"the training horizon was {whole(value)} steps" if math.isfinite(value) else "it was trained without an end"
 
 
 def count(number: int, noun: str) -> str:

@@ -1,6 +1,7 @@
-"""Stories of the outcomes' tests are told here, too."""
+"""Stories of the outcomes' tests are told here, too, and figures are read as those of the report."""
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "outcomes"))
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent / "outcomes"), str(HERE.parents[2] / "report")]

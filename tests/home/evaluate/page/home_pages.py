@@ -1,10 +1,10 @@
 """Logs whose truth is known, and what a page shows."""
 
 import html
-import json
 import re
 
 from home_stories import Story, good
+from specs import notes, specs
 
 from perdure.home.evaluate.outcomes import analyse, record_of
 from perdure.home.evaluate.page import write_page
@@ -59,10 +59,11 @@ def row(page, title, arm):
 
 
 def figure(page, name):
-    """What plotly draws, in light colours; None when there is no such figure."""
-    found = re.search(rf"<figure id='[a-z-]*-{name}'.*?<script type='application/json'>(.*?)</script>", page, re.DOTALL)
-    return json.loads(found[1])["light"] if found else None
+    """The specification of a figure; None when there is no such figure."""
+    found = [spec for each, spec in specs(page).items() if each.endswith(f"-{name}")]
+    return found[0] if found else None
 
 
 def figure_note(page, name):
-    return re.search(rf"<figure id='[a-z-]*-{name}'.*?<p class='note'>(.*?)</p>", page, re.DOTALL)[1]
+    (found,) = (note for each, note in notes(page).items() if each.endswith(f"-{name}"))
+    return found

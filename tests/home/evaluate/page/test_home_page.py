@@ -7,11 +7,13 @@ import subprocess
 import pytest
 from home_pages import figure, figure_note, four, page_of, records, row, table, two_arms
 from home_stories import Story, good
+from specs import by_label, rows
 
 from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes import analyse, write_records
-from perdure.home.evaluate.page import PAGE, Cast, read_cast, write_page
+from perdure.home.evaluate.page import PAGE, Cast, read_cast, words, write_page
 from perdure.home.sim.objects import KINDS
 from perdure.runs import Store
 
@@ -38,7 +40,8 @@ class TestNumbers:
         assert found[LATCHED].startswith("75.0 % [30.1, ")  # Wilson: (0.75 + z2/8 - z sqrt(3/64 + z2/64)) / (1 + z2/4)
         assert found[STABILIZING].startswith("25.0 % [")
         assert row(page, "Success", "ik")[STABILIZING].startswith("100.0 % [")
-        assert "everything stayed: rl 25.0 % and ik 100.0 %. The benchmark counts 75.0 % and 100.0 %." in page
+        assert "every object stayed: policy alone 25.0 %; stop, lower 5 cm 100.0 %. The benchmark counts 75.0 %" in page
+        assert row(page, "Success", "ik")["in the figures"] == "stop, lower 5 cm"
 
     def test_successes_whose_last_object_left_are_told_apart(self, page):
         found = row(page, "Success", "rl")
@@ -62,7 +65,9 @@ class TestNumbers:
 
     def test_arms_that_ran_other_episodes_are_warned_of(self, tmp_path):
         page = page_of(records("rl", four()) + records("ik", [good(3), good(4)]), tmp_path)
-        assert "The arms ran different episodes (rl 4 and ik 2)" in figure_note(page, "success")
+        assert "The arms ran different episodes (policy alone: 4 and stop, lower 5 cm: 2)" in figure_note(
+            page, "success"
+        )
         (found,) = table(page, "The same episodes under two arms")
         assert list(found.values()) == ["ik against rl", "1", "1", "0", "+100.0 points"]
 
@@ -84,68 +89,78 @@ class TestRuns:
         assert found["training x evaluation seeds"] == "2 x 1"
         # Runs at 3/4 and 4/4: mean 7/8, s = 0.125 sqrt(2), s / sqrt(2) = 0.125.
         assert found[LATCHED].startswith("87.5 +- 12.5 %")
-        assert "95 % intervals over training seeds (Student t)" in figure_note(page, "success")
+        assert "Bars: none, too few units (n = 2 training seeds)" in figure_note(page, "success")
+        assert rows(figure(page, "success"), "rule") == []
+        # Each seed as a ring.
+        assert sorted(row["x"] for row in rows(figure(page, "success"), "point", filled=False)) == [0.25, 1.0]
+
+    def test_three_runs_have_an_interval(self, tmp_path):
+        logs = [each for seed in (1, 2) for each in records("rl", [good(k) for k in range(4)], seed)]
+        page = page_of(logs + records("rl", four(), 3), tmp_path)
+        assert "95 % intervals over n = 3 training seeds (Student t)" in figure_note(page, "success")
         assert "silent on other seeds" not in page
-        # 7/8 -+ 12.7 * 0.125, kept within 0 and 1; and each seed as a point.
-        error = figure(page, "success")["data"][0]["error_x"]
-        assert (error["array"], error["arrayminus"]) == ([pytest.approx(0.125)], [pytest.approx(0.875)])
-        (seeds,) = [each for each in figure(page, "success")["data"] if each["name"] == "each training seed"]
-        assert sorted(seeds["x"]) == [0.25, 1.0]
+        # Latched 1, 1, 3/4: 11/12 -+ 4.303 * 0.25 / 3, kept below 1.
+        bounds = [(each["low"], each["high"]) for each in rows(figure(page, "success"), "rule")]
+        assert bounds[0] == pytest.approx((11 / 12 - 4.3027 / 12, 1.0), abs=1e-4)
 
     def test_a_single_run_is_not_given_one(self, page):
         assert "+-" not in row(page, "Success", "rl")[LATCHED]
-        assert "one training seed, silent on other seeds (Wilson score)" in figure_note(page, "success")
+        assert "n = 4 episodes of one training seed, silent on other seeds (Wilson score)" in figure_note(
+            page, "success"
+        )
         assert "says nothing about training again" in page
 
     def test_only_the_arm_with_one_run_is_named(self, tmp_path):
         logs = records("rl", [good(0)], 1) + records("rl", [good(0)], 2) + records("ik", [good(0)], 1)
-        assert "Bars of ik: 95 % intervals over episodes of one" in figure_note(page_of(logs, tmp_path), "success")
+        note = figure_note(page_of(logs, tmp_path), "success")
+        assert "Bars of stop, lower 5 cm: none, too few units (n = 1 episodes of one training seed)" in note
 
 
 class TestFigures:
     def test_stages_fall_from_one_to_the_next(self, page):
-        curves = {each["name"]: each["y"] for each in figure(page, "stages")["data"] if "name" in each}
-        assert curves["rl, latched"] == [1.0, 1.0, 1.0, 0.75, 0.75, 0.75]
-        assert curves["rl, goal-stabilizing"] == [1.0, 0.75, 0.75, 0.5, 0.5, 0.25]
-        assert curves["ik, goal-stabilizing"] == [1.0] * 6
+        curves = by_label(figure(page, "stages"), "line")
+        assert curves["policy alone: latched"] == [1.0, 1.0, 1.0, 0.75, 0.75, 0.75]
+        assert curves["policy alone"] == [1.0, 0.75, 0.75, 0.5, 0.5, 0.25]
+        assert curves["stop, lower 5 cm"] == [1.0] * 6
+        places = dict.fromkeys(each["x"] for each in rows(figure(page, "stages"), "line"))
+        assert list(places)[:3] == ["object 1 picked", "object 1 placed", "object 2 picked"]
 
     def test_outcomes_are_shares_of_all_and_of_the_failed(self, page):
-        drawn = figure(page, "outcomes")
-        bars = {each["name"]: list(zip(each["y"], each["base"], each["x"], strict=True)) for each in drawn["data"]}
-        assert bars["success"] == [(0.0, 0.0, 0.25), (2.0, 0.0, 1.0)]
-        assert bars["success that did not last"] == [(0.0, 0.25, 0.5)]
-        assert bars["place_1"] == [(0.0, 0.75, 0.25), (1.0, 0.0, 1.0)]
-        assert drawn["layout"]["yaxis"]["ticktext"] == [
-            *("rl: all 4 episodes", "rl: the 1 failed", "ik: all 4 episodes", "ik: none failed")
-        ]
+        bars = {(each["row"], each["label"]): each for each in rows(figure(page, "outcomes"), "bar")}
+        assert bars["every object stayed", "policy alone"]["x"] == 0.25
+        assert bars["every object stayed", "stop, lower 5 cm"]["x"] == 1.0
+        assert bars["counted as success, but an object left later", "policy alone"]["x"] == 0.5
+        failed = bars["object 2 did not stay", "policy alone"]
+        assert failed["text"] == "policy alone: 1 of 4 (25 %), 100 % of the failed"
+        assert len(bars) == 2 * 3
 
     def test_kinds_are_counted(self, page):
         episodes = load_episodes("prepare_groceries", "val")
         kinds = [goal.kind for index in range(4) for goal in episodes[index].goals]
-        drawn = figure(page, "kinds")
-        names = [name.removesuffix(" (cylinder)") for name in drawn["layout"]["yaxis"]["ticktext"]]
-        placed, failed = drawn["data"][:2]
-        assert placed["x"] == [kinds.count(name) for name in names]
         lost = [episodes[1].goals[2].kind, episodes[2].goals[0].kind, episodes[3].goals[1].kind]
-        assert failed["x"] == [lost.count(name) for name in names]
-        marked = [name for name in drawn["layout"]["yaxis"]["ticktext"] if name.endswith(" (cylinder)")]
-        assert marked == [f"{name} (cylinder)" for name in names if KINDS[name].cylinder]
+        drawn = rows(figure(page, "kinds"), "bar", opacity=0.3)
+        found = {each["row"]: (each["end"], each["x"]) for each in drawn if each["label"] == "policy alone"}
+        assert found == {
+            words.kind(name, KINDS[name].cylinder): (kinds.count(name), lost.count(name)) for name in set(kinds)
+        }
 
     def test_the_share_of_cylinders_is_drawn_and_told(self, page):
         episodes = load_episodes("prepare_groceries", "val")
         cylinders = sum(KINDS[goal.kind].cylinder for index in range(4) for goal in episodes[index].goals)
         assert 0 < cylinders < 12
-        bars = {each["name"]: each for each in figure(page, "cylinders")["data"]}
-        assert bars["cylinders"]["x"][0] == pytest.approx(cylinders / 12)
+        bars = {each["row"]: each["x"] for each in rows(figure(page, "cylinders"), "bar")}
+        assert bars["policy alone: placed (n = 12)"] == pytest.approx(cylinders / 12, abs=1e-6)
         found = row(page, "Placements", "rl")
         assert found["cylinders of all placed"] == f"{100 * cylinders / 12:.1f} %"
         assert found["did not stay"] == "3 of 12 (25.0 %)"
 
     def test_a_distribution_ends_at_its_greatest_value(self, page):
-        rl, ik = figure(page, "release-height")["data"]
-        assert (rl["name"], ik["name"]) == ("rl", "ik")
-        assert (rl["y"][0], rl["y"][-1]) == (0.0, 1.0)
-        assert max(rl["x"]) == pytest.approx(0.02, abs=1e-4)
+        spec = figure(page, "release-height")
+        shares, heights = by_label(spec, "line"), by_label(spec, "line", "x")
+        assert list(shares) == ["policy alone", "stop, lower 5 cm"]
+        assert (shares["policy alone"][0], shares["policy alone"][-1]) == (0.0, 1.0)
+        reached = [x for x, y in zip(heights["policy alone"], shares["policy alone"], strict=True) if y == 1.0]
+        assert reached[0] == pytest.approx(0.02, abs=1e-4)
 
     def test_a_task_in_which_nothing_fails_has_no_failure_modes(self, tmp_path):
         page = page_of(records("rl", [good(0)]), tmp_path)
@@ -158,6 +173,33 @@ class TestFigures:
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
         expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
         assert [each["arm"] for each in table(page, "Success")] == expected
+
+
+class TestWords:
+    @pytest.mark.parametrize(
+        ("arm", "expected"),
+        [
+            ("rl", "policy alone"),
+            ("ik drag", "stop, lower 5 cm, no rolling resistance"),
+            ("delta-50", "trained to stay 50 steps"),
+            ("delta-50-in-200 drag 480-hz", "trained to stay 50 steps of 200, no rolling resistance, 480 hz"),
+            ("zebra crossing", "zebra crossing"),
+        ],
+    )
+    def test_strategies_are_told_in_words(self, arm, expected):
+        assert words.strategy(arm) == expected
+
+    def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
+        page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
+        assert set(by_label(figure(page, "release-height"), "line")) == {"policy alone", "stop, lower 5 cm"}
+        assert "PrepareGroceries, val, no rolling resistance" in page
+
+    def test_stages_are_told_in_words(self):
+        assert words.stages(get_task("set_table")) == (
+            *("drawer opened", "object 1 picked", "object 1 placed", "drawer closed"),
+            *("fridge opened", "object 2 picked", "object 2 placed", "fridge closed"),
+        )
+        assert words.stage(get_task("set_table").stage("close_1"), unmet=True) == "fridge not closed"
 
 
 class TestWhoActed:
@@ -198,7 +240,8 @@ class TestWhoActed:
 
 class TestTheFiles:
     def test_nothing_is_loaded_from_elsewhere(self, page):
-        assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", page)
+        markup = re.sub(r"(<script[^>]*>).*?</script>", r"\1", page, flags=re.DOTALL)
+        assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", markup)
 
     def test_every_figure_has_a_png_of_its_name(self, tmp_path):
         page = page_of(two_arms(), tmp_path)
@@ -231,7 +274,5 @@ def test_a_browser_draws_every_figure_and_complains_of_nothing(tmp_path):
     browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
     figures = browser.stdout.count("<figure id=")
     assert figures == 11
-    assert browser.stdout.count("js-plotly-plot") >= figures
-    assert browser.stdout.count('class="barlayer') == 5  # outcomes, modes twice, kinds, cylinders
-    assert browser.stdout.count('class="scatterlayer') == figures - 5
+    assert browser.stdout.count('class="marks"') == figures
     assert "CONSOLE" not in browser.stderr

@@ -8,10 +8,8 @@ Contents:
     read_episodes, write_episodes               JSON with a schema and a hash
     generate_episodes, generate_episode         the generator; `ObjectModels` is what it asks about objects
     settle, settle_episode                      do the objects stay where they were put?
-    draw_episode, save_episode_plan             pictures
 """
 
-from perdure.home.benchmark.episodes.draw import draw_episode, save_episode_plan
 from perdure.home.benchmark.episodes.files import load_episodes, read_episodes, write_episodes
 from perdure.home.benchmark.episodes.generate import PER_APARTMENT, generate_episode, generate_episodes
 from perdure.home.benchmark.episodes.models import ObjectModels
@@ -25,13 +23,11 @@ __all__ = [
     "Episode",
     "EpisodeSet",
     "ObjectModels",
-    "draw_episode",
     "episode_scene",
     "generate_episode",
     "generate_episodes",
     "load_episodes",
     "read_episodes",
-    "save_episode_plan",
     "settle",
     "settle_episode",
     "start_pose",

@@ -1,4 +1,4 @@
-"""The arms of one task and split side by side: their tables, their order, their colours."""
+"""The arms of one task and split side by side: their tables, their order, how figures show them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 from perdure.home.agents.release import ARMS
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.evaluate.outcomes import Analysis, Counting
-from perdure.report.palette import Colour, category
+from perdure.home.evaluate.page import words
+from perdure.report.statistics import FEWEST_FOR_INTERVAL, TRAINING_SEEDS
+from perdure.report.theme import Style, style
 
 if TYPE_CHECKING:
     import polars as pl
@@ -27,7 +29,7 @@ class Comparison:
     split: str
     arms: tuple[str, ...]
     """In the order in which they are shown."""
-    colours: tuple[Colour, ...]
+    styles: tuple[Style, ...]
     """One for each arm."""
 
     @property
@@ -39,6 +41,17 @@ class Comparison:
     def name(self) -> str:
         """Such as `set-table-val`, for files and anchors."""
         return f"{self.task}-{self.split}".replace("_", "-")
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What figures call the arms; a world that all share is in `world`."""
+        return tuple(words.strategy(arm, with_world=not self.world) for arm in self.arms)
+
+    @property
+    def world(self) -> str:
+        """In words, what differs from the usual world for all arms alike; "" where that is nothing."""
+        worlds = {words.world(arm) for arm in self.arms}
+        return worlds.pop() if len(worlds) == 1 else ""
 
     @cached_property
     def episodes(self) -> dict[str, pl.DataFrame]:
@@ -79,6 +92,17 @@ class Comparison:
         """The row of `stages` with the task's success: `mean`, `standard_error`, `lower`, `upper`, `runs`, ..."""
         return self.stages[arm].filter(counting=counting).row(-1, named=True)
 
+    def units(self, arm: str) -> tuple[bool, int]:
+        """Whether training seeds are the units of an arm's intervals, rather than episodes, and how many there are."""
+        episodes = self.episodes[arm]
+        if str(self.final(arm, "latched")["units"]) == TRAINING_SEEDS:
+            return True, episodes["train_seed"].n_unique()
+        return False, len(episodes)
+
+    def has_intervals(self, arm: str) -> bool:
+        """Whether figures draw the arm's intervals: they are over enough units."""
+        return self.units(arm)[1] >= FEWEST_FOR_INTERVAL
+
     def last_left(self, arm: str) -> int:
         """Episodes that the benchmark counts as success although the object placed last left its goal afterwards."""
         import polars as pl
@@ -94,14 +118,14 @@ class Comparison:
 
 
 def comparisons(analysis: Analysis) -> tuple[Comparison, ...]:
-    """One for each task and split, in the analysis' order. An arm has the same colour in all of them."""
+    """One for each task and split, in the analysis' order. An arm has the same style in all of them."""
     rows = analysis.episodes.select("task", "split", "arm").unique(maintain_order=True).rows()
     order = ordered({arm for _, _, arm in rows})
     found = []
     for task, split in dict.fromkeys((task, split) for task, split, _ in rows):
         arms = tuple(arm for arm in order if (task, split, arm) in rows)
-        colours = tuple(category(order.index(arm)) for arm in arms)
-        found.append(Comparison(analysis, task, split, arms, colours))
+        styles = tuple(style(order.index(arm)) for arm in arms)
+        found.append(Comparison(analysis, task, split, arms, styles))
     return tuple(found)
 
 

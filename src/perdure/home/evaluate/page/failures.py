@@ -1,66 +1,57 @@
-"""Charts of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x mechanism."""
+"""Figures of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x mechanism."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from perdure.home.evaluate.outcomes import MECHANISMS, Counting
+from perdure.home.evaluate.page import words
 from perdure.home.evaluate.page.comparison import Comparison
-from perdure.report import wording
-from perdure.report.charts import Axis, Bars, Chart
-from perdure.report.palette import FADED, Colour, category
+from perdure.report import theme, wording
+from perdure.report.axes import Axis
+from perdure.report.render import Figure
+from perdure.report.rows import Bars, bar_chart
 
-_COLOURS = {"success": category(2), "success that did not last": category(4), "other": FADED}
-_PLACES = tuple(category(number) for number in (1, 3, 6, 0, 5))
+_COLUMNS = ("outcome", "count", "of_all", "of_failed")
 
 
-def outcome_chart(comparison: Comparison) -> Chart:
-    """Two rows for each arm: all its episodes, and the failed ones alone."""
-    rows, names = [], list(comparison.outcomes[comparison.arms[0]]["outcome"])
-    for arm in comparison.arms:
-        table = comparison.outcomes[arm]
-        failed = table.filter(table["of_failed"].is_not_null())["count"].sum()
-        rows += [f"{arm}: all {wording.count(len(comparison.episodes[arm]), 'episode')}"]
-        rows += [f"{arm}: the {failed} failed" if failed else f"{arm}: none failed"]
-    bars = tuple(
-        _outcome_bars(comparison, number, name)
-        for number, name in enumerate(names)
+def outcome_figure(comparison: Comparison) -> Figure:
+    """A row for each outcome, a bar for each arm."""
+    names = [
+        name
+        for number, name in enumerate(comparison.outcomes[comparison.arms[0]]["outcome"])
         if any(comparison.outcomes[arm]["count"][number] for arm in comparison.arms)
-    )
-    return Chart(
+    ]
+    bars = []
+    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
+        found = {name: shares for name, *shares in comparison.outcomes[arm].select(*_COLUMNS).iter_rows()}
+        rows = [(names.index(name), *found[name]) for name in names]
+        total = len(comparison.episodes[arm])
+        bars.append(_shares(label, style, rows, total))
+    return Figure(
         name="outcomes",
         title="What became of the episodes",
-        x=Axis("share", percent=True, low=0.0, high=1.0),
-        y=Axis("", rows=tuple(rows)),
-        series=(),
-        bars=bars,
-        note="place_k: failed, and the first stage that does not count is that placement (it did not stay). "
-        "A success that did not last is one that the benchmark counts.",
+        chart=bar_chart(
+            [words.outcome(name) for name in names], bars, Axis("share of episodes", percent=True), theme.WIDE
+        ),
+        note="Counted as success: by the benchmark. Did not stay: the first placement that failed or did not last.",
         wide=True,
     )
 
 
-def _outcome_bars(comparison: Comparison, number: int, name: str) -> Bars:
-    places, start, end, texts = [], [], [], []
-    for k, arm in enumerate(comparison.arms):
-        table = comparison.outcomes[arm]
-        for row, column in ((2 * k, "of_all"), (2 * k + 1, "of_failed")):
-            shares = table[column].fill_null(0.0).to_list()
-            if shares[number] > 0.0:
-                places.append(float(row))
-                start.append(sum(shares[:number]))
-                end.append(sum(shares[: number + 1]))
-                texts.append(f"{table['count'][number]} ({wording.share(shares[number])})")
-    return Bars(name, np.array(places), np.array(start), np.array(end), _colour(name), 0.72, tuple(texts), inside=True)
+def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float, float | None]], total: int) -> Bars:
+    """Bars of shares with their counts: (row, count, share of all, share of the failed)."""
+    texts = [
+        f"{count} of {total} ({wording.share(of_all)})"
+        + ("" if of_failed is None or not count else f", {wording.share(of_failed)} of the failed")
+        for _, count, of_all, of_failed in rows
+    ]
+    return Bars(label, [row for row, *_ in rows], np.array([of_all for _, _, of_all, _ in rows]), texts, style)
 
 
-def _colour(outcome: str) -> Colour:
-    if outcome in _COLOURS:
-        return _COLOURS[outcome]
-    return _PLACES[int(outcome.partition("_")[2]) % len(_PLACES)]
-
-
-def mode_chart(comparison: Comparison, counting: Counting) -> Chart | None:
+def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
     """First unmet stage and mechanism of every failed episode, a bar for each arm; None when nothing failed.
 
     Args:
@@ -70,28 +61,19 @@ def mode_chart(comparison: Comparison, counting: Counting) -> Chart | None:
     labels = mode_labels(comparison, counting)
     if not labels:
         return None
-    lines = len(comparison.arms)
     bars = []
-    for k, (arm, colour) in enumerate(zip(comparison.arms, comparison.colours, strict=True)):
-        shown = [each for each in mode_counts(comparison, counting, arm).items() if each[0] in labels]
-        rows = [labels.index(label) + (k + 0.5) / lines * 0.84 - 0.42 for label, _ in shown]
-        shares = np.array([of_all for _, (_, of_all, _) in shown])
-        texts = tuple(
-            f"{count} ({wording.share(of_all)} of all, {wording.share(of_failed)} of failed)"
-            for _, (count, of_all, of_failed) in shown
-        )
-        bars.append(Bars(arm, np.array(rows), 0.0 * shares, shares, colour, 0.76 / lines, texts))
-    most = max(float(each.end.max(initial=0.0)) for each in bars)
+    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
+        counts = mode_counts(comparison, counting, arm)
+        rows = [(row, *counts[each]) for row, each in enumerate(labels) if each in counts]
+        bars.append(_shares(label, style, rows, len(comparison.episodes[arm])))
+    task = comparison.home_task
     way = "latched" if counting == "latched" else "goal-stabilizing"
-    return Chart(
+    names = [f"{words.stage(task.stage(stage), unmet=True)}: {mechanism}" for stage, mechanism in labels]
+    return Figure(
         name=f"modes-{counting}",
         title=f"Why episodes failed, {way} counting",
-        x=Axis("share of all episodes", percent=True, low=0.0, high=1.6 * most),
-        y=Axis("", rows=tuple(f"{stage}: {mechanism}" for stage, mechanism in labels)),
-        series=(),
-        bars=tuple(bars),
-        row_lines=lines,
-        note="One label for each failed episode: the first unmet stage and what went wrong there.",
+        chart=bar_chart(names, bars, Axis("share of all episodes", percent=True), theme.WIDE),
+        note="One cause for each failed episode: what went wrong in the first stage that failed or did not last.",
         wide=True,
     )
 

@@ -1,22 +1,22 @@
-"""The page of the home benchmark: figures and tables of every task, and each figure as PNG beside it."""
+"""The page of the home benchmark: figures and tables of every task, and each figure as a picture file beside it."""
 
 from __future__ import annotations
 
 import html
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from perdure.home.evaluate.outcomes import COUNTINGS, Analysis
-from perdure.home.evaluate.page import tables
+from perdure.home.evaluate.page import tables, words
 from perdure.home.evaluate.page.cast import Cast
 from perdure.home.evaluate.page.comparison import Comparison, comparisons, listed, percent
-from perdure.home.evaluate.page.failures import mode_chart, outcome_chart
-from perdure.home.evaluate.page.placements import MEASURES, kind_chart, release_chart, shape_chart
-from perdure.home.evaluate.page.success import final_chart, stage_chart
+from perdure.home.evaluate.page.failures import mode_figure, outcome_figure
+from perdure.home.evaluate.page.placements import MEASURES, kind_figure, release_figure, shape_figure
+from perdure.home.evaluate.page.success import final_figure, stage_figure
 from perdure.report import document
-from perdure.report.charts import Chart
-from perdure.report.png_renderer import render_png
+from perdure.report.render import Figure, Format, save, slug, unique
 from perdure.runs import write_whole
 
 PAGE = "report.html"
@@ -27,28 +27,36 @@ the settling time after it, the object is in its goal and out of the hand at eve
 logs alone; nothing is simulated for this page."""
 
 
-def write_page(analysis: Analysis, out: str | os.PathLike[str], command: str, cast: Cast | None = None) -> Path:
-    """Writes `report.html`, which needs no network, and its figures as PNG.
+def write_page(
+    analysis: Analysis,
+    out: str | os.PathLike[str],
+    command: str,
+    cast: Cast | None = None,
+    formats: Sequence[Format] = ("png",),
+) -> Path:
+    """Write `report.html`, which needs no network, and each figure as a file beside it.
 
     Args:
         analysis: From `analyse`; several tasks, splits and arms may be in it.
         out: A folder; made if it is missing.
         command: What made the page; shown so that a reader can repeat it.
         cast: Who acted, from `read_cast`; the page says "not recorded" without it.
+        formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
 
     Returns:
         The page.
 
     Raises:
+        ReportError: An unknown format.
         OSError: The folder cannot be written.
     """
-    folder, parts, cast = Path(out), [], cast or Cast()
+    folder, parts, cast = Path(out), list[str](), cast or Cast()
+    taken: set[str] = set()
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in comparisons(analysis):
-        charts = make_charts(comparison)
-        for chart in charts:
-            write_whole(folder / f"{chart.name}.png", render_png(chart, _title(comparison)))
-        parts += [document.header(_title(comparison), verdict(comparison)), document.figures(charts)]
+        figures = unique(make_figures(comparison), taken)
+        save(figures, folder, formats)
+        parts += [document.header(_title(comparison), verdict(comparison)), document.figures(figures)]
         parts += _tables(comparison, cast)
     parts.append(document.text("How to read this", METHOD))
     others = [each for each in cast.commands if each != command]
@@ -58,13 +66,14 @@ def write_page(analysis: Analysis, out: str | os.PathLike[str], command: str, ca
     return write_whole(folder / PAGE, document.page("perdure home: does it stay?", parts, command))
 
 
-def make_charts(comparison: Comparison) -> list[Chart]:
-    """All charts of one task and split; those with nothing to show are left out. Names are unique in the page."""
-    found: list[Chart | None] = [final_chart(comparison), shape_chart(comparison), kind_chart(comparison)]
-    found += [outcome_chart(comparison), stage_chart(comparison)]
-    found += [mode_chart(comparison, counting) for counting in reversed(COUNTINGS)]
-    found += [release_chart(comparison, measure) for measure in MEASURES]
-    return [replace(chart, name=f"{comparison.name}-{chart.name}") for chart in found if chart is not None]
+def make_figures(comparison: Comparison) -> list[Figure]:
+    """All figures of one task and split; those with nothing to show are left out."""
+    found: list[Figure | None] = [final_figure(comparison), shape_figure(comparison), kind_figure(comparison)]
+    found += [outcome_figure(comparison), stage_figure(comparison)]
+    found += [mode_figure(comparison, counting) for counting in reversed(COUNTINGS)]
+    found += [release_figure(comparison, measure) for measure in MEASURES]
+    stem, heading = comparison.name, _title(comparison)
+    return [replace(each, name=slug(stem, each.name), heading=heading) for each in found if each is not None]
 
 
 def verdict(comparison: Comparison) -> str:
@@ -73,12 +82,12 @@ def verdict(comparison: Comparison) -> str:
         [percent(comparison.final(arm, counting)["mean"]) for arm in comparison.arms]
         for counting in ("stabilizing", "latched")
     )
-    arms = listed([f"{arm} {share}" for arm, share in zip(comparison.arms, lasting, strict=True)])
-    return f"Solved, and everything stayed: {arms}. The benchmark counts {listed(latched)}."
+    stayed = "; ".join(f"{label} {share}" for label, share in zip(comparison.labels, lasting, strict=True))
+    return f"Episodes in which every object stayed: {stayed}. The benchmark counts {listed(latched)}."
 
 
 def _title(comparison: Comparison) -> str:
-    return f"{comparison.task} {comparison.split}"
+    return ", ".join(filter(None, (words.task(comparison.task), comparison.split, comparison.world)))
 
 
 def _tables(comparison: Comparison, cast: Cast) -> list[str]:

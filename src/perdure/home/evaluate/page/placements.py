@@ -1,4 +1,4 @@
-"""Charts of placements: which objects stayed (figure 2-5), and how they were let go."""
+"""Figures of placements: which objects stayed (figure 2-5), and how they were let go."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from perdure.home.evaluate.outcomes.mechanisms import DROPPED_HEIGHT, THROWN_SPEED
-from perdure.home.evaluate.page.comparison import Comparison, percent
-from perdure.report import wording
-from perdure.report.charts import Axis, Bars, Chart, FloatArray, Marker, Series
-from perdure.report.palette import FADED, Colour, category
+from perdure.home.evaluate.page import words
+from perdure.home.evaluate.page.comparison import Comparison
+from perdure.report import theme, wording
+from perdure.report.axes import Axis, FloatArray
+from perdure.report.curves import Curve, Marker, curve_chart
+from perdure.report.render import Figure
+from perdure.report.rows import Bars, bar_chart
 
 MOST_LEVELS = 300
 """Points of one distribution."""
@@ -18,76 +21,54 @@ SLOWEST = 0.001
 """In [m/s]: what is slower is drawn at this speed, because a logarithmic axis has no zero."""
 
 
-def kind_chart(comparison: Comparison) -> Chart | None:
+def kind_figure(comparison: Comparison) -> Figure | None:
     """How many objects of each kind were placed and how many of them did not stay; None when nothing was placed."""
     kinds = sorted({row for arm in comparison.arms for row in comparison.kinds[arm].select("kind", "cylinder").rows()})
     if not kinds:
         return None
-    lines, bars, most = len(comparison.arms), [], 1
-    wide = len(kinds) > 3
-    for k, (arm, colour) in enumerate(zip(comparison.arms, comparison.colours, strict=True)):
+    bars = []
+    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
         table = comparison.kinds[arm]
-        numbers = [kinds.index(row) for row in table.select("kind", "cylinder").rows()]
-        rows = np.array(numbers) + (k + 0.5) / lines * 0.84 - 0.42
         placed, failed = (table[name].to_numpy().astype(np.float64) for name in ("placements", "failures"))
-        texts = tuple(
-            f"{bad} of {n} ({percent(rate)})"
-            for bad, n, rate in table.select("failures", "placements", "rate").iter_rows()
-        )
-        bars.append(Bars("", rows, 0.0 * placed, placed, colour, 0.76 / lines, texts, pale=True))
-        bars.append(Bars(arm, rows, 0.0 * failed, failed, colour, 0.76 / lines))
-        most = max(most, int(placed.max(initial=0.0)))
-    return Chart(
+        counts = table.select("failures", "placements", "rate").iter_rows()
+        texts = [f"{bad} of {n} ({wording.share(rate)})" for bad, n, rate in counts]
+        rows = [kinds.index(row) for row in table.select("kind", "cylinder").rows()]
+        bars.append(Bars(label, rows, failed, texts, style, placed))
+    wide = len(kinds) > 3
+    return Figure(
         name="kinds",
-        title="Placements by kind of object",
-        x=Axis("placements", low=0.0, high=(1.2 if wide else 1.5) * most),
-        y=Axis("", rows=tuple(f"{kind} (cylinder)" if cylinder else kind for kind, cylinder in kinds)),
-        series=(),
-        bars=tuple(bars),
-        row_lines=lines,
+        title="Placements that did not stay, by kind of object",
+        chart=bar_chart(
+            [words.kind(*each) for each in kinds], bars, Axis("placements"), theme.WIDE if wide else theme.WIDTH
+        ),
         note="Pale: all placements of that kind. Solid: those that did not stay (are not goal-stabilizing).",
         wide=wide,
     )
 
 
-def shape_chart(comparison: Comparison) -> Chart | None:
+def shape_figure(comparison: Comparison) -> Figure | None:
     """What share of the placements, and of those that did not stay, are cylinders; None where none was placed."""
-    arms = [arm for arm in comparison.arms if comparison.shapes[arm]["cylinder"].any()]
-    if not arms:
-        return None
-    rows: list[str] = []
-    parts: dict[bool, list[tuple[float, float, float, str]]] = {True: [], False: []}
-    for arm in arms:
-        for column, words in (("placements", "placed"), ("failures", "did not stay")):
+    names: list[str] = []
+    shares: list[float] = []
+    texts: list[str] = []
+    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
+        if not comparison.shapes[arm]["cylinder"].any():
+            continue
+        for column, what in (("placements", "placed"), ("failures", "did not stay")):
             counts = dict(comparison.shapes[arm].select("cylinder", column).iter_rows())
-            total, start = sum(counts.values()), 0.0
-            for cylinder in (True, False):
-                count = counts.get(cylinder, 0)
-                if count:
-                    end = start + count / total
-                    text = f"{count} ({wording.share(count / total)})"
-                    parts[cylinder].append((float(len(rows)), start, end, text))
-                    start = end
-            rows.append(f"{arm}: {total} {words}")
-    return Chart(
+            total, cylinders = sum(counts.values()), counts.get(True, 0)
+            names.append(f"{label}: {what} (n = {total})")
+            shares.append(cylinders / total if total else 0.0)
+            texts.append(f"{cylinders} of {total}" + (f" ({wording.share(shares[-1])})" if total else ""))
+    if not names:
+        return None
+    bars = [Bars("cylinders", range(len(names)), np.array(shares), texts, theme.style(1))]
+    return Figure(
         name="cylinders",
         title="Cylinders among the placements",
-        x=Axis("share", percent=True, low=0.0, high=1.0),
-        y=Axis("", rows=tuple(rows)),
-        series=(),
-        bars=tuple(
-            _stacked("cylinders" if cylinder else "other objects", parts[cylinder], cylinder)
-            for cylinder in (True, False)
-            if parts[cylinder]
-        ),
-        note="Cylinders fail more often than others where their share grows from an arm's first row to its second.",
+        chart=bar_chart(names, bars, Axis("share of cylinders among the objects", percent=True)),
+        note="Cylinders fail more often than other objects where their share is greater among those that did not stay.",
     )
-
-
-def _stacked(label: str, parts: list[tuple[float, float, float, str]], cylinder: bool) -> Bars:
-    rows, start, end, texts = zip(*parts, strict=True)
-    colour = category(1) if cylinder else FADED
-    return Bars(label, np.array(rows), np.array(start), np.array(end), colour, 0.72, texts, inside=True)
 
 
 @dataclass(frozen=True)
@@ -108,7 +89,7 @@ MEASURES = (
     Measure(
         "release_height",
         "release-height",
-        "Height at the release",
+        "Height of the object at the release",
         "middle of the object above where it would rest [m]",
         marker=Marker(DROPPED_HEIGHT, "dropped from here on"),
     ),
@@ -116,42 +97,53 @@ MEASURES = (
         "object_speed",
         "release-object-speed",
         "Speed of the object at the release",
-        "[m/s]",
+        "speed of the object [m/s]",
         log=True,
         marker=Marker(THROWN_SPEED, "thrown from here on"),
     ),
     Measure("tilt", "release-tilt", "Tilt of the object at the release", "angle from upright [deg]"),
-    Measure("base_speed", "release-base-speed", "Speed of the base at the release", "[m/s]", log=True),
+    Measure(
+        "base_speed", "release-base-speed", "Speed of the base at the release", "speed of the base [m/s]", log=True
+    ),
 )
 
 
-def release_chart(comparison: Comparison, measure: Measure) -> Chart | None:
+def release_figure(comparison: Comparison, measure: Measure) -> Figure | None:
     """The distribution of one measure for each arm, as the share of placements at or below; None without any."""
-    curves, shown = [], []
-    for arm, colour in zip(comparison.arms, comparison.colours, strict=True):
+    drawn, shown = [], []
+    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
         values = comparison.placements[arm][measure.column].to_numpy()
         if len(values):
             shown.append(np.maximum(values, SLOWEST) if measure.log else values)
-            curves.append(_distribution(arm, shown[-1], colour))
-    if not curves:
+            drawn.append((label, style))
+    if not drawn:
         return None
-    low, high = min(map(np.min, shown)), max(map(np.max, shown))
+    low, high = float(min(map(np.min, shown))), float(max(map(np.max, shown)))
     if measure.log:
-        low, high = SLOWEST, max(1.0, float(high))
+        low, high = SLOWEST, max(1.0, high)
+    else:
+        margin = 0.03 * (high - low)
+        low, high = low - margin, high + margin
+    pairs = zip(drawn, shown, strict=True)
+    curves = [_distribution(label, values, style, low, high) for (label, style), values in pairs]
     marker = measure.marker
-    return Chart(
+    return Figure(
         name=measure.name,
         title=measure.title,
-        x=Axis(measure.axis, log=measure.log, low=float(low), high=float(high) if high > low else float(low) + 1.0),
-        y=Axis("share of placements at or below", percent=True, low=0.0, high=1.0),
-        series=tuple(curves),
-        markers=() if marker is None or not low < marker.at < high else (marker,),
+        chart=curve_chart(
+            curves,
+            Axis(measure.axis, log=measure.log, low=low, high=high),
+            Axis(
+                f"share of placements at or below ({wording.sample(list(map(len, shown)), 'placement')})", percent=True
+            ),
+            markers=() if marker is None or not low < marker.at < high else (marker,),
+        ),
         note=f"Speeds below {SLOWEST} m/s are drawn there." if measure.log else "",
     )
 
 
-def _distribution(arm: str, values: FloatArray, colour: Colour) -> Series:
-    """The steps of the empirical distribution function; quantiles of it where there are many values."""
+def _distribution(label: str, values: FloatArray, style: theme.Style, low: float, high: float) -> Curve:
+    """The steps of the empirical distribution function from low to high; some of them where there are many values."""
     levels = np.linspace(0.0, 1.0, min(len(values), MOST_LEVELS) + 1)
     places = np.quantile(values, levels[1:], method="inverted_cdf")
-    return Series(arm, np.repeat(places, 2), np.repeat(levels, 2)[1:-1], colour, tag=f"{arm} ({len(values)})")
+    return Curve(label, np.array([low, *np.repeat(places, 2), high]), np.repeat(levels, 2), style)

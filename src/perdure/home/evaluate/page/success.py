@@ -1,101 +1,115 @@
-"""Charts of success: the task's, both ways of counting, and how it shrinks from stage to stage (figure 2-2)."""
+"""Figures of success: the task's, both ways of counting, and how it shrinks from stage to stage (figure 2-2)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from perdure.home.evaluate.outcomes import COUNTINGS, Counting
+from perdure.home.evaluate.page import words
 from perdure.home.evaluate.page.comparison import Comparison, listed
-from perdure.report.charts import Axis, Chart, FloatArray, Series
-from perdure.report.palette import FADED, category
-from perdure.report.statistics import TRAINING_SEEDS
-
-if TYPE_CHECKING:
-    import polars as pl
+from perdure.report import theme, wording
+from perdure.report.axes import Axis
+from perdure.report.curves import Curve, curve_chart
+from perdure.report.render import Figure
+from perdure.report.rows import Points, point_chart
+from perdure.report.statistics import FEWEST_FOR_INTERVAL
 
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 
 
-def final_chart(comparison: Comparison) -> Chart:
+def final_figure(comparison: Comparison) -> Figure:
     """Success of the whole task: a row for each arm, a point for each way of counting."""
-    places = np.arange(len(comparison.arms), dtype=np.float64)
 
-    def points(counting: Counting) -> Series:
+    def points(counting: Counting) -> Points:
         rows = [comparison.final(arm, counting) for arm in comparison.arms]
-        means, bounds = np.array([row["mean"] for row in rows]), np.array([_bounds(row) for row in rows])
+        drawn = np.array([comparison.has_intervals(arm) for arm in comparison.arms])
+        lower, upper = (np.where(drawn, [row[bound] for row in rows], np.nan) for bound in ("lower", "upper"))
         latched = counting == "latched"
-        return Series(
+        return Points(
             label=WORDS[counting],
-            x=means,
-            y=places + (-0.14 if latched else 0.14),
-            colour=FADED if latched else category(0),
-            lower=bounds[:, 0],
-            upper=bounds[:, 1],
-            line=False,
-            points=True,
-            hollow=latched,
+            rows=range(len(comparison.arms)),
+            x=np.array([row["mean"] for row in rows]),
+            style=theme.Style(theme.FADED, shape="square") if latched else theme.style(0),
+            lower=lower,
+            upper=upper,
+            members=None if latched else [_by_seed(comparison, arm) for arm in comparison.arms],
         )
 
-    return Chart(
+    pairs = zip(comparison.arms, comparison.labels, strict=True)
+    rings = "Rings: each training seed. " if any(_by_seed(comparison, arm) for arm in comparison.arms) else ""
+    return Figure(
         name="success",
         title="Success of the whole task",
-        x=Axis("share of episodes", percent=True, low=0.0, high=1.0),
-        y=Axis("", rows=comparison.arms),
-        series=(*map(points, COUNTINGS), *filter(None, [_seed_points(comparison)])),
-        row_lines=3,
+        chart=point_chart(
+            [f"{label} (n = {len(comparison.episodes[arm]):,})" for arm, label in pairs],
+            [points(counting) for counting in COUNTINGS],
+            Axis("share of n episodes", percent=True),
+        ),
         note="Latched: a stage counts once its conditions hold, whatever follows. Goal-stabilizing: objects also stay. "
+        + rings
         + error_note(comparison)
         + unequal_note(comparison),
     )
 
 
-def stage_chart(comparison: Comparison) -> Chart:
+def stage_figure(comparison: Comparison) -> Figure:
     """Success per stage: a curve for each arm and way of counting."""
-    stages = tuple(stage.name for stage in comparison.home_task.stages)
+    names = words.stages(comparison.home_task)
     curves = []
-    for arm, colour in zip(comparison.arms, comparison.colours, strict=True):
+    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
         for counting in reversed(COUNTINGS):
             table = comparison.stages[arm].filter(counting=counting)
             lasting = counting == "stabilizing"
-            lower, upper = _stage_bounds(table)
+            shown = lasting and comparison.has_intervals(arm)
             curves.append(
-                Series(
-                    label=f"{arm}, {WORDS[counting].partition(' ')[0]}",
-                    x=np.arange(len(stages), dtype=np.float64),
+                Curve(
+                    label=label if lasting else f"{label}: latched",
+                    x=np.arange(len(names), dtype=np.float64),
                     y=table["mean"].to_numpy(),
-                    colour=colour,
-                    lower=lower if lasting else None,
-                    upper=upper if lasting else None,
-                    dash="solid" if lasting else "dot",
-                    group=arm,
-                    tag=arm if lasting else f"{arm}, latched",
+                    style=replace(style, dash=theme.SOLID if lasting else (2, 3)),
+                    lower=table["lower"].to_numpy() if shown else None,
+                    upper=table["upper"].to_numpy() if shown else None,
+                    marked=lasting,
+                    named=lasting,
+                    intervals="last",
                 )
             )
-    return Chart(
+    return Figure(
         name="stages",
         title="Success per stage",
-        x=Axis("stage of the task, in order", rows=stages),
-        y=Axis("share of episodes that reached it", percent=True, low=0.0, high=1.0),
-        series=tuple(curves),
-        note=f"Solid: every placement so far is goal-stabilizing. Dotted: latched. {error_note(comparison, 'Bands')}",
+        chart=curve_chart(
+            curves,
+            Axis("stage of the task, in order", names=names),
+            Axis(f"share of episodes that reached it ({_episodes(comparison)})", percent=True),
+            width=theme.WIDE,
+        ),
+        note="Solid: every placement so far is goal-stabilizing. Dotted: latched. "
+        + error_note(comparison, "Bars at the right, for the last stage"),
         wide=True,
     )
 
 
+def _episodes(comparison: Comparison) -> str:
+    return wording.sample([len(comparison.episodes[arm]) for arm in comparison.arms], "episode")
+
+
 def error_note(comparison: Comparison, what: str = "Bars") -> str:
-    """What error bars are: 95 % intervals, over which units and by which method, for each arm."""
-    methods: dict[tuple[str, str], list[str]] = {}
-    for arm in comparison.arms:
-        row = comparison.final(arm, "latched")
-        methods.setdefault((str(row["units"]), str(row["method"])), []).append(arm)
+    """What error bars are: 95 % intervals, over which units, how many and by which method, for each arm."""
+    methods: dict[tuple[str, bool, int], list[str]] = {}
+    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
+        method = str(comparison.final(arm, "latched")["method"])
+        methods.setdefault((method, *comparison.units(arm)), []).append(label)
     parts = []
-    for (units, method), arms in methods.items():
-        which = "" if len(methods) == 1 else f" of {listed(arms)}"
-        seeds = units == TRAINING_SEEDS
-        over = "training seeds" if seeds else "episodes of one training seed, silent on other seeds"
-        parts.append(f"{what}{which}: 95 % intervals over {over} ({method}).")
+    for (method, seeds, count), labels in methods.items():
+        which = "" if len(methods) == 1 else f" of {listed(labels)}"
+        over = f"n = {count:,} {'training seeds' if seeds else 'episodes of one training seed'}"
+        if count < FEWEST_FOR_INTERVAL:
+            parts.append(f"{what}{which}: none, too few units ({over}).")
+        else:
+            silent = "" if seeds else ", silent on other seeds"
+            parts.append(f"{what}{which}: 95 % intervals over {over}{silent} ({method}).")
     return " ".join(parts)
 
 
@@ -104,33 +118,11 @@ def unequal_note(comparison: Comparison) -> str:
     ran = [set(comparison.episodes[arm].select("eval_seed", "index").rows()) for arm in comparison.arms]
     if all(each == ran[0] for each in ran):
         return ""
-    counts = listed([f"{arm} {len(each)}" for arm, each in zip(comparison.arms, ran, strict=True)])
+    counts = listed([f"{label}: {len(each)}" for label, each in zip(comparison.labels, ran, strict=True)])
     return f" The arms ran different episodes ({counts}): see the table of the same episodes under two arms."
 
 
-def _bounds(row: dict[str, float]) -> tuple[float, float]:
-    return row["lower"], row["upper"]
-
-
-def _seed_points(comparison: Comparison) -> Series | None:
-    """The goal-stabilizing success of every training seed; None where no arm has several."""
-    x, y = [], []
-    for place, arm in enumerate(comparison.arms):
-        seeds = comparison.episodes[arm].group_by("train_seed").agg(_share()).sort("train_seed")["share"].to_list()
-        if len(seeds) > 1:
-            x += seeds
-            y += [place + 0.26] * len(seeds)
-    if not x:
-        return None
-    return Series("each training seed", np.array(x), np.array(y), category(0), line=False, points=True, hollow=True)
-
-
-def _share() -> pl.Expr:
-    import polars as pl
-
-    return pl.col("stabilizing").mean().alias("share")
-
-
-def _stage_bounds(table: pl.DataFrame) -> tuple[FloatArray, FloatArray]:
-    bounds = np.array([_bounds(row) for row in table.iter_rows(named=True)])
-    return bounds[:, 0], bounds[:, 1]
+def _by_seed(comparison: Comparison, arm: str) -> list[float]:
+    """The goal-stabilizing success of every training seed; nothing where there is one."""
+    parts = comparison.episodes[arm].partition_by("train_seed")
+    return [float(part["stabilizing"].to_numpy().mean()) for part in parts] if len(parts) > 1 else []

@@ -19,15 +19,15 @@ UNKNOWN = "not recorded"
 
 def success_table(comparison: Comparison) -> str:
     """Success of every arm, and successes that did not last."""
-    headings = ("arm", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
+    headings = ("arm", "in the figures", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
     headings += ("counted, did not last", "of these the last object", "diverged")
     rows = []
-    for arm in comparison.arms:
+    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
         episodes = comparison.episodes[arm]
         lost = episodes.filter(outcome="success that did not last")
         rows.append(
             (
-                *(arm, f"{len(episodes):,}", _seeds(comparison, arm)),
+                *(arm, label, f"{len(episodes):,}", _seeds(comparison, arm)),
                 *(_mean(comparison.final(arm, counting)) for counting in COUNTINGS),
                 *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(arm))),
                 str(episodes["diverged"].sum()),

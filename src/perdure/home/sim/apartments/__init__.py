@@ -6,12 +6,12 @@ Contents:
     free_space, FreeSpace, Geodesic             where a round robot can be and how far that is
     static_footprints, moving_footprints        what stands in its way
     build_apartment                             from the record to a MuJoCo specification
-    draw_apartment, save_plan, cut_away         pictures
+    cut_away                                    walls hidden for a camera outside
 """
 
 from perdure.home.sim.apartments.apartment import MICROS, make_apartment
 from perdure.home.sim.apartments.build import build_apartment
-from perdure.home.sim.apartments.draw import cut_away, draw_apartment, save_plan
+from perdure.home.sim.apartments.draw import cut_away
 from perdure.home.sim.apartments.footprint import moving_footprints, static_footprints
 from perdure.home.sim.apartments.free_space import (
     CELL,
@@ -47,13 +47,11 @@ __all__ = [
     "Zone",
     "build_apartment",
     "cut_away",
-    "draw_apartment",
     "free_space",
     "in_sight",
     "make_apartment",
     "moving_footprints",
     "path_length",
-    "save_plan",
     "split_apartments",
     "static_footprints",
 ]
