@@ -87,6 +87,7 @@ format: setup ## Format the code, and mend what the linter can mend
 	@$(BIN)/ruff check --fix --quiet . || true
 	@$(BIN)/ruff format .
 
+verify: EXTRAS := $(EXTRAS),ray
 verify: setup ## Run the long checks
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify -n $(PROCESSES) --dist worksteal $(PYTEST)
 

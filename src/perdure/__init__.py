@@ -9,7 +9,7 @@
 | `perdure.extrapolate` | evaluation far beyond the training horizon |
 | `perdure.report` | tables in, figures and a page out |
 | `perdure.home` | the Home Assistant Benchmark |
-| `perdure.runs` | finished work, written whole |
+| `perdure.runs` | long work: units that run once each, here or on a cluster, and resume |
 
 The names below are the ones most programs need. Each is loaded when it is first used, so that ``import perdure`` loads
 nothing. A package and a function cannot share a name: the evaluation itself is ``perdure.extrapolate.extrapolate``.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import warnings
 from collections.abc import Callable
@@ -10,21 +11,34 @@ from typing import Any
 
 
 def main() -> None:
-    """Runs the command line. What a user can cause ends in one line and exit code 2, an interrupt in 130."""
+    """Run the command line.
+
+    What a user can cause ends in one line and exit code 2, Ctrl-C in 130 and SIGTERM in 143, with all workers ended.
+    """
     from perdure.cli import run
 
+    signal.signal(signal.SIGTERM, _terminate)
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
         run(sys.argv[1:])
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe has left; there is nobody to tell
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except KeyboardInterrupt as interrupt:
+        print("perdure: interrupted; run the same command to continue", file=sys.stderr)
+        sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
         if not _is_users(error):
             raise
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
+
+
+class _TerminatedError(KeyboardInterrupt):
+    """SIGTERM."""
+
+
+def _terminate(number: int, frame: object) -> None:
+    raise _TerminatedError
 
 
 def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -37,14 +38,20 @@ def own_cores(count: int) -> Iterator[list[int]]:
 
 
 def _lock(core: int) -> int | None:
-    """An open file that holds the core, or None. The kernel lets go of it when the process dies."""
-    path = Path(tempfile.gettempdir(), f"perdure-core-{core}.lock")
+    """Return an open file that holds the core, or None. The kernel releases it when the process dies."""
+    folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
     try:
-        # Asked to create it, Linux may refuse another user's file in a shared folder (fs.protected_regular).
-        lock = os.open(path, os.O_RDONLY if path.exists() else os.O_RDONLY | os.O_CREAT, 0o644)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        owner = folder.lstat()
+        if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
+            return None  # somebody else's: without locks two commands may choose the same core, which is only slower
+        flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
     except OSError:
         return None
     try:
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            raise OSError
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
@@ -52,15 +59,15 @@ def _lock(core: int) -> int | None:
     return lock
 
 
-def idle_cores(stat: Path = STAT) -> list[int]:
+def idle_cores(counters: Path = STAT) -> list[int]:
     """Cores this process may run on and nobody is using, those with least to do first.
 
     Empty where the system does not say what its cores do.
     """
     try:
-        before = _times(stat)
+        before = _times(counters)
         time.sleep(LOOK)
-        after = _times(stat)
+        after = _times(counters)
         allowed = os.sched_getaffinity(0)
     except (OSError, ValueError, AttributeError):
         return []
@@ -72,10 +79,10 @@ def idle_cores(stat: Path = STAT) -> list[int]:
     return sorted((core for core, share in load.items() if share < BUSY), key=lambda core: (load[core], core))
 
 
-def _times(stat: Path) -> dict[int, tuple[int, int]]:
+def _times(counters: Path) -> dict[int, tuple[int, int]]:
     """For each core the ticks it worked and the ticks that passed, since the system began (proc(5))."""
     times = {}
-    for line in stat.read_text().splitlines():
+    for line in counters.read_text().splitlines():
         name, *ticks = line.split()
         if name.startswith("cpu") and name != "cpu":
             counts = [int(tick) for tick in ticks[:8]]

@@ -218,10 +218,10 @@ class TestWhoActed:
         assert "<pre>go 2</pre>" in page
 
     def test_the_stores_record_tells_where_the_logs_do_not(self, tmp_path):
-        with Store(tmp_path).write(
+        with Store(tmp_path).workspace(
             "here/unit", {"policies": {"place": "0123456789abcdef", "pick": "oracle"}}
-        ) as folder:
-            write_records(folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
+        ) as work:
+            write_records(work.folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
         _, cast = read_cast([tmp_path / "here" / "unit" / "logs.parquet"])
         (skills,) = cast.acting.values()
         assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}

@@ -1,0 +1,120 @@
+"""Showing how far a run is: a bar in a terminal, a line every half minute elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+from perdure.runs.run import Observer, Status
+
+LINE_SECONDS = 30.0
+"""How often a line is printed where there is no terminal."""
+
+
+@contextmanager
+def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
+    """Give an observer for `run_units` that shows a run on standard error for as long as the block lasts.
+
+    Args:
+        title: What runs.
+        measure: What units count as done, such as "steps", to show how many a second; not shown by default.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        lines = _Lines(title, measure)
+        yield lines
+        lines.close()
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"))
+    with Bar(*columns, TimeRemainingColumn(), console=console) as bar:
+        task, rate = bar.add_task(title, total=1.0, words=""), _Rate(measure)
+
+        def draw(status: Status) -> None:
+            share = total_share(status)
+            bar.update(task, completed=share, words=f"{share:4.0%}  {_words(status, rate)}")
+
+        yield draw
+
+
+class _Rate:
+    """Work done a second since the first report, so that compilation does not count."""
+
+    def __init__(self, measure: str) -> None:
+        self._measure = measure
+        self._first: tuple[float, float] | None = None
+
+    def words(self, status: Status) -> str:
+        done, now = sum(each.done for each in status.values()), time.monotonic()
+        if not self._measure or not done:
+            return ""
+        if self._first is None or done < self._first[0]:
+            self._first = done, now
+        made, elapsed = done - self._first[0], now - self._first[1]
+        return f"{made / elapsed:,.0f} {self._measure}/s" if made and elapsed else ""
+
+
+class _Lines:
+    """Prints a line now and then, the first one after LINE_SECONDS: short runs stay silent."""
+
+    def __init__(self, title: str, measure: str) -> None:
+        self._title, self._rate = title, _Rate(measure)
+        self._began = self._printed = time.monotonic()
+        self._first_share: float | None = None
+        self._status: Status = {}
+
+    def __call__(self, status: Status) -> None:
+        self._status = status
+        if self._first_share is None:
+            self._first_share = total_share(status)
+        if time.monotonic() - self._printed >= LINE_SECONDS:
+            self._print()
+
+    def close(self) -> None:
+        """Print how it ended, if anything was printed before."""
+        if self._printed > self._began:
+            self._print()
+
+    def _print(self) -> None:
+        self._printed = time.monotonic()
+        share = total_share(self._status)
+        made, elapsed = share - (self._first_share or 0.0), self._printed - self._began
+        left = f"  {_duration(elapsed * (1 - share) / made)} left" if made > 0 and share < 1 else ""
+        words = _words(self._status, self._rate)
+        print(f"{time.strftime('%H:%M:%S')}  {self._title}  {share:.0%}  {words}{left}", file=sys.stderr, flush=True)
+
+
+def total_share(status: Status) -> float:
+    """Return the share of all work that is done, from 0 to 1."""
+    total = sum(each.size for each in status.values())
+    return sum(each.size * each.share for each in status.values()) / total if total else 1.0
+
+
+def count_states(status: Status) -> str:
+    """Return the states of units in words, such as "3 of 10 done, 2 running, 1 failed"."""
+    states: list[str] = [each.state for each in status.values()]
+    names = {"running": "running", "busy": "run by another command", "failed": "failed"}
+    others = [f"{states.count(state)} {name}" for state, name in names.items() if state in states]
+    return ", ".join([f"{states.count('finished')} of {len(states)} done", *others])
+
+
+def _words(status: Status, rate: _Rate) -> str:
+    many = len(status) > 1 or any(each.state == "busy" for each in status.values())
+    facts: dict[str, list[float]] = {}
+    for each in status.values():
+        for name, value in each.facts.items():
+            if math.isfinite(value):
+                facts.setdefault(name.replace("_", " "), []).append(value)
+    shown = [f"{name} {sum(values) / len(values):,.4g}" for name, values in facts.items()]
+    return "  ".join(each for each in (count_states(status) if many else "", rate.words(status), *shown) if each)
+
+
+def _duration(seconds: float) -> str:
+    hours, minutes = divmod(math.ceil(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"

@@ -1,0 +1,220 @@
+"""Running a graph of units: each one once, in the order of what depends on what, on whatever workers there are."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from perdure.runs.errors import RunError
+from perdure.runs.store import Store
+from perdure.runs.unit import Unit, attempt, read_progress
+from perdure.runs.whole import write_whole
+from perdure.runs.workers import Ended, Workers, one_line
+
+POLL_SECONDS = 0.25
+BUSY_SECONDS = 1.0
+"""A unit that another command is at work on is tried again after so long."""
+
+State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far one unit is."""
+
+    state: State
+    """"busy": another command is at work on it; "blocked": a unit it depends on has failed."""
+    done: float = 0.0
+    total: float = 1.0
+    """Work done and in all, in the unit's own measure."""
+    facts: Mapping[str, float] = field(default_factory=dict)
+    """Numbers that the unit reports beside it, such as its mean return."""
+    error: str = ""
+    size: float = 1.0
+    """How much work the unit is beside others."""
+
+    @property
+    def share(self) -> float:
+        """Share of the unit that is done, from 0 to 1."""
+        return 1.0 if self.state == "finished" else min(1.0, self.done / self.total) if self.total > 0 else 0.0
+
+
+Status = Mapping[str, Progress]
+"""Key of each unit to how far it is."""
+Observer = Callable[[Status], None]
+
+
+def run_units(
+    units: Sequence[Unit],
+    root: str | Path,
+    workers: Workers | None = None,
+    observe: Observer = lambda status: None,
+    retry: bool = True,
+    threads: int = 1,
+) -> None:
+    """Run every unit that is not finished. The same call goes on where a killed one stopped.
+
+    Units of which another command is at work are waited for. A unit that fails does not stop those that do not depend
+    on it; its error is recorded in the store.
+
+    Args:
+        units: The graph. Each comes after those named in its `after`.
+        root: Folder of the store.
+        workers: Where to run them; by default in this process, one after the other.
+        observe: Called with the status of all units, about four times a second and at every report in this process.
+        retry: Whether units whose failure is on record are tried again.
+        threads: Cores for a unit that runs in this process.
+
+    Raises:
+        RunError: Units failed; raised when nothing more can be run.
+        StoreError: A unit cannot be stored, or two of one key differ.
+    """
+    run = _Run(units, Store(root), observe)
+    if not retry:
+        run.skip_failed()
+    if workers is None:
+        run.here(threads)
+    else:
+        with workers:
+            run.on(workers)
+    run.raise_failures()
+
+
+def read_status(units: Sequence[Unit], root: str | Path) -> Status:
+    """Return how far units are, from the store alone: also for a run that another process is at work on."""
+    return {key: replace(each) for key, each in _Run(units, Store(root), lambda status: None).look().items()}
+
+
+class _Run:
+    def __init__(self, units: Sequence[Unit], store: Store, observe: Observer) -> None:
+        self._store, self._observe = store, observe
+        self._units = {unit.key: unit for unit in units}
+        if len(self._units) < len(units):
+            keys = [unit.key for unit in units]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise RunError(f"two units have the key {twice!r}")
+        for unit in units:
+            for key in unit.after:
+                if key not in self._units:
+                    raise RunError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
+        self._status: dict[str, Progress] = {}
+        for unit in units:
+            finished = store.done(unit.key, unit.config)
+            done, total, facts = read_progress(store, unit.key)
+            self._status[unit.key] = Progress("finished" if finished else "waiting", done, total, facts, "", unit.size)
+        self._try_again: dict[str, float] = {}
+        self._errors: dict[str, BaseException] = {}
+
+    def here(self, threads: int) -> None:
+        """Run everything in this process, the unit that is furthest behind first."""
+        self._observe(self._status)
+        while (unit := self._next()) is not None or self._wait_for_others():
+            if unit is None:
+                continue
+            self._set(unit.key, "running")
+            try:
+                outcome = attempt(self._store.root, unit, threads, self._reporter(unit.key))
+                self._took(Ended(unit.key, outcome))
+            except Exception as error:
+                self._errors[unit.key] = error
+                self._took(Ended(unit.key, None, one_line(error)))
+            self._observe(self._status)
+
+    def on(self, workers: Workers) -> None:
+        """Keep workers busy until nothing more can be run."""
+        while True:
+            while workers.free and (unit := self._next()) is not None:
+                self._set(unit.key, "running")
+                workers.start(self._store.root, unit)
+            self._observe(self.look())
+            running = any(each.state == "running" for each in self._status.values())
+            if not running and not self._wait_for_others():
+                return
+            if running:
+                for ended in workers.wait(POLL_SECONDS):
+                    self._took(ended)
+
+    def look(self) -> Status:
+        """Return the status with the last report of every unit that somebody is at work on."""
+        for key, each in self._status.items():
+            if each.state in ("waiting", "running", "busy"):
+                done, total, facts = read_progress(self._store, key)
+                self._status[key] = replace(each, done=done, total=total, facts=facts)
+        return self._status
+
+    def skip_failed(self) -> None:
+        """Count units with a failure on record as failed."""
+        for key, each in self._status.items():
+            path = self._store.note_path("failures", key)
+            if each.state == "waiting" and path.exists():
+                self._set(key, "failed", error=str(json.loads(path.read_text())["error"]))
+
+    def raise_failures(self) -> None:
+        """Raise what went wrong, the first unit's error in words."""
+        failed = [key for key, each in self._status.items() if each.state == "failed"]
+        if not failed:
+            return
+        first = failed[0]
+        if len(self._units) == 1 and first in self._errors:
+            raise self._errors[first]
+        blocked = sum(each.state == "blocked" for each in self._status.values())
+        count = f"{len(failed)} of {len(self._units)} units failed" + (f", {blocked} depend on them" if blocked else "")
+        cause = self._errors.get(first)
+        raise RunError(f"{count}: {first}: {self._status[first].error}") from cause
+
+    def _next(self) -> Unit | None:
+        """Return the unit to run next: of those that can be, the one that is furthest behind."""
+        now, ready = time.monotonic(), []
+        for number, (key, unit) in enumerate(self._units.items()):
+            state = self._status[key].state
+            if state == "busy" and now >= self._try_again[key]:
+                state = "waiting"
+            if state != "waiting":
+                continue
+            before = {self._status[other].state for other in unit.after}
+            if before & {"failed", "blocked"}:
+                self._set(key, "blocked")
+            elif before <= {"finished"}:
+                ready.append((self._status[key].share, number, unit))
+        return min(ready, key=lambda each: each[:2])[2] if ready else None
+
+    def _wait_for_others(self) -> bool:
+        """Wait a little if another command is at work on a unit; say whether there is one."""
+        if not any(each.state == "busy" for each in self._status.values()):
+            return False
+        time.sleep(POLL_SECONDS)
+        self._observe(self.look())
+        return True
+
+    def _took(self, ended: Ended) -> None:
+        """Note how an attempt ended."""
+        note = self._store.note_path("failures", ended.key)
+        if ended.outcome is None:
+            write_whole(note, json.dumps({"error": ended.error}) + "\n")
+            self._set(ended.key, "failed", error=ended.error)
+            return
+        note.unlink(missing_ok=True)
+        if ended.outcome == "busy":
+            self._try_again[ended.key] = time.monotonic() + BUSY_SECONDS
+            self._set(ended.key, "busy")
+            return
+        done, total, facts = read_progress(self._store, ended.key)
+        known = self._status[ended.key]
+        if done < known.done:  # reported in this process, not through the store
+            done, total, facts = known.done, known.total, dict(known.facts)
+        state: State = "finished" if ended.outcome == "finished" else "waiting"
+        self._status[ended.key] = replace(known, state=state, done=done, total=total, facts=facts)
+
+    def _set(self, key: str, state: State, error: str = "") -> None:
+        self._status[key] = replace(self._status[key], state=state, error=error)
+
+    def _reporter(self, key: str) -> Callable[..., None]:
+        def report(done: float, total: float, **facts: float) -> None:
+            self._status[key] = replace(self._status[key], done=done, total=total, facts=facts)
+            self._observe(self._status)
+
+        return report

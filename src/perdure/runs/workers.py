@@ -1,0 +1,258 @@
+"""Worker processes on this machine: for each core one, with single-threaded arithmetic, that end with this process."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+from perdure.runs.cores import own_cores
+from perdure.runs.errors import RunError
+from perdure.runs.unit import Outcome, Unit, attempt
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of a process whose libraries multiply on one thread from their first import on."""
+PARENT_SECONDS = 0.5
+"""How often a worker checks whether the process that started it still lives."""
+# The parent's module search path, and not the current folder: a worker imports what its parent would.
+_START = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.runs.workers import serve; serve()"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """An attempt at a unit that has ended."""
+
+    key: str
+    outcome: Outcome | None
+    """None if it failed."""
+    error: str = ""
+    """Why, in one line."""
+
+
+class Workers(Protocol):
+    """Processes that attempt units. Used as a context manager; leaving it ends them all at once."""
+
+    @property
+    def free(self) -> int:
+        """How many more units can be started now."""
+
+    def start(self, root: Path, unit: Unit) -> None:
+        """Begin an attempt at a unit of the store in `root`."""
+
+    def wait(self, seconds: float) -> list[Ended]:
+        """Return the attempts that have ended, waiting for the first one for at most so many seconds."""
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+
+    def __exit__(self, *exception: object) -> None:
+        """End every process."""
+
+
+def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Workers | None:
+    """Return what runs units, for `run_units`.
+
+    Args:
+        on: "here" (this process), "local" (processes on this machine), "ray" (a Ray of this command's own on this
+            machine) or "ray:ADDRESS" (a cluster that runs, such as "ray:auto").
+        units: What is to be run; there are no more processes than units.
+        cores: Cores to use; all that this process may use by default. Ray uses those of its cluster.
+
+    Raises:
+        RunError: If `on` or `cores` is out of range, or Ray is not installed.
+    """
+    total = core_count(cores)
+    wanted = max((unit.cores for unit in units), default=1)
+    if on == "here":
+        return None
+    if on == "local":
+        count = max(1, min(total, len(units)))
+        return LocalWorkers(count, max(1, min(total // count, wanted)))
+    kind, _, address = on.partition(":")
+    if kind != "ray" or on.endswith(":"):
+        raise RunError(f"units run on here, local, ray or ray:ADDRESS, not on {on!r}")
+    from perdure.runs.on_ray import RayWorkers
+
+    return RayWorkers(address or None, min(wanted, total))
+
+
+def core_count(cores: int | None) -> int:
+    """Return the number of cores to use: all that this process may use if None.
+
+    Raises:
+        RunError: If it is not at least 1.
+    """
+    if cores is not None and cores < 1:
+        raise RunError(f"cores must be at least 1, got {cores}")
+    return cores or len(os.sched_getaffinity(0))
+
+
+class LocalWorkers:
+    """Processes on this machine, each bound to cores that nobody else uses where there are enough of them.
+
+    They are started by a command line rather than by `multiprocessing`, so the caller's script is not imported again
+    and needs no main guard.
+    """
+
+    def __init__(self, count: int, cores: int = 1) -> None:
+        """Start nothing yet.
+
+        Args:
+            count: Processes, at least 1.
+            cores: Cores of each.
+        """
+        if count < 1 or cores < 1:
+            raise ValueError(f"count and cores must be at least 1, got {count} and {cores}")
+        self._count, self._cores = count, cores
+        self._stack = ExitStack()
+        self._selector = selectors.DefaultSelector()
+        self._idle: list[_Process] = []
+        self._busy: dict[_Process, str] = {}
+        self._places: list[Sequence[int]] = []
+
+    @property
+    def free(self) -> int:
+        """See `Workers.free`."""
+        return len(self._idle) + len(self._places)
+
+    def __enter__(self) -> Self:
+        """Choose the cores."""
+        free = self._stack.enter_context(own_cores(self._count * self._cores))
+        shares = [free[k * self._cores : (k + 1) * self._cores] for k in range(self._count)]
+        self._places = [share if len(share) == self._cores else () for share in shares]
+        return self
+
+    def start(self, root: Path, unit: Unit) -> None:
+        """See `Workers.start`."""
+        process = self._idle.pop() if self._idle else _Process(self._places.pop(0), self._selector)
+        self._busy[process] = unit.key
+        process.send({"root": str(root), "unit": unit.to_json(), "threads": self._cores})
+
+    def wait(self, seconds: float) -> list[Ended]:
+        """See `Workers.wait`."""
+        ended = []
+        for selected, _ in self._selector.select(seconds):
+            process: _Process = selected.data
+            answer = process.receive()
+            key = self._busy.pop(process, "")
+            if answer is None:
+                self._places.append(process.cores)
+                ended.append(Ended(key, None, process.end()))
+            else:
+                self._idle.append(process)
+                ended.append(Ended(key, answer.get("outcome"), answer.get("error", "")))
+        return ended
+
+    def __exit__(self, *exception: object) -> None:
+        """Kill every process: finished units and checkpoints are on disk."""
+        processes = [*self._idle, *self._busy]
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.end()
+        self._selector.close()
+        self._stack.close()
+
+
+class _Process:
+    """One worker, seen from the process that started it."""
+
+    def __init__(self, cores: Sequence[int], selector: selectors.BaseSelector) -> None:
+        self.cores, self._selector = cores, selector
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - `end` closes it
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _START, json.dumps(sys.path), json.dumps(list(cores))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env={**os.environ, **ONE_THREAD},
+        )
+        assert self._process.stdout is not None
+        selector.register(self._process.stdout, selectors.EVENT_READ, self)
+
+    def send(self, job: Mapping[str, Any]) -> None:
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # it has ended: `receive` finds the end of its answers
+            self._process.stdin.write(json.dumps(job).encode() + b"\n")
+            self._process.stdin.flush()
+
+    def receive(self) -> dict[str, Any] | None:
+        """Return its answer, None if it has ended."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        return json.loads(line) if line.endswith(b"\n") else None
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def end(self) -> str:
+        """Release what it held and say how it ended, in one line."""
+        assert self._process.stdout is not None
+        assert self._process.stdin is not None
+        self._process.kill()
+        code = self._process.wait()
+        self._selector.unregister(self._process.stdout)
+        self._process.stdout.close()
+        with suppress(BrokenPipeError):  # a job that was never read
+            self._process.stdin.close()
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
+        self._errors.close()
+        if code < 0 and signal.Signals(-code) != signal.SIGKILL:
+            return f"its process was ended by {signal.Signals(-code).name}"
+        if code < 0:
+            return "its process was ended by SIGKILL (out of memory?)"
+        return lines[-1] if lines else f"its process ended with exit code {code}"
+
+
+def serve() -> None:
+    """Attempt units as a worker process: a job per line on standard input, an answer per line on standard output.
+
+    What units print goes to standard error.
+    """
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C reaches the parent too, which ends its workers
+    if cores := json.loads(sys.argv[2]):
+        os.sched_setaffinity(0, cores)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    for line in sys.stdin:
+        job = json.loads(line)
+        answers.write(json.dumps(answer(job["root"], Unit.from_json(job["unit"]), job["threads"])) + "\n")
+        answers.flush()
+
+
+def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
+    """Attempt a unit and return {"outcome": ...}, or {"error": ...} in one line if it fails."""
+    try:
+        return {"outcome": attempt(root, unit, threads)}
+    except Exception as error:
+        import traceback
+
+        traceback.print_exc()
+        return {"error": one_line(error)}
+
+
+def one_line(error: BaseException) -> str:
+    """Return an error as one line: the message alone for errors that perdure words, with its type for others."""
+    text = " ".join(str(error).split())
+    worded = type(error).__module__.startswith("perdure.")
+    return text if worded and text else f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent is gone, however that ended. Files are written whole, so none is left half."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_SECONDS)
+    os._exit(1)

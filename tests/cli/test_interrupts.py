@@ -1,0 +1,51 @@
+"""Ctrl-C and SIGTERM end a command and its workers within two seconds; the same command continues."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COMMANDS = {
+    "train": ("train", "Hopper-v3", "--seeds", "0", "1", "--out", "out"),
+    "extrapolate": ("extrapolate", "HalfCheetah-v3/ppo", "--steps", "1000000", "--eval-seeds", "4", "--out", "out"),
+    "home run": ("home", "run", "set_table", "--episodes", "100", "--out", "out"),
+}
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_is_interrupted_ends_at_once_with_its_workers(tmp_path, name, how):
+    command = [sys.executable, "-m", "perdure", *COMMANDS[name]]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    wait_until(lambda: list(tmp_path.glob("out/.working/*/unit.json")), 90)
+    time.sleep(0.3)
+    workers = children(process.pid)
+    assert workers
+    began = time.monotonic()
+    if how == signal.SIGINT:
+        os.killpg(process.pid, how)  # as a terminal does
+    else:
+        process.send_signal(how)
+    _, errors = process.communicate(timeout=30)
+    assert time.monotonic() - began < 2.0
+    assert process.returncode == {signal.SIGINT: 130, signal.SIGTERM: 143}[how]
+    assert errors.splitlines()[-1] == "perdure: interrupted; run the same command to continue"
+    assert "Traceback" not in errors
+    wait_until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers), 2)
+
+
+def children(parent):
+    return [int(each) for each in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
+def wait_until(condition, seconds):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)

@@ -1,0 +1,52 @@
+"""Units on a real Ray cluster of two nodes on this machine, one of which is killed midway."""
+
+from pathlib import Path
+
+import pytest
+
+from perdure.runs import Store, Unit, make_workers, run_units
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def cluster():
+    pytest.importorskip("ray", reason="make verify installs it")
+    from ray.cluster_utils import Cluster
+
+    # The head has no cores, so that every unit runs on a node that can die.
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    cluster.add_node(num_cpus=1)
+    cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    yield cluster
+    cluster.shutdown()
+
+
+@pytest.mark.verify
+def test_a_node_that_dies_midway_changes_no_result(cluster, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    log = tmp_path / "log"
+    units = [
+        Unit(f"u-{k}", {"k": k}, "scripted_units:sleep", {"log": str(log), "seconds": 1.5, "text": str(k)})
+        for k in range(6)
+    ]
+    state = {"killed": False}
+
+    def kill_a_node(status):
+        if not state["killed"] and sum(each.state == "finished" for each in status.values()) >= 1:
+            state["killed"] = True
+            cluster.remove_node(max(cluster.worker_nodes, key=id), allow_graceful=False)
+
+    run_units(units, tmp_path / "store", make_workers(f"ray:{cluster.address}", units), kill_a_node)
+    assert state["killed"]
+    store = Store(tmp_path / "store")
+    assert [(store.get(each.key) / "text").read_text() for each in units] == [str(k) for k in range(6)]
+
+
+@pytest.mark.verify
+def test_a_unit_that_fails_on_ray_says_why(cluster, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    unit = Unit("bad", {}, "scripted_units:fail", {"message": "no such thing"})
+    with pytest.raises(ValueError, match="ValueError: no such thing"):
+        run_units([unit], tmp_path, make_workers(f"ray:{cluster.address}", [unit]))
