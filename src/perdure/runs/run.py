@@ -204,9 +204,12 @@ class _Run:
             return
         done, total, facts = read_progress(self._store, ended.key)
         known = self._status[ended.key]
-        if done < known.done:  # reported in this process, not through the store
+        if not facts or done < known.done:  # reported in this process, not through the store
             done, total, facts = known.done, known.total, dict(known.facts)
-        state: State = "finished" if ended.outcome == "finished" else "waiting"
+        state: State = "waiting"
+        if ended.outcome == "finished":
+            state, done = "finished", total
+            self._store.note_path("progress", ended.key).unlink(missing_ok=True)
         self._status[ended.key] = replace(known, state=state, done=done, total=total, facts=facts)
 
     def _set(self, key: str, state: State, error: str = "") -> None:

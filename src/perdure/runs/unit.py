@@ -96,10 +96,7 @@ def attempt(root: str | Path, unit: Unit, threads: int = 1, report: Report | Non
         if store.done(unit.key, unit.config):  # somebody else finished it between two of our looks
             return "finished"
         raise
-    if not workspace.complete:
-        return "unfinished"
-    store.note_path("progress", unit.key).unlink(missing_ok=True)
-    return "finished"
+    return "finished" if workspace.complete else "unfinished"
 
 
 class _Reporter:

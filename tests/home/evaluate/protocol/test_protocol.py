@@ -62,8 +62,8 @@ def test_what_was_run_is_not_run_again(tmp_path):
 
 
 def _say_other_source_made(unit):
-    record = json.loads((unit / "part.json").read_text())
-    (unit / "part.json").write_text(json.dumps({**record, "sources": ["another"]}))
+    record = json.loads((unit / "unit.json").read_text())
+    (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path):

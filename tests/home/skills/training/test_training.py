@@ -66,7 +66,7 @@ def test_place_that_must_last_differs_in_nothing_but_how_long(task):
 )
 def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
     runs = []
-    monkeypatch.setattr(recipes, "train", lambda run, *_: runs.append(run) or [])
+    monkeypatch.setattr(recipes, "train", lambda run, *_, **__: runs.append(run) or [])
     recipes.train_skill(skill, task, (0,), tmp_path, rolling="drag")
     (run,) = runs
     assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=drag"} | ({wider} - {""})
