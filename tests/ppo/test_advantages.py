@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from perdure.ppo.advantages import Ends, advantages, following_values
+from perdure.ppo.estimators import Ends
+from perdure.ppo.estimators.discounted import advantages, following_values
 
 STEPS = 12
 NEVER = np.zeros(STEPS, bool)

@@ -18,7 +18,7 @@ from perdure.envs import TaskSpec
 from perdure.envs.traced import TracedStep, TracedWorld
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo import PPOConfig
-from perdure.ppo.learner import prepare
+from perdure.ppo.iteration import prepare
 from perdure.ppo.normalizer import start_moments
 from perdure.ppo.rollout import Statistics, draw, finish, make_collect, observe, start_lanes
 from perdure.ppo.update import epoch, start_adam
@@ -105,7 +105,7 @@ def our_order(order):
 
 def learned(recording, settings):
     experience = with_recorded_actions(recording, collected(recording, settings).experience)
-    ready = prepare(params_of(recording, "before"), experience, jax.random.key(1), config=settings)
+    ready = prepare(params_of(recording, "before"), (), experience, 0, 1, config=settings)
     params = params_of(recording, "before")
     adam = start_adam(params)
     for order in recording["orders"]:

@@ -134,7 +134,7 @@ def test_other_settings_under_the_same_name_are_refused(solo):
 
 
 def bits(state):
-    arrays = [state.params, state.adam, state.statistics, state.episodes, state.iterations]
+    arrays = [state.params, state.adam, state.statistics, state.estimator, state.episodes, state.iterations]
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(arrays)]
     return (state.seed, state.segment), [(leaf.dtype, leaf.shape, leaf.tobytes()) for leaf in leaves]
 
@@ -172,12 +172,12 @@ class TestCheckpointFiles:
     def test_a_checkpoint_holds_the_whole_state_bit_for_bit(self, chain, tmp_path):
         for state in chain:
             save_checkpoint(state, tmp_path / "c")
-            assert bits(load_checkpoint(tmp_path / "c")) == bits(state)
+            assert bits(load_checkpoint(tmp_path / "c", chain[0])) == bits(state)
 
     def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, tmp_path):
         for before, expected in pairwise(chain[1:]):
             save_checkpoint(before, tmp_path / "c")
-            state = runner.run(load_checkpoint(tmp_path / "c"), lambda step, mean: None)
+            state = runner.run(load_checkpoint(tmp_path / "c", chain[0]), lambda step, mean: None)
             assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):
@@ -191,7 +191,7 @@ class TestCheckpointFiles:
         for length in (0, 4, 8, 100, len(whole) // 2, len(whole) - 1):
             path.write_bytes(whole[:length])
             with pytest.raises(CheckpointError, match=r"checkpoint\.safetensors"):
-                load_checkpoint(path)
+                load_checkpoint(path, chain[0])
 
 
 SCRIPT = """

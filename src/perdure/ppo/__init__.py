@@ -5,7 +5,8 @@
 | `config.py`, `presets.py`, `methods.py` | settings; tuned numbers for each task with their source; methods |
 | `networks.py`, `normalizer.py` | policy and value network; running normalisation |
 | `rollout.py` | collecting experience inside one compiled loop |
-| `advantages.py`, `learner.py`, `update.py` | what a rollout is worth; minibatches; loss and Adam |
+| `iteration.py` | one iteration, top to bottom: rollout, advantages, epochs |
+| `estimators/`, `update.py` | how advantages are estimated; loss and Adam |
 | `segment.py`, `state.py`, `checkpoint.py` | a run as a chain of segments that survives kill -9 |
 | `training.py`, `export.py` | training runs, and the files they leave |
 | `tensorboard.py` | learning curves for TensorBoard |

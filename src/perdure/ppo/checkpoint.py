@@ -1,7 +1,12 @@
-"""Training state as one safetensors file, written whole after every segment. Reading one never runs code."""
+"""Training state as one safetensors file, written whole after every segment. Reading one never runs code.
+
+Every array of the state is stored under its path in the tree, such as ``params/policy.0.weight``; what is added to the
+state is stored without a change here.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -9,39 +14,36 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.ppo.errors import CheckpointError
-from perdure.ppo.normalizer import RunningMoments
-from perdure.ppo.rollout import Statistics
 from perdure.ppo.state import SeedState
-from perdure.ppo.update import AdamState
 from perdure.runs import write_whole
 
 FORMAT = "perdure.checkpoint"
-VERSION = "1"
+VERSION = "2"
+HEADER = ("seed", "segment")
+"""Fields of the state that are plain numbers."""
 
 
 def save_checkpoint(state: SeedState, path: Path) -> None:
-    """Writes the state, whole or not at all."""
+    """Write the state, whole or not at all."""
     from safetensors.numpy import save
 
-    arrays: dict[str, NDArray[Any]] = {"episodes": state.episodes, "iterations": state.iterations}
-    arrays |= {f"params/{name}": np.asarray(value) for name, value in state.params.items()}
-    arrays |= {f"adam.first/{name}": np.asarray(value) for name, value in state.adam.first.items()}
-    arrays |= {f"adam.second/{name}": np.asarray(value) for name, value in state.adam.second.items()}
-    arrays["adam.count"] = np.asarray(state.adam.count)[None]
-    for name, moments in zip(("observations", "returns"), state.statistics, strict=True):
-        arrays |= {f"{name}.{part}": np.atleast_1d(np.asarray(getattr(moments, part))) for part in moments._fields}
-    header = json.dumps({"version": VERSION, "seed": state.seed, "segment": state.segment})
-    write_whole(path, save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, {FORMAT: header}))
+    leaves, _ = jax.tree_util.tree_flatten_with_path(_tree(state))
+    arrays = {_name(where): np.array(leaf, order="C") for where, leaf in leaves}
+    header = json.dumps({"version": VERSION, **{name: getattr(state, name) for name in HEADER}})
+    write_whole(path, save(arrays, {FORMAT: header}))
 
 
-def load_checkpoint(path: Path) -> SeedState:
-    """Reads the state back, bit for bit.
+def load_checkpoint(path: Path, start: SeedState) -> SeedState:
+    """Read the state back, bit for bit.
+
+    Args:
+        path: The file.
+        start: The state before the first segment of the same run, which says what arrays there are.
 
     Raises:
-        CheckpointError: If the file is damaged or of another version.
+        CheckpointError: If the file is damaged, of another version, or of another run.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -52,30 +54,28 @@ def load_checkpoint(path: Path) -> SeedState:
     except (SafetensorError, KeyError, json.JSONDecodeError) as error:
         raise CheckpointError(f"{path} is not a readable checkpoint ({error}); remove it to start afresh") from error
     if header["version"] != VERSION:
-        raise CheckpointError(f"{path} is of version {header['version']}; this perdure reads version {VERSION}")
-    with jax.enable_x64(True):
-        return SeedState(
-            seed=header["seed"],
-            segment=header["segment"],
-            params=_group(arrays, "params"),
-            adam=AdamState(
-                _group(arrays, "adam.first"), _group(arrays, "adam.second"), jnp.asarray(arrays["adam.count"][0])
-            ),
-            statistics=Statistics(_moments(arrays, "observations"), _moments(arrays, "returns")),
-            episodes=arrays["episodes"],
-            iterations=arrays["iterations"],
+        raise CheckpointError(
+            f"{path} is of version {header['version']}; this perdure reads version {VERSION}; remove it to start afresh"
         )
+    leaves, structure = jax.tree_util.tree_flatten_with_path(_tree(start))
+    names = [_name(where) for where, _ in leaves]
+    if sorted(names) != sorted(arrays):
+        odd = ", ".join(sorted(set(names) ^ set(arrays)))
+        raise CheckpointError(f"{path} is the checkpoint of another run (differs in {odd}); remove it to start afresh")
+    with jax.enable_x64(True):
+        read = [
+            arrays[name] if isinstance(leaf, np.ndarray) else jnp.asarray(arrays[name])
+            for name, (_, leaf) in zip(names, leaves, strict=True)
+        ]
+    numbers = {name: header[name] for name in HEADER}
+    return dataclasses.replace(start, **numbers, **jax.tree_util.tree_unflatten(structure, read))
 
 
-def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, jax.Array]:
-    return {
-        name.removeprefix(f"{prefix}/"): jnp.asarray(value)
-        for name, value in arrays.items()
-        if name.startswith(f"{prefix}/")
-    }
+def _tree(state: SeedState) -> dict[str, Any]:
+    """Return the fields that hold arrays."""
+    return {each.name: getattr(state, each.name) for each in dataclasses.fields(state) if each.name not in HEADER}
 
 
-def _moments(arrays: dict[str, NDArray[Any]], name: str) -> RunningMoments:
-    return RunningMoments(
-        jnp.asarray(arrays[f"{name}.mean"]), jnp.asarray(arrays[f"{name}.var"]), jnp.asarray(arrays[f"{name}.count"][0])
-    )
+def _name(where: tuple[Any, ...]) -> str:
+    """Return a path in the tree as words between slashes."""
+    return "/".join(str(getattr(key, "key", getattr(key, "name", getattr(key, "idx", key)))) for key in where)

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo.errors import ConfigError
+from perdure.ppo.estimators import make_estimator
 
 Activation = Literal["relu", "tanh"]
 Decay = Literal["none", "linear"]
@@ -41,7 +42,7 @@ class PPOConfig:
     n_epochs: int = 10
     """Passes over each rollout."""
     gae_lambda: float = 0.95
-    """lambda of the generalised advantage estimate."""
+    """lambda of the generalized advantage estimate."""
     learning_rate: float = 3e-4
     """Adam's step size."""
     clip_range: float = 0.2
@@ -70,6 +71,9 @@ class PPOConfig:
     with its mean when deployed must not have learned to leave a decision to the noise; that takes time to learn."""
     log_std_fall: tuple[float, float] = (0.0, 0.6)
     """From which to which share of the run the ceiling falls."""
+    estimator: str = "discounted"
+    """How advantages are estimated: `discounted` (GAE), or `average-reward`, with numbers of its own such as
+    `average-reward:reset_cost=10`."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
@@ -102,6 +106,7 @@ class PPOConfig:
             self.batch_size,
             f"a divisor of n_envs * n_steps = {self.rollout_size}",
         )
+        make_estimator(self)  # refuses a name or a number that it does not know
 
     @property
     def rollout_size(self) -> int:
@@ -155,7 +160,12 @@ class PPOConfig:
         return cls(**rest)
 
 
-_LATER: dict[str, Any] = {"learning_rate_decay": "none", "log_std_end": None, "log_std_fall": (0.0, 0.6)}
+_LATER: dict[str, Any] = {
+    "learning_rate_decay": "none",
+    "log_std_end": None,
+    "log_std_fall": (0.0, 0.6),
+    "estimator": "discounted",
+}
 """Settings that older runs and policy files do not name, and what they meant without them."""
 
 

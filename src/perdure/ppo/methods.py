@@ -11,6 +11,7 @@
 | ``geometric`` | 1 | U[200, 1000] | terminal | Geometric(d) | the thesis |
 | ``random-horizon`` | 1 | U[200, 1000] | terminal | - | control: random T without phi |
 | ``geometric-fixed`` | 1 | 1000 | terminal | Geometric(d) | control: phi without random T |
+| ``ppo-average-reward`` | 1 | 1000 | bootstrap last observation | - | reward per step; a fall is a cost, not an end |
 | ``linear-random`` | 1 | U[200, 1000] | terminal | Linear | control: linear phi with random T |
 
 With gamma = 1 and a bootstrap at every limit nothing pins the value function down: V + c satisfies the same equations
@@ -64,6 +65,7 @@ class Method:
     undiscounted: bool = False
     embedding: Callable[[int, str], Embedding] | None = None
     n_envs: int | None = None
+    estimator: str = "discounted"
 
 
 def _linear(observation_size: int, task: str) -> Embedding:
@@ -84,6 +86,7 @@ METHODS: dict[str, Method] = {
     "geometric": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
     "random-horizon": Method(RANDOM_EPISODE, terminal=True, undiscounted=True),
     "geometric-fixed": Method(EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
+    "ppo-average-reward": Method(EPISODE, terminal=False, undiscounted=True, estimator="average-reward"),
     "linear-random": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_linear),
 }
 
@@ -113,7 +116,7 @@ def method_config(method: str, task: str, observation_size: int, preset: str = Z
         gamma=gamma,
         normalizer_gamma=tuned.gamma,
     )
-    config = PPOConfig(protocol=protocol, **tuned.settings)
+    config = PPOConfig(protocol=protocol, estimator=chosen.estimator, **tuned.settings)
     return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
 
 

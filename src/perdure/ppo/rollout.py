@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from perdure.envs.traced import Handle, TracedStep, TracedWorld
-from perdure.ppo.advantages import Ends
+from perdure.ppo.estimators import Ends
 from perdure.ppo.networks import Params, forward
-from perdure.ppo.normalizer import RunningMoments, merge, normalize, scale_rewards
+from perdure.ppo.normalizer import EPSILON, RunningMoments, merge, normalize, scale_rewards
 
 if TYPE_CHECKING:
     from perdure.envs.world import TaskSpec
@@ -76,6 +76,8 @@ class Experience(NamedTuple):
     rewards: jax.Array
     """Scaled."""
     ends: Ends
+    return_std: jax.Array
+    """What the rewards were divided by, (n_steps, 1)."""
 
 
 class Episodes(NamedTuple):
@@ -202,6 +204,7 @@ def finish(seed: Seed, trace: Trace, *, config: PPOConfig) -> SeedRollout:
         actions=trace.actions,
         rewards=scale_rewards(trace.return_var, rewards),
         ends=ends,
+        return_std=jnp.sqrt(trace.return_var + EPSILON).astype(jnp.float32),
     )
     return SeedRollout(lanes, statistics, experience, Episodes(returns, elapsed, ends.done))
 

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.ppo.estimators import State, make_estimator
 from perdure.ppo.networks import Params, init_params
 from perdure.ppo.normalizer import start_moments
 from perdure.ppo.rollout import Statistics
@@ -41,6 +42,8 @@ class SeedState:
     params: Params
     adam: AdamState
     statistics: Statistics
+    estimator: State
+    """What the advantage estimator remembers."""
     episodes: NDArray[np.float64]
     """One row for each training episode that ended: EPISODE_COLUMNS, shape (episodes, 3)."""
     iterations: NDArray[np.float64]
@@ -67,6 +70,7 @@ def start_state(seed: int, spec: TaskSpec, config: PPOConfig) -> SeedState:
             params=params,
             adam=start_adam(params),
             statistics=Statistics(start_moments(normalized), start_moments(1)),
+            estimator=make_estimator(config).start(),
             episodes=np.zeros((0, len(EPISODE_COLUMNS))),
             iterations=np.zeros((0, len(ITERATION_COLUMNS))),
         )

@@ -154,7 +154,9 @@ def train_segment(
     run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset)
     runner = _runner(task, run.config, work.threads)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
-    state = load_checkpoint(checkpoint) if checkpoint.exists() else start_state(seed, runner.spec, run.config)
+    state = start_state(seed, runner.spec, run.config)
+    if checkpoint.exists():
+        state = load_checkpoint(checkpoint, state)
     if state.segment < run.config.segments:
         state = runner.run(state, lambda step, mean: work.report(step, steps, **{"return": mean}))
         save_checkpoint(state, checkpoint)

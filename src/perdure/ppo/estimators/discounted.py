@@ -1,4 +1,4 @@
-"""Generalised advantage estimation with the four ways a step can be followed kept apart.
+"""Generalized advantage estimation with the four ways a step can be followed kept apart.
 
 Schulman et al., High-dimensional continuous control using generalized advantage estimation (2016), eq. 16, with
 
@@ -14,23 +14,42 @@ where V'_t, the value of what follows step t, is
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import jax
 import jax.numpy as jnp
 
+from perdure.ppo.estimators.estimator import Ends, Estimate, State, Transitions, sum_traces
 
-class Ends(NamedTuple):
-    """What ended at each step. Each field has shape (n_steps, n_envs), bool; more than one may be true."""
+if TYPE_CHECKING:
+    from perdure.ppo.config import PPOConfig
 
-    terminated: jax.Array
-    truncated: jax.Array
-    horizon_end: jax.Array
 
-    @property
-    def done(self) -> jax.Array:
-        """The trace is cut after this step."""
-        return self.terminated | self.truncated | self.horizon_end
+@dataclass(frozen=True)
+class Discounted:
+    """GAE of the discounted return; of the undiscounted return within the horizon where gamma is 1."""
+
+    gamma: float
+    gae_lambda: float
+    horizon_terminates: bool
+    """Whether reaching the horizon counts as the task's own end."""
+
+    @classmethod
+    def of(cls, config: PPOConfig) -> Self:
+        """Return the estimator of a configuration."""
+        return cls(config.protocol.gamma, config.gae_lambda, config.protocol.end == "terminated")
+
+    def start(self) -> State:
+        """Return nothing: every rollout stands for itself."""
+        return ()
+
+    def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
+        """See `Estimator.estimate`."""
+        rewards, values, last_values, ends, _ = transitions
+        following = following_values(values, last_values, ends, self.horizon_terminates)
+        found = advantages(rewards, values[:-1], following, ends.done, self.gamma, self.gae_lambda)
+        return state, Estimate(found, found + values[:-1])
 
 
 def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, horizon_terminates: bool) -> jax.Array:
@@ -55,12 +74,4 @@ def advantages(
 ) -> jax.Array:
     """A_t for every step; all arrays have shape (n_steps, n_envs)."""
     deltas = rewards + gamma * following - values
-    decay = gamma * gae_lambda * (1.0 - done.astype(rewards.dtype))
-
-    def backwards(later: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        delta, weight = step
-        now = delta + weight * later
-        return now, now
-
-    _, result = jax.lax.scan(backwards, jnp.zeros_like(deltas[0]), (deltas, decay), reverse=True)
-    return result
+    return sum_traces(deltas, gamma * gae_lambda * (1.0 - done.astype(rewards.dtype)))
