@@ -48,6 +48,8 @@ class DivergenceWatch:
         self._scale = np.where(scale > 1e-6, scale, np.inf)
         self._per_deviation = 1.0 / self._scale
         self._largest = np.zeros(len(first_observations))
+        self.signs = [""] * len(first_observations)
+        """What gave each lane away that has blown up, in words."""
 
     def diverged(self, moment: Moment) -> NDArray[np.bool_]:
         """Which of the lanes that were just stepped have blown up, shape (n,)."""
@@ -59,12 +61,17 @@ class DivergenceWatch:
             bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
             # The first reward has nothing to be compared with.
             bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
+            for row in np.flatnonzero(bad):
+                self.signs[lanes[row]] = _first_sign(moment, int(row))
             change = after - moment.before
             change *= self._per_deviation[lanes]
             jumps = np.abs(change, out=change) > SMALLEST_JUMP
             if np.count_nonzero(jumps):
                 suspects = np.flatnonzero(jumps.any(axis=1))
-                bad[suspects] |= self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])
+                back = suspects[self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])]
+                for row in back[~bad[back]]:
+                    self.signs[lanes[row]] = "put back to its start within a step"
+                bad[back] = True
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
         return bad
 
@@ -76,3 +83,13 @@ class DivergenceWatch:
         is_near = (np.abs(after - first) / scale).max(axis=1) < NEAR
         result: NDArray[np.bool_] = was_far & is_near
         return result
+
+
+def _first_sign(moment: Moment, row: int) -> str:
+    """Say what gave a lane away, other than that it was put back to its start."""
+    if moment.step.diverged[row]:
+        return "reported by the physics engine"
+    if not np.isfinite(moment.step.observations[row]).all():
+        return "an observation that is not finite"
+    reward = moment.step.rewards[row]
+    return f"an impossible reward of {reward:.3g}" if np.isfinite(reward) else "a reward that is not finite"

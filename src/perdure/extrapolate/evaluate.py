@@ -12,7 +12,7 @@ from perdure.envs import World, make_world
 from perdure.extrapolate.checkpoints import checkpoint_steps
 from perdure.extrapolate.divergence import DivergenceWatch
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
-from perdure.extrapolate.stuck import StuckWatch
+from perdure.extrapolate.movement import MovementWatch
 from perdure.policy import ClosedLoop, Pilot, Policy
 from perdure.policy.one_thread import one_thread
 
@@ -31,16 +31,14 @@ class LaneRecords:
     """Checkpoints, shape (m,)."""
     returns: NDArray[np.float64]
     """Cumulative return at each checkpoint, shape (n, m); an ended lane keeps its last value."""
-    stuck_steps: NDArray[np.int64]
-    """Steps in stuck phases up to each checkpoint, shape (n, m)."""
     end_step: NDArray[np.int64]
     """Steps the lane completed, the one it ended with included, shape (n,)."""
     end_reason: NDArray[np.int64]
     """Index into END_REASONS, shape (n,)."""
-    first_tenth: NDArray[np.float64]
-    """Mean reward per step in the first tenth of the test horizon, shape (n,)."""
-    last_tenth: NDArray[np.float64]
-    """The same for the last tenth; 0 for a lane that had ended before it, shape (n,)."""
+    end_detail: list[str]
+    """What led to the end, in words; "" where nothing is known. Shape (n,)."""
+    movement: NDArray[np.float64]
+    """Movement per step in the first and in the last tenth of the test horizon, see `MovementWatch`; shape (2, n)."""
     last_observation: NDArray[np.float64]
     """Where each lane ended: its last finite observation, shape (n, d)."""
 
@@ -86,15 +84,12 @@ class _Recorder:
         self._loop = loop
         self._steps = checkpoint_steps(steps)
         self._next = 0
-        self._returns, self._stuck = np.zeros((n, len(self._steps))), np.zeros((n, len(self._steps)), np.int64)
+        self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
-        self._tenth = max(1, steps // 10)
-        self._first_tenth, self._before_last = np.zeros(n), np.zeros(n)
-        self._last_start = steps - self._tenth
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._observation = loop.observations.copy()
         self._divergence = DivergenceWatch(self._observation, np.stack([_scale(pilot.policy) for pilot in pilots]))
-        self._stuck_watch = StuckWatch(n)
+        self._movement = MovementWatch([pilot.policy for pilot in pilots], steps)
 
     def take(self, step: int) -> None:
         """Advances the loop by its step number ``step`` and notes what happened."""
@@ -107,16 +102,12 @@ class _Recorder:
             rewards = np.where(diverged, 0.0, rewards)
             self._loop.drop(lanes[diverged])
         self._total[lanes] += rewards
-        self._stuck_watch.add(lanes, rewards, step)
+        self._movement.take(moment, step)
         ended = result.ended | diverged
         if ended.any():
             self._end(lanes[ended], step, moment.before[ended], result.terminated[ended], diverged[ended])
-        if step == self._tenth:
-            self._first_tenth = self._total.copy()
-        if step == self._last_start:
-            self._before_last = self._total.copy()
         if step == self._steps[self._next]:
-            self._returns[:, self._next], self._stuck[:, self._next] = self._total, self._stuck_watch.stuck_steps
+            self._returns[:, self._next] = self._total
             self._next += 1
             living = self._loop.living
             self._observation[living] = self._loop.observations
@@ -137,20 +128,22 @@ class _Recorder:
         """Everything noted; lanes that all ended early keep their values at the checkpoints not reached."""
         if self._next < len(self._steps):
             self._returns[:, self._next :] = self._total[:, None]
-            self._stuck[:, self._next :] = self._stuck_watch.stuck_steps[:, None]
-        ended = self._end_step
-        first = np.where(ended < self._tenth, self._total, self._first_tenth)
-        last = np.where(ended <= self._last_start, 0.0, self._total - self._before_last)
         return LaneRecords(
             steps=self._steps,
             returns=self._returns,
-            stuck_steps=self._stuck,
-            end_step=ended,
+            end_step=self._end_step,
             end_reason=self._reason,
-            first_tenth=first / self._tenth,
-            last_tenth=last / self._tenth,
+            end_detail=[self._detail(lane) for lane in range(len(self._total))],
+            movement=self._movement.movement,
             last_observation=self._observation,
         )
+
+    def _detail(self, lane: int) -> str:
+        parts = [self._divergence.signs[lane]] if self._reason[lane] == DIVERGED else []
+        if step := int(self._movement.left_step[lane]):
+            component = self._movement.left_component[lane]
+            parts.append(f"observation[{component}] left its training range at step {step:,}")
+        return "; ".join(parts)
 
 
 def _scale(policy: Policy) -> NDArray[np.float64]:

@@ -26,19 +26,18 @@ class ExtrapolationResult:
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
     def summary(self) -> pl.DataFrame:
-        """One row for each policy and clock: lanes, mean return, share alive, median end step, share ever stuck."""
+        """One row for each policy and clock: lanes, mean return, share of each outcome, median time to failure."""
         import polars as pl
 
+        outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
         return (
             self.final()
             .group_by("task", "policy", "clock", maintain_order=True)
             .agg(
                 lanes=pl.len(),
                 mean_return=pl.col("return").mean(),
-                alive_share=pl.col("alive").mean(),
-                median_end_step=pl.col("end_step").median(),
-                stuck_share=(pl.col("stuck_steps") > 0).mean(),
-                first_tenth=pl.col("first_tenth").mean(),
-                last_tenth=pl.col("last_tenth").mean(),
+                policy_state=pl.col("policy_state").first(),
+                median_failed_step=pl.col("failed_step").median(),
+                **{outcome.replace(" ", "_"): (pl.col("outcome") == outcome).mean() for outcome in outcomes},
             )
         )

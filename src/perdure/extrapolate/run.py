@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,17 +12,23 @@ from typing import TYPE_CHECKING, Any
 from perdure.envs import make_world
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import evaluate_lanes
+from perdure.extrapolate.idle import idle_unit, read_idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import ExtrapolationResult
-from perdure.extrapolate.table import lane_table
+from perdure.extrapolate.table import judge_table, lane_table
+from perdure.extrapolate.yardstick import Yardstick, make_yardstick, task_rate
 from perdure.horizon import clock_from_json
-from perdure.policy import Policy, check_fit, load_policy
+from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
+from perdure.report.schema import SCHEMA_VERSION
 from perdure.runs import Observer, Store, StoreError, Unit, Work, config_digest, core_count, make_workers, run_units
 
 if TYPE_CHECKING:
     import polars as pl
 
 TABLE = "lanes.parquet"
+MEASURED = "policy.safetensors"
+REFERENCES = "references"
+"""Folder of the store that keeps reference episodes of policies whose files hold none."""
 GROUPS = "groups"
 """Folder of the store that keeps finished groups of lanes."""
 
@@ -67,12 +74,15 @@ def extrapolate(
         finished = _finished(store, evaluation.steps)
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
-        units = list(_units(missing, evaluation, digests, workers))
+        units = [*_measurements(policies, evaluation.policies, digests), *_units(missing, evaluation, digests, workers)]
         store.warn_of_other_source(dict.fromkeys(kept.values()))
-        if units:
+        if any(not store.done(unit.key, unit.config) for unit in units):
             run_units(units, out, make_workers(on, units, cores), observe)
-        keys = [*dict.fromkeys(kept.values()), *(unit.key for unit in units)]
-        frame = _collect(store, keys, lanes, digests, policy_labels(evaluation.policies, policies))
+        groups = [unit.key for unit in units if unit.key.startswith(GROUPS)]
+        labels = policy_labels(evaluation.policies, policies)
+        frame = _collect(store, [*dict.fromkeys(kept.values()), *groups], lanes, digests, labels)
+        yardsticks = _yardsticks(store, policies, digests)
+        frame = judge_table(frame, [yardsticks[lane.policy] for lane in lanes])
         from perdure.report import write_table
 
         return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
@@ -144,7 +154,7 @@ def _units(
             [digests[lane.policy], None if lane.clock is None else lane.clock.to_json(), lane.eval_seed]
             for lane in group
         ]
-        config = {"steps": evaluation.steps, "versions": _versions(), "lanes": written}
+        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": _versions(), "lanes": written}
         paths = {digests[number]: str(path.resolve()) for number, path in enumerate(evaluation.policies)}
         yield Unit(
             f"{GROUPS}/{config_digest(config)[:16]}",
@@ -160,12 +170,44 @@ def _finished(store: Store, steps: int) -> dict[Identity, str]:
     found: dict[Identity, str] = {}
     for key in store.keys(GROUPS):
         config = store.config(key)
-        if config.get("steps") != steps or config.get("versions") != _versions():
+        if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, _versions()):
             continue
-        for lane in config["lanes"]:
-            if len(lane) == 3:  # older versions wrote four values
-                digest, clock, seed = lane
-                found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+        for digest, clock, seed in config["lanes"]:
+            found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+    return found
+
+
+def _reference_unit(digest: str, path: Path = Path()) -> Unit:
+    config = {"policy": digest, "versions": _versions()}
+    arguments = {"path": str(path.resolve())}
+    function = "perdure.extrapolate.run:measure_policy"
+    return Unit(f"{REFERENCES}/{config_digest(config)[:16]}", config, function, arguments, size=20_000.0)
+
+
+def _measurements(policies: Sequence[Policy], paths: Sequence[Path], digests: Sequence[str]) -> Iterator[Unit]:
+    """Yield what must be known to judge: an idle robot, and reference episodes of policies whose files hold none."""
+    yield idle_unit(policies[0].task.name, _versions())
+    for policy, path, digest in zip(policies, paths, digests, strict=True):
+        if policy.reference is None:
+            yield _reference_unit(digest, path)
+
+
+def measure_policy(work: Work, *, path: str) -> None:
+    """Leave the policy with its reference episodes in the work folder."""
+    policy = load_policy(path)
+    save_policy(replace(policy, reference=measure_reference(policy)), work.folder / MEASURED)
+
+
+def _yardsticks(store: Store, policies: Sequence[Policy], digests: Sequence[str]) -> list[Yardstick]:
+    task = policies[0].task.name
+    idle = read_idle(store.get(idle_unit(task, _versions()).key))
+    found = []
+    for policy, digest in zip(policies, digests, strict=True):
+        reference = policy.reference
+        if reference is None:
+            reference = load_policy(store.get(_reference_unit(digest).key) / MEASURED).reference
+            assert reference is not None
+        found.append(make_yardstick(reference, idle.rate, idle.kind, task_rate(task)))
     return found
 
 

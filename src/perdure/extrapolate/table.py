@@ -1,4 +1,8 @@
-"""From lane records to the table ``perdure.extrapolation`` that reports read; see ``perdure.report.schema``."""
+"""From lane records to the table ``perdure.extrapolation`` that reports read; see ``perdure.report.schema``.
+
+Facts of lanes come first, from `lane_table`; verdicts are added by `judge_table`, when it is known what an idle robot
+earns.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
+from perdure.extrapolate.verdict import LaneVerdict, judge_lane
+from perdure.extrapolate.yardstick import Yardstick
 from perdure.policy import Policy
 
 if TYPE_CHECKING:
@@ -43,9 +50,9 @@ def lane_table(
         "alive": (reached & (survived | (records.steps[None, :] < records.end_step[:, None]))).ravel(),
         "end_reason": [END_REASONS[reason] for reason in records.end_reason for _ in range(m)],
         "end_step": np.repeat(records.end_step, m),
-        "stuck_steps": records.stuck_steps.ravel(),
-        "first_tenth": np.repeat(records.first_tenth, m),
-        "last_tenth": np.repeat(records.last_tenth, m),
+        "end_detail": [detail for detail in records.end_detail for _ in range(m)],
+        "movement_first": np.repeat(records.movement[0], m),
+        "movement_last": np.repeat(records.movement[1], m),
     }
     return pl.DataFrame(columns)
 
@@ -63,3 +70,41 @@ def _lane_row(label: str, policy: Policy, lane: LaneSpec) -> dict[str, object]:
         "clock_steps": math.nan if clock is None else float(clock.steps),
         "eval_seed": lane.eval_seed,
     }
+
+
+def judge_table(frame: pl.DataFrame, yardsticks: Sequence[Yardstick]) -> pl.DataFrame:
+    """Add what each lane's policy is measured with, and the verdict on each lane.
+
+    Args:
+        frame: As `lane_table` makes it, lane after lane.
+        yardsticks: The measure of each lane's policy, in the order of the lanes.
+    """
+    import polars as pl
+
+    steps = window_steps(int(frame["test_horizon"][0]))
+    windows = frame.filter(pl.col("step").is_in(steps.tolist()))
+    returns = windows["return"].to_numpy().reshape(-1, len(steps))
+    lanes = windows.filter(pl.col("step") == int(steps[-1]))
+    verdicts = [
+        judge_lane(steps, earned, row["end_step"], row["end_reason"], measure)
+        for earned, row, measure in zip(returns, lanes.iter_rows(named=True), yardsticks, strict=True)
+    ]
+    each = len(frame) // len(lanes)
+    measures = [measure for measure in yardsticks for _ in range(each)]
+    columns: dict[str, object] = {
+        name: [getattr(measure, field) for measure in measures] for name, field in YARDSTICK.items()
+    }
+    for name in LaneVerdict.__dataclass_fields__:
+        columns[name] = [getattr(verdict, name) for verdict in verdicts for _ in range(each)]
+    return frame.hstack(pl.DataFrame(columns))
+
+
+YARDSTICK = {
+    "idle_rate": "idle",
+    "reference_rate": "reference",
+    "level_rate": "task",
+    "window": "window",
+    "policy_state": "state",
+    "policy_note": "note",
+}
+"""Columns of the table that hold fields of `Yardstick`."""

@@ -52,9 +52,11 @@ def _policy(scripts: Sequence[str]) -> str:
     )
 
 
-def header(task: str, sentence: str) -> str:
-    """Return a task's name over the sentence that sums it up, both plain text."""
-    return f"<header><p class='task'>{html.escape(task)}</p><h1>{html.escape(sentence)}</h1></header>"
+def header(task: str, sentence: str, points: Sequence[str] = ()) -> str:
+    """Return a task's name over the sentence that sums it up and the points behind it, all plain text."""
+    items = "".join(f"<li>{html.escape(point)}</li>" for point in points)
+    listed = f"<ul>{items}</ul>" if items else ""
+    return f"<header><p class='task'>{html.escape(task)}</p><h1>{html.escape(sentence)}</h1>{listed}</header>"
 
 
 def figures(drawn: Sequence[Figure]) -> str:

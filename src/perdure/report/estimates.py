@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from perdure.report.statistics import (
     mean_interval,
     survival_interval,
 )
+from perdure.report.verdict import Verdict, judge
 
 MOST_POINTS = 80
 """Checkpoints drawn per curve; a table may hold many more."""
@@ -34,9 +35,11 @@ class Estimate:
     """Of the units of these intervals, shape (units, points)."""
     survival: Interval
     """Share of lanes alive, shape (points,)."""
-    first_tenth: Interval
-    """Mean reward per step in the first tenth, shape ()."""
-    last_tenth: Interval
+    working: Interval
+    """Share of episodes without a failure so far (Kaplan-Meier within each training run), shape (points,)."""
+    final_hold: Interval
+    """Hold score at the end, ended episodes count 0; shape ()."""
+    verdict: Verdict
 
     @property
     def final_return(self) -> float:
@@ -47,8 +50,7 @@ class Estimate:
 def estimate_group(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Estimate:
     """Estimate a group: lanes averaged within training runs, intervals over runs (see `statistics`)."""
     kept = thin(group.steps, MOST_POINTS)
-    known = np.isfinite(group.first_tenth) & np.isfinite(group.last_tenth)
-    # A tenth that nobody knows yet is nan for all lanes; then the estimate is nan too.
+    known = np.isfinite(group.final_hold)
     rows = known if known.any() else np.ones_like(known)
     units = make_units(group.returns[:, kept], group.runs)
     return Estimate(
@@ -57,9 +59,19 @@ def estimate_group(group: Group, rng: np.random.Generator, how: Bootstrap = DEFA
         returns=estimate_interval(units, rng, how),
         return_units=units.values,
         survival=survival_interval(group.alive[:, kept], group.runs, rng, how),
-        first_tenth=mean_interval(group.first_tenth[rows], group.runs[rows], rng, how),
-        last_tenth=mean_interval(group.last_tenth[rows], group.runs[rows], rng, how),
+        working=_working(group, kept, rng, how),
+        final_hold=mean_interval(group.final_hold[rows], group.runs[rows], rng, how),
+        verdict=judge(group, rng, how),
     )
+
+
+def _working(group: Group, kept: IntArray, rng: np.random.Generator, how: Bootstrap) -> Interval:
+    """Kaplan-Meier over all lanes; the interval is that of the share that has failed by then, lanes watched alike."""
+    unfailed = ~group.failed & (np.array(group.verdicts) != "never worked")
+    without = unfailed[:, None] | (group.failed_steps[:, None] > group.steps[None, kept])
+    without &= (np.array(group.verdicts) != "never worked")[:, None]
+    interval = survival_interval(without, group.runs, rng, how)
+    return replace(interval, estimate=group.working[kept])
 
 
 def thin(steps: IntArray, most: int) -> IntArray:

@@ -1,4 +1,4 @@
-"""Which figures a table gives: reward and survival over steps, the choice of C, early against late."""
+"""Which figures a table gives: failures, survival and reward over steps, the choice of C, the score at the end."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
         estimates: The task's groups, at least one, in the order of `make_groups`.
 
     Returns:
-        Reward and survival over steps; per swept method and kind of clock both again with all C; the return at the end
-        against C when there are two or more values; reward per step early and late.
+        Episodes without failure, survival and reward over steps; per swept method and kind of clock these again with all
+        C; the return at the end against C when there are two or more values; the hold score at the end.
     """
     shown = overview(estimates)
     chosen = [("", shown)]
     chosen += [(title, sweep) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
     figures = []
     for title, part in chosen:
-        figures += [_reward_figure(title, part), _survival_figure(title, part)]
-    figures += [*_choice_figure(estimates), _tenths_figure(estimates)]
+        figures += [_working_figure(title, part), _survival_figure(title, part), _reward_figure(title, part)]
+    figures += [*_choice_figure(estimates), *_hold_figure(estimates)]
     task = estimates[0].group.task
     return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
 
@@ -88,8 +88,8 @@ def _styles(chosen: Sequence[Estimate]) -> list[Style]:
     ]
 
 
-def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival"]) -> list[Curve]:
-    """One curve for each group: returns divided by the steps so far, or survival."""
+def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival", "working"]) -> list[Curve]:
+    """One curve for each group: returns divided by the steps so far, or a share of episodes."""
     per_step = what == "returns"
     tuned = {(item.group.line, item.group.clock_kind) for item in chosen if item.group.is_tuned_by_steps}
     found = []
@@ -139,6 +139,19 @@ def _reward_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
     note += _notes(chosen, "returns", bands)
     name = slug("reward", title)
     return Figure(name, ": ".join(filter(None, ("Reward per step so far", title))), chart, note)
+
+
+def _working_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
+    chart = curve_chart(
+        _curves(chosen, "working"),
+        _step_axis(chosen),
+        Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True),
+        markers=_markers(chosen),
+        steps=True,
+    )
+    shown = ": ".join(filter(None, ("Episodes that have not failed", title)))
+    note = "A failure: a fall, a divergence, or less than three quarters of the reward rate of training until the end. "
+    return Figure(slug("working", title), shown, chart, note + _notes(chosen, "working", _AT_THE_END))
 
 
 def _survival_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
@@ -225,25 +238,22 @@ def _bounds(interval: Interval) -> tuple[float, float]:
     return (np.nan, np.nan) if few else (lower, upper)
 
 
-def _tenths_figure(estimates: Sequence[Estimate]) -> Figure:
-    def points(label: str, what: str, style: Style) -> Points:
-        intervals: list[Interval] = [getattr(item, what) for item in estimates]
-        bounds = np.array([_bounds(interval) for interval in intervals])
-        middle: FloatArray = np.array([float(interval.estimate) for interval in intervals])
-        return Points(label, range(len(estimates)), middle, style, bounds[:, 0], bounds[:, 1])
-
-    wide = len(estimates) > MOST_CURVES
+def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
+    """Hold score at the end, where it is known of any policy."""
+    known = [item for item in estimates if np.isfinite(float(item.final_hold.estimate))]
+    if not known:
+        return []
+    intervals = [item.final_hold for item in known]
+    bounds = np.array([_bounds(interval) for interval in intervals])
+    middle: FloatArray = np.array([float(interval.estimate) for interval in intervals])
+    wide = len(known) > MOST_CURVES
     chart = point_chart(
-        [f"{item.group.label} (n = {item.group.lanes})" for item in estimates],
-        [
-            points("first tenth of the steps", "first_tenth", Style(theme.FADED, shape="square")),
-            points("last tenth of the steps", "last_tenth", theme.style(0)),
-        ],
-        Axis("mean reward per step"),
+        [f"{item.group.label} (n = {item.group.lanes})" for item in known],
+        [Points("at the end", range(len(known)), middle, theme.style(0), bounds[:, 0], bounds[:, 1])],
+        Axis("hold score (1: as in training, 0: no better than idle)", low=0.0),
         theme.WIDE if wide else theme.WIDTH,
     )
-    over = _notes(estimates, "first_tenth", "Bars:")
     note = (
-        f"{over} An episode that ended earns 0 in its last tenth. Less reward while it still runs is a silent failure."
+        f"{_notes(known, 'final_hold', 'Bars:')} Mean of the last tenth of the steps; an episode that ended counts 0."
     )
-    return Figure("early-and-late", "Reward per step early and late in the episode", chart, note, wide=wide)
+    return [Figure("hold", "Reward rate at the end beside that in training", chart, note, wide=wide)]

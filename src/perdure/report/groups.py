@@ -17,8 +17,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NO_CLOCK = "none"
-PRODUCTIVE_SHARE = 0.1
-"""A lane that still runs is not productive when its last tenth earns less, per step, than this share of its first."""
+LANE_FAILURES = ("falls", "fails silently", "decays", "diverges")
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 
 
@@ -46,11 +45,21 @@ class Group:
     end_steps: IntArray
     """Shape (lanes,)."""
     end_reasons: tuple[str, ...]
-    stuck_steps: IntArray
-    """At the last checkpoint, shape (lanes,)."""
-    first_tenth: FloatArray
-    """Reward per step, shape (lanes,)."""
-    last_tenth: FloatArray
+    end_details: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    """Of each lane: its outcome, or what its policy was already within its training horizon."""
+    notes: tuple[str, ...]
+    """Evidence for the state of each lane's policy."""
+    failed_steps: IntArray
+    """Steps before the lane's failure; without one the steps it was watched, shape (lanes,)."""
+    end_hold: FloatArray
+    """Hold score at the end or before the lane ended, shape (lanes,); nan where it is not known."""
+    ever_idle: BoolArray
+    """Whether the lane was ever no better than idle for a while, shape (lanes,)."""
+    movement_last: FloatArray
+    """Movement per step in the last tenth, shape (lanes,)."""
+    level: FloatArray
+    """Level of each lane's policy within its training horizon, shape (lanes,); nan: no level is known."""
 
     @property
     def lanes(self) -> int:
@@ -78,10 +87,35 @@ class Group:
         return self.clock_kind in ("constant", "periodic")
 
     @cached_property
-    def productive(self) -> BoolArray:
-        """Which lanes still run at the end and still earn; a fallen robot may lie there and still run."""
-        silent = (self.first_tenth > 0.0) & (self.last_tenth < PRODUCTIVE_SHARE * self.first_tenth)
-        return self.alive[:, -1] & ~silent
+    def failed(self) -> BoolArray:
+        """Which lanes fell, diverged, decayed or failed silently, shape (lanes,)."""
+        return np.array([verdict in LANE_FAILURES for verdict in self.verdicts])
+
+    @cached_property
+    def working(self) -> FloatArray:
+        """Share of lanes without a failure so far at each checkpoint, by Kaplan and Meier (1958), shape (steps,).
+
+        A lane that the environment cut, or that cannot be judged, is watched until it ended. Policies that never worked
+        have failed from the start.
+        """
+        never = np.array([verdict == "never worked" for verdict in self.verdicts])
+        times = np.where(never, 0, self.failed_steps)
+        event = self.failed | never
+        share, at = 1.0, 0
+        points = np.ones(len(self.steps))
+        for time in np.unique(times[event]):
+            points[at:] = share
+            watched = int((times >= time).sum())
+            share *= 1.0 - int((event & (times == time)).sum()) / watched
+            at = int(np.searchsorted(self.steps, time, side="right" if time else "left"))
+        points[at:] = share
+        return points
+
+    @cached_property
+    def final_hold(self) -> FloatArray:
+        """Hold score at the end; 0 for lanes that ended, nan where it is not known; shape (lanes,)."""
+        ended = ~self.alive[:, -1]
+        return np.where(ended & np.isfinite(self.end_hold), 0.0, self.end_hold)
 
 
 def make_groups(frame: pl.DataFrame) -> tuple[Group, ...]:
@@ -146,7 +180,25 @@ def _make_group(part: pl.DataFrame) -> Group:
         alive=part["alive"].to_numpy().reshape(lanes, len(steps)),
         end_steps=last["end_step"].to_numpy(),
         end_reasons=tuple(last["end_reason"]),
-        stuck_steps=last["stuck_steps"].to_numpy(),
-        first_tenth=last["first_tenth"].to_numpy(),
-        last_tenth=last["last_tenth"].to_numpy(),
+        end_details=tuple(last["end_detail"]),
+        verdicts=tuple(last.select(_VERDICT).to_series()),
+        notes=tuple(last["policy_note"]),
+        failed_steps=last["failed_step"].to_numpy(),
+        end_hold=last["end_hold"].to_numpy(),
+        ever_idle=last["ever_idle"].to_numpy(),
+        movement_last=last["movement_last"].to_numpy(),
+        level=last.select(_level(pl.col("reference_rate"))).to_series().to_numpy(),
     )
+
+
+def _level(rate: pl.Expr) -> pl.Expr:
+    return (rate - pl.col("idle_rate")) / (pl.col("level_rate") - pl.col("idle_rate"))
+
+
+_VERDICT = (
+    pl.when(pl.col("policy_state") != "worked")
+    .then(pl.col("policy_state"))
+    .when(pl.col("outcome").is_in(["cut", "unknown"]))
+    .then(pl.lit("cannot tell"))
+    .otherwise(pl.col("outcome"))
+)

@@ -10,16 +10,19 @@ import numpy as np
 import polars as pl
 
 from perdure.report import document
+from perdure.report.comparisons import CLOCK_HEADINGS, compare_clocks
 from perdure.report.estimates import Estimate, estimate_group
 from perdure.report.figures import make_figures
 from perdure.report.groups import make_groups, tasks_of
 from perdure.report.render import Figure, Format, save, unique
 from perdure.report.schema import check_table, read_table
 from perdure.report.table import HEADINGS, make_rows
-from perdure.report.verdict import verdict
+from perdure.report.verdict import headline
 from perdure.runs import write_whole
 
 PAGE = "report.html"
+MOST_POINTS = 12
+"""Policies and clocks whose evidence is written out."""
 SEED = 0
 """Of the bootstrap's generator: the same table, the same intervals."""
 METHOD = """Every policy ran closed loop under every clock from the same start states. The episodes of one training
@@ -28,9 +31,14 @@ units, and the interval is labeled “evaluation seeds only”: it says nothing 
 give Student's t interval, more a percentile bootstrap (2,000 resamples); a share of the episodes of one training run
 gives Wilson's score interval. <em>Clock</em>: what the policy was told about time; constant(C): always C steps to go;
 countdown(T): the steps to go until T; periodic(C): a countdown from C, again and again. <em>Running</em>: not ended by
-the environment. <em>Productive</em>: running, and in the last tenth of the steps still earning at least a tenth of the
-reward per step of the first tenth. <em>Stuck</em>: some window of 1,000 steps earned less than a tenth of the first
-1,000 steps."""
+the environment. <em>Hold score</em>: (rate - idle) / (reference - idle), where rate is the reward per step, reference
+the rate of the policy itself within its training horizon, and idle the better of zero and random actions, measured.
+<em>Level</em>: the same with a published policy of the task as reference. An episode <em>holds</em> if it runs to the end with a mean
+hold score of at least 0.75 in the last tenth of the steps; it <em>decays</em> below that and <em>fails silently</em>
+below 0.25. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the simulation blows up. A policy
+<em>never worked</em> if it does no better than idle within its own training horizon. A policy holds if at least nine in
+ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever idle</em>: episodes in which two
+windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier curve."""
 
 
 def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:
@@ -52,8 +60,13 @@ def summary_text(frame: pl.DataFrame) -> str:
         rows = [HEADINGS, *(row.cells for row in make_rows(estimates))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        parts.append("\n".join([verdict(estimates), "", *lines]))
+        points = [f"  {item.verdict.sentence}" for item in estimates[:MOST_POINTS]]
+        parts.append("\n".join([_headline(estimates), *points, "", *lines]))
     return "\n\n".join(parts)
+
+
+def _headline(estimates: Sequence[Estimate]) -> str:
+    return headline([item.verdict for item in estimates])
 
 
 def write_report(
@@ -101,4 +114,14 @@ def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]
     numbers = document.table(
         "All policies and clocks", HEADINGS, [row.cells for row in rows], f"Intervals over {over}."
     )
-    return document.header(task, verdict(estimates)) + document.figures(figures) + numbers
+    points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
+    head = document.header(task, _headline(estimates), points)
+    return head + document.figures(figures) + numbers + _comparisons(estimates)
+
+
+def _comparisons(estimates: Sequence[Estimate]) -> str:
+    rows = compare_clocks(estimates, np.random.default_rng(SEED))
+    if not rows:
+        return ""
+    note = "Differences of the final return between episodes from the same start state, averaged within training runs."
+    return document.table("Clocks compared", CLOCK_HEADINGS, rows, note)

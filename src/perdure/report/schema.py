@@ -1,4 +1,4 @@
-"""The table `perdure.extrapolation`, version 1: one row per lane and checkpoint step, as Parquet.
+"""The table `perdure.extrapolation`, version 2: one row per lane and checkpoint step, as Parquet.
 
 | column | type | meaning |
 |---|---|---|
@@ -17,9 +17,21 @@
 | alive | bool | the lane completed `step` steps without ending before |
 | end_reason | text | "survived", "terminated", "truncated" or "diverged" |
 | end_step | int | steps the lane lasted |
-| stuck_steps | int | steps spent in a stuck phase up to this checkpoint |
-| first_tenth | float | mean reward per step in the first tenth of `test_horizon`; nan while unknown |
-| last_tenth | float | likewise for the last tenth; 0 for a lane that ended before |
+| end_detail | text | what led to the end: sign of divergence, first observation outside its training range; may be "" |
+| movement_first | float | movement per step in the first tenth of `test_horizon`, in training standard deviations |
+| movement_last | float | likewise in the last tenth; nan for a lane that ended before |
+| idle_rate | float | reward per step of an idle robot: the better of zero and random actions |
+| reference_rate | float | reward per step of the policy within its training horizon |
+| level_rate | float | reward per step of a published policy of the task; nan: none is known |
+| window | int | steps of the windows that are judged; 0: none |
+| policy_state | text | "worked", "never worked" (within its horizon no better than idle), "cannot tell" |
+| policy_note | text | the evidence for that |
+| outcome | text | "holds", "decays", "fails silently", "falls", "diverges", "cut" or "unknown" |
+| failed_step | int | steps before the failure began; without one the steps watched |
+| end_hold | float | (rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known |
+| ever_idle | bool | two windows in a row, at any time, were no better than idle |
+
+Tables of version 1 are read too; they say nothing about idle robots, so their policies are "cannot tell".
 
 A lane is (task, policy, train_seed, clock, eval_seed); all lanes of a task share their checkpoint steps. The file's
 key-value metadata holds `schema`, `version`, a SHA-256 of the content and what the writer adds, such as the `command`.
@@ -29,6 +41,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -39,7 +52,7 @@ from perdure.report.errors import ReportError
 from perdure.runs import write_whole
 
 SCHEMA_NAME = "perdure.extrapolation"
-SCHEMA_VERSION = "1"
+SCHEMA_VERSION = "2"
 COLUMNS: dict[str, type[pl.DataType]] = {
     "policy": pl.String,
     "method": pl.String,
@@ -56,12 +69,31 @@ COLUMNS: dict[str, type[pl.DataType]] = {
     "alive": pl.Boolean,
     "end_reason": pl.String,
     "end_step": pl.Int64,
+    "end_detail": pl.String,
+    "movement_first": pl.Float64,
+    "movement_last": pl.Float64,
+    "idle_rate": pl.Float64,
+    "reference_rate": pl.Float64,
+    "level_rate": pl.Float64,
+    "window": pl.Int64,
+    "policy_state": pl.String,
+    "policy_note": pl.String,
+    "outcome": pl.String,
+    "failed_step": pl.Int64,
+    "end_hold": pl.Float64,
+    "ever_idle": pl.Boolean,
+}
+_COLUMNS_1: dict[str, type[pl.DataType]] = {
+    **dict(list(COLUMNS.items())[: list(COLUMNS).index("end_detail")]),
     "stuck_steps": pl.Int64,
     "first_tenth": pl.Float64,
     "last_tenth": pl.Float64,
 }
 LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
+POLICY_STATES = ("worked", "never worked", "cannot tell")
+OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
+VALUES = {"end_reason": END_REASONS, "policy_state": POLICY_STATES, "outcome": OUTCOMES}
 _RESERVED = ("schema", "version", "sha256")
 
 
@@ -106,13 +138,18 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
     frame, notes = _read_parquet(Path(path))
     if notes.get("schema") != SCHEMA_NAME:
         raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
-    if notes.get("version") != SCHEMA_VERSION:
+    version = notes.get("version")
+    if version not in ("1", SCHEMA_VERSION):
         raise ReportError(
-            f"{path} has version {notes.get('version')} of {SCHEMA_NAME}; this release reads version {SCHEMA_VERSION}."
+            f"{path} has version {version} of {SCHEMA_NAME}; this release reads versions 1 and {SCHEMA_VERSION}."
         )
-    check_table(frame, str(path))
-    if notes.pop("sha256", None) != _digest(frame, notes):
+    columns = _COLUMNS_1 if version == "1" else COLUMNS
+    _check_columns(frame, columns, str(path))
+    if notes.pop("sha256", None) != _digest(frame, notes, columns):
         raise ReportError(f"{path} is damaged: its content does not fit the SHA-256 it was written with.")
+    if version == "1":
+        frame = _from_version_1(frame)
+    check_table(frame, str(path))
     return frame, {name: value for name, value in notes.items() if name not in _RESERVED}
 
 
@@ -122,26 +159,50 @@ def check_table(frame: pl.DataFrame, name: str) -> None:
     Raises:
         ReportError: With a sentence that begins with `name`.
     """
-    missing = [column for column in COLUMNS if column not in frame.columns]
-    unknown = [column for column in frame.columns if column not in COLUMNS]
-    if missing or unknown:
-        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
-    for column, kind in COLUMNS.items():
-        if frame.schema[column] != kind:
-            raise ReportError(f"{name}: column {column!r} is {frame.schema[column]}, not {kind.__name__}.")
+    _check_columns(frame, COLUMNS, name)
     if frame.is_empty():
         raise ReportError(f"{name} has no rows.")
     _check_values(frame, name)
     _check_lanes(frame, name)
 
 
+def _check_columns(frame: pl.DataFrame, columns: Mapping[str, type[pl.DataType]], name: str) -> None:
+    missing = [column for column in columns if column not in frame.columns]
+    unknown = [column for column in frame.columns if column not in columns]
+    if missing or unknown:
+        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
+    for column, kind in columns.items():
+        if frame.schema[column] != kind:
+            raise ReportError(f"{name}: column {column!r} is {frame.schema[column]}, not {kind.__name__}.")
+
+
+def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
+    """Add what version 1 did not know."""
+    unknown: dict[str, object] = {
+        **dict.fromkeys(("movement_first", "movement_last", "idle_rate", "reference_rate", "level_rate"), math.nan),
+        "end_detail": "",
+        "window": 0,
+        "policy_state": "cannot tell",
+        "policy_note": "the table was written before idle robots were measured; evaluate again",
+        "end_hold": math.nan,
+        "ever_idle": False,
+    }
+    ended = {"terminated": "falls", "diverged": "diverges", "truncated": "cut", "survived": "unknown"}
+    return frame.with_columns(
+        outcome=pl.col("end_reason").replace_strict(ended, default="unknown"),
+        failed_step=pl.col("end_step"),
+        **{name: pl.lit(value, COLUMNS[name]) for name, value in unknown.items()},
+    ).select(list(COLUMNS))
+
+
 def _check_values(frame: pl.DataFrame, name: str) -> None:
     empty = [column for column in COLUMNS if frame[column].null_count()]
     if empty:
         raise ReportError(f"{name} has missing values in {empty}.")
-    reasons = sorted(set(frame["end_reason"].unique()) - set(END_REASONS))
-    if reasons:
-        raise ReportError(f"{name} has the end reasons {reasons}; known are {', '.join(END_REASONS)}.")
+    for column, known in VALUES.items():
+        odd = sorted(set(frame[column].unique()) - set(known))
+        if odd:
+            raise ReportError(f"{name} has {odd} in column {column!r}; known are {', '.join(known)}.")
     beyond = frame.filter((pl.col("step") < 1) | (pl.col("step") > pl.col("test_horizon")))
     if not beyond.is_empty():
         step, last = beyond["step"][0], beyond["test_horizon"][0]
@@ -180,10 +241,10 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
 
 
-def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
+def _digest(frame: pl.DataFrame, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
     """SHA-256 of metadata and content. Parquet's own page checks let most flipped bits through (measured: 98 %)."""
     digest = hashlib.sha256(repr(sorted(notes.items())).encode())
-    for column, kind in COLUMNS.items():
+    for column, kind in columns.items():
         series = frame[column]
         if kind is pl.String:
             runs = series.rle().struct.unnest()  # labels repeat over thousands of rows

@@ -17,11 +17,13 @@ HEADINGS = (
     "episodes",
     "return",
     "95 % interval",
+    "verdict",
+    "hold",
     "running",
-    "productive",
-    "median length",
-    "stuck",
-    "endings",
+    "ever idle",
+    "level",
+    "half failed by",
+    "episodes that",
 )
 
 
@@ -43,17 +45,21 @@ def _row(item: Estimate) -> Row:
     group, returns = item.group, item.returns
     low, high = float(returns.lower[-1]), float(returns.upper[-1])
     interval = "\u2013" if np.isnan(low) else f"{wording.quantity(low)} to {wording.quantity(high)}"
-    reasons = Counter(group.end_reasons)
+    counts = Counter(group.verdicts)
+    hold = float(item.final_hold.estimate)
+    failed = group.steps[group.working <= 0.5]
     cells = (
         group.line,
         group.clock,
         f"{group.lanes:,}",
         wording.quantity(item.final_return),
         interval,
+        item.verdict.label,
+        wording.quantity(hold),
         wording.share(float(group.alive[:, -1].mean())),
-        wording.share(float(group.productive.mean())),
-        wording.whole(float(np.median(group.end_steps))),
-        wording.share(float((group.stuck_steps > 0).mean())),
-        ", ".join(f"{number} {reason}" for reason, number in reasons.most_common()),
+        wording.share(float(group.ever_idle.mean())),
+        wording.quantity(float(np.nanmean(group.level))) if np.isfinite(group.level).any() else "\u2013",
+        wording.whole(float(failed[0])) if len(failed) else "\u2013",
+        ", ".join(f"{verdict} {number}" for verdict, number in counts.most_common()),
     )
     return Row(cells, f"{returns.label} ({returns.method}, {wording.count(returns.count, 'unit')})")

@@ -1,24 +1,114 @@
-"""The sentence on top: how the group with the highest return did."""
+"""The verdict on each policy and clock, and the words for it on top of the page.
+
+Each episode has a verdict of its own in the table. A group of episodes gets the commonest one; it *holds* only if at
+least HOLDING_SHARE of its episodes do.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from perdure.report import wording
-from perdure.report.estimates import Estimate
+from perdure.report.groups import Group
+from perdure.report.statistics import DEFAULT, Bootstrap, Interval, survival_interval
+
+HOLDING_SHARE = 0.9
+"""Share of its episodes that must hold for a policy to hold."""
+MOTIONLESS = 0.02
+"""Movement per step, in training standard deviations, below which a robot is said to be motionless."""
+FAILURES = ("falls", "fails silently", "decays", "diverges", "never worked", "cannot tell")
+"""Verdicts other than "holds"; the earlier one wins where two are equally common."""
+_MOST_NAMED = 4
 
 
-def verdict(estimates: Sequence[Estimate]) -> str:
-    """Say in one sentence how the group with the highest final return holds, and what the training horizon was.
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a group of episodes."""
+
+    group: Group
+    label: str
+    """"holds" or one of FAILURES."""
+    count: int
+    """Episodes of that verdict."""
+    share: Interval
+    """Share of the episodes that hold, shape ()."""
+    evidence: str
+    """In words; "" where there is none."""
+
+    @property
+    def short(self) -> str:
+        """Who, and the verdict: "ppo falls"."""
+        after = f" for {wording.whole(float(self.group.test_horizon))} steps" if self.label == "holds" else ""
+        return f"{self.group.label}: {self.label}{after}"
+
+    @property
+    def sentence(self) -> str:
+        """Who, the verdict, how many episodes, and the evidence."""
+        group = self.group
+        low, high = float(self.share.lower), float(self.share.upper)
+        counted = f"{self.count} of {wording.count(group.lanes, 'episode')}"
+        if self.label == "holds" and np.isfinite(low):
+            counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
+        elif self.label in ("fails silently", "decays"):
+            counted += " that still run" if self.label == "fails silently" else " that still earn something"
+        return f"{self.short} ({counted})" + (f"; {self.evidence}." if self.evidence else ".")
+
+
+def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Verdict:
+    """Judge a group of episodes."""
+    counts = Counter(group.verdicts)
+    holding = np.array([verdict == "holds" for verdict in group.verdicts])
+    share = survival_interval(holding.astype(np.float64), group.runs, rng, how)
+    if float(share.estimate) >= HOLDING_SHARE:
+        label = "holds"
+    else:
+        label = max(FAILURES, key=lambda each: (counts[each], -FAILURES.index(each)))
+    return Verdict(group, label, counts[label], share, _evidence(group, label))
+
+
+def headline(verdicts: Sequence[Verdict]) -> str:
+    """Name the verdict on every policy and clock of one task; where there are many, how many have each.
 
     Args:
-        estimates: The groups of one task, at least one.
+        verdicts: At least one, all of one task.
     """
-    best = max(estimates, key=lambda item: item.final_return)
-    group = best.group
-    were = "was" if group.lanes == 1 else "were"
-    return (
-        f"{group.task}, {group.label}: {int(group.productive.sum())} of {wording.count(group.lanes, 'episode')} {were} "
-        f"still running and productive after {wording.whole(float(group.test_horizon))} steps; "
-        f"{wording.horizon(group.train_horizon)}."
+    first = f"{verdicts[0].group.task}: "
+    if all(verdict.label == "never worked" for verdict in verdicts):
+        return first + "no policy does better than an idle robot, even within its training horizon"
+    if len(verdicts) <= _MOST_NAMED:
+        return first + "; ".join(verdict.short for verdict in verdicts)
+    counts = Counter(verdict.label for verdict in verdicts)
+    parts = [f"{label} {counts[label]}" for label in ("holds", *FAILURES) if counts[label]]
+    return f"{first}{len(verdicts)} policies and clocks: {', '.join(parts)}"
+
+
+def _evidence(group: Group, label: str) -> str:
+    mine = np.array([verdict == label for verdict in group.verdicts])
+    if not mine.any():
+        return ""
+    if label in ("never worked", "cannot tell"):
+        notes = Counter(note for note, chosen in zip(group.notes, mine, strict=True) if chosen and note)
+        return notes.most_common(1)[0][0] if notes else "too few steps, or the environment ended the episodes"
+    if label == "holds":
+        return f"reward rate at the end {wording.share(float(group.end_hold[mine].mean()))} of that in training"
+    middle = float(np.median(group.failed_steps[mine]))
+    parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]
+    if label == "fails silently":
+        moved = group.movement_last[mine]
+        still = float((moved < MOTIONLESS).mean()) if np.isfinite(moved).any() else 0.0
+        worse = float((group.end_hold[mine] < -0.05).mean())
+        doing = "does not move" if still > 0.5 else "does worse than idle" if worse > 0.5 else "moves for nothing"
+        parts.append(f"the robot {doing}")
+    details = Counter(
+        detail.split(" left ")[0] for detail, chosen in zip(group.end_details, mine, strict=True) if chosen
     )
+    detail, number = details.most_common(1)[0]
+    if detail.startswith("observation[") and number > 1:
+        parts.append(f"{detail} was the first to leave its training range in {number}")
+    elif label == "diverges" and detail:
+        parts.append(detail.split(";")[0])
+    return "; ".join(parts)

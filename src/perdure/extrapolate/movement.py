@@ -1,0 +1,61 @@
+"""How much lanes move, and which component of the observation leaves its training range first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy import Moment, Policy
+
+EVERY = 10
+"""Steps between two looks; what is looked for lasts much longer."""
+MARGIN = 0.5
+"""A component has left its training range when it is further outside than this share of the range."""
+
+
+class MovementWatch:
+    """Mean movement per step in the first and the last tenth of the test horizon, and training ranges left.
+
+    Movement of a step: the mean over components of |o_{t+1} - o_t| in training standard deviations.
+    """
+
+    def __init__(self, policies: list[Policy], steps: int) -> None:
+        """Start before the first step; `policies`: one for each lane."""
+        lanes, size = len(policies), policies[0].task.observation_size
+        std = np.stack([np.sqrt(policy.normalizer.var[:size]) for policy in policies])
+        self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
+        self._low, self._high = np.full((lanes, size), -np.inf), np.full((lanes, size), np.inf)
+        for lane, policy in enumerate(policies):
+            if policy.reference is not None:
+                low, high = policy.reference.observation_low, policy.reference.observation_high
+                self._low[lane], self._high[lane] = low - MARGIN * (high - low), high + MARGIN * (high - low)
+        self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
+        self._sums, self._counts = np.zeros((2, lanes)), np.zeros((2, lanes))
+        self.left_step = np.zeros(lanes, np.int64)
+        """Step at which a component was first seen outside; 0: never."""
+        self.left_component = np.full(lanes, -1)
+
+    def take(self, moment: Moment, step: int) -> None:
+        """Look at the lanes that were just stepped, if it is time to."""
+        if step % EVERY:
+            return
+        lanes, after = moment.lanes, moment.step.observations
+        part = 0 if step <= self._tenth else 1 if step > self._last_start else None
+        with np.errstate(invalid="ignore", over="ignore"):
+            if part is not None:
+                moved = (np.abs(after - moment.before) * self._per_deviation[lanes]).mean(axis=1)
+                known = np.isfinite(moved)
+                self._sums[part, lanes[known]] += moved[known]
+                self._counts[part, lanes[known]] += 1
+            outside = (after < self._low[lanes]) | (after > self._high[lanes])
+        new = outside.any(axis=1) & (self.left_step[lanes] == 0)
+        self.left_step[lanes[new]] = step
+        self.left_component[lanes[new]] = outside[new].argmax(axis=1)
+
+    @property
+    def movement(self) -> NDArray[np.float64]:
+        """Mean movement per step in the first and the last tenth, shape (2, lanes); nan where nothing was seen."""
+        result: NDArray[np.float64] = np.divide(
+            self._sums, self._counts, out=np.full_like(self._sums, np.nan), where=self._counts > 0
+        )
+        return result

@@ -1,0 +1,166 @@
+"""The measure of one policy: what it earns within its training horizon, and what an idle robot earns.
+
+Two normalized scores of a stretch of steps, in the spirit of D4RL's (Fu et al., 2020), whatever the unit or the offset
+of the reward:
+
+    hold  = (rate - idle) / (reference - idle)    1: as within the training horizon; 0: no better than doing nothing
+    level = (rate - idle) / (task - idle)         1: as a published policy of the task; compares policies and methods
+
+`rate` is the mean reward per step while the robot has not fallen. Falls are counted apart: a robot that dives forward
+has a high rate and a short life.
+
+A score of a short stretch is noisy where rewards are rare or periodic. So stretches are windows, long enough that
+windows of the reference itself are hardly ever called idle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy.reference import BIN_STEPS, Reference
+
+IDLE_BELOW = 0.25
+"""A window whose hold score is lower is no better than idle."""
+HOLDS_FROM = 0.75
+"""A mean hold score from here up is holding; between the two the policy has decayed."""
+FALSE_ALARMS = 0.05
+"""Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
+SETTLING = 0.1
+"""Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
+LEAST_LEVEL = 0.05
+"""A policy below this level, where a task's level is known, has never worked."""
+LEAST_GAIN = 0.1
+"""Where no level is known: the same in shares of the idle rate's size."""
+FEWEST_WINDOWS = 4
+"""An evaluation must hold as many windows, or none of it can be judged."""
+_DRAWS = 400
+
+State = Literal["worked", "never worked", "cannot tell"]
+
+TASK_RATES = {
+    "Ant": 4.079,
+    "HalfCheetah": 7.337,
+    "Hopper": 3.128,
+    "Humanoid": 10.339,
+    "Swimmer": 0.367,
+    "Walker2d": 4.896,
+}
+"""Reward per step of level 1: returns of 1,000 steps / 1,000. PPO after 3,000,000 steps in Tianshou's benchmark (10
+seeds, v3, deterministic); Swimmer: croumegous/ppo-Swimmer-v3 on Hugging Face; Humanoid: ATRPO in nnabla-rl (3 seeds,
+v3)."""
+
+
+def task_rate(task: str) -> float:
+    """Return the rate of level 1 of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5"; nan where none is known."""
+    return TASK_RATES.get(task.rpartition(":")[2].partition("-")[0], math.nan)
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What a policy's rewards are compared with; rates are rewards per step."""
+
+    idle: float
+    reference: float
+    task: float
+    """Rate of level 1; nan where none is known."""
+    window: int
+    """Steps of the shortest window that passes its test; 0 where the policy has never worked."""
+    state: State
+    """"worked": within its own training horizon it earns more than an idle robot."""
+    note: str
+    """The evidence in a sentence."""
+
+    def hold(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hold score of rates; nan for a policy that never worked."""
+        if self.state != "worked":
+            return np.full_like(rate, np.nan)
+        return (rate - self.idle) / (self.reference - self.idle)
+
+    @property
+    def level(self) -> float:
+        """Level of the policy within its training horizon; nan where the task's is unknown."""
+        return (self.reference - self.idle) / (self.task - self.idle)
+
+
+def make_yardstick(reference: Reference, idle: float, idle_kind: str, task: float) -> Yardstick:
+    """Compare reference episodes with an idle robot.
+
+    Args:
+        reference: Episodes within the training horizon.
+        idle: Reward per step of the idle robot.
+        idle_kind: What the idle robot does, in words.
+        task: Rate of level 1, or nan.
+    """
+    earned, lived = _settled(reference)
+    rate = float(earned.sum() / lived.sum())
+    gain, error = rate - idle, _ratio_error(earned, lived, rate)
+    least = LEAST_LEVEL * (task - idle) if task > idle else LEAST_GAIN * abs(idle)
+    note = (
+        f"within its training horizon it earns {rate:.3g} a step (± {error:.2g}, {len(lived)} episodes), "
+        f"an idle robot {idle:.3g} ({idle_kind})"
+    )
+    if not gain - error > least:
+        state: State = "never worked" if gain + error <= least or gain <= least else "cannot tell"
+        return Yardstick(idle, rate, task, 0, state, note)
+    return Yardstick(idle, rate, task, _window(reference, idle, gain), "worked", note)
+
+
+def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return reward and steps of each episode after settling; of whole episodes where most end before."""
+    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
+    lived = np.maximum(reference.lengths - skip * BIN_STEPS, 0)
+    if lived.sum() < 0.5 * reference.lengths.sum():
+        return reference.rewards.sum(axis=1), reference.lengths.astype(np.float64)
+    kept = lived > 0
+    return reference.rewards[kept, skip:].sum(axis=1), lived[kept].astype(np.float64)
+
+
+def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: float) -> float:
+    """Half the width of Student's 95 % interval of a rate, episodes as units (linearized ratio)."""
+    if len(lived) < 2:
+        return math.inf
+    from scipy.special import stdtrit
+
+    residual = (earned - rate * lived) / lived.mean()
+    return float(stdtrit(len(lived) - 1, 0.975) * residual.std(ddof=1) / math.sqrt(len(lived)))
+
+
+def _window(reference: Reference, idle: float, gain: float) -> int:
+    """Return the shortest window, in steps, whose scores within the reference hardly ever look idle."""
+    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
+    bins = 1
+    while True:
+        scores = _window_scores(reference, skip, bins, idle, gain)
+        if len(scores) < FEWEST_WINDOWS:
+            break
+        if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
+            return bins * BIN_STEPS
+        bins *= 2
+    return _window_of_episodes(reference, idle, gain)
+
+
+def _window_scores(reference: Reference, skip: int, bins: int, idle: float, gain: float) -> NDArray[np.float64]:
+    scores = []
+    for rewards, length in zip(reference.rewards, reference.lengths, strict=True):
+        lived = rewards[skip : length // BIN_STEPS]
+        count = len(lived) // bins
+        scores.append(lived[: count * bins].reshape(count, bins).sum(axis=1) / (bins * BIN_STEPS))
+    return (np.concatenate(scores) - idle) / gain
+
+
+def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
+    """Windows longer than an episode are put together from episodes drawn at random."""
+    earned, lived = _settled(reference)
+    rng = np.random.default_rng(0)
+    episodes = 1
+    while True:
+        drawn = rng.integers(len(lived), size=(_DRAWS, episodes))
+        scores = (earned[drawn].sum(axis=1) / lived[drawn].sum(axis=1) - idle) / gain
+        if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
+            return math.ceil(episodes * float(lived.mean()) / BIN_STEPS) * BIN_STEPS
+        episodes *= 2
