@@ -21,19 +21,39 @@ def lane_rows(lane, ends, rate, last_rate=None, checkpoints=CHECKPOINTS):
     lane.pop("reason", None)
     late = rate if last_rate is None else last_rate
     base = {"test_horizon": horizon, "end_reason": reason, "end_step": end_step} | lane
-    first = rate * min(end_step, horizon // 10) / (horizon // 10)
+    base |= {name: base.get(name, value) for name, value in judged(rate, late, survives, reason, end_step).items()}
     return [
         base
         | {
             "step": step,
             "return": rate * min(step, end_step) + (late - rate) * max(0, min(step, end_step) - horizon * 9 // 10),
             "alive": step <= end_step,
-            "stuck_steps": int(lane.get("stuck_steps", 0) * min(step, end_step) / end_step) if end_step else 0,
-            "first_tenth": first if step >= horizon // 10 or not survives else math.nan,
-            "last_tenth": (late if survives else 0.0) if step == horizon or not survives else math.nan,
         }
         for step in checkpoints
     ]
+
+
+def judged(rate, late, survives, reason, end_step):
+    """What the evaluation says of a lane whose policy earns `rate` in training, where an idle robot earns nothing."""
+    hold = late / rate if rate else math.nan
+    running = "holds" if hold >= 0.75 else "decays" if hold >= 0.25 else "fails silently"
+    ended = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
+    outcome = running if survives else ended[reason]
+    return {
+        "end_detail": "",
+        "movement_first": 0.3,
+        "movement_last": 0.3 if survives else math.nan,
+        "idle_rate": 0.0,
+        "reference_rate": rate,
+        "level_rate": 4.0,
+        "window": 1000,
+        "policy_state": "worked",
+        "policy_note": "within its training horizon it earns more",
+        "outcome": outcome,
+        "failed_step": end_step * 9 // 10 if outcome in ("decays", "fails silently") else end_step,
+        "end_hold": hold if survives else 1.0,
+        "ever_idle": outcome == "fails silently",
+    }
 
 
 def clock_columns(clock):

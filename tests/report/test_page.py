@@ -9,10 +9,12 @@ import re
 import shutil
 import subprocess
 
+import polars as pl
 import pytest
 from specs import by_label, notes, rows, specs
 
 from perdure.report import ReportError, summary_text, write_report
+from perdure.report.groups import make_groups
 from perdure.report.page import PAGE
 
 CHROMIUM = next(
@@ -30,25 +32,60 @@ def half_fall(synthetic, **more):
 
 
 class TestWhatItSays:
-    def test_the_verdict_counts_the_episodes_that_are_productive(self, synthetic):
-        text = summary_text(half_fall(synthetic))
-        assert text.startswith(
-            "Hopper-v3, geometric, always 500 steps to go: 4 of 8 episodes were still running and productive after "
-            "100,000 steps; the training horizon was 1,000 steps."
+    def test_each_policy_and_clock_gets_a_verdict_with_its_evidence(self, synthetic):
+        lines = summary_text(half_fall(synthetic)).splitlines()
+        assert lines[0] == "Hopper-v3: geometric, always 500 steps to go: falls"
+        assert lines[1].strip() == (
+            "geometric, always 500 steps to go: falls (4 of 8 episodes); since step 500 (median)."
         )
 
-    def test_the_table_gives_the_mean_return_and_the_reasons(self, synthetic):
+    def test_the_table_gives_the_mean_return_and_the_verdicts(self, synthetic):
         # (4 lanes x 500 steps + 4 lanes x 100,000 steps) x 2 / 8 lanes = 100,500
         assert "100,500" in summary_text(half_fall(synthetic))
-        assert re.search(r"4 (terminated|survived), 4 (terminated|survived)", summary_text(half_fall(synthetic)))
+        assert re.search(r"falls 4, holds 4|holds 4, falls 4", summary_text(half_fall(synthetic)))
 
-    def test_episodes_that_run_on_for_nothing_are_not_productive(self, synthetic):
-        silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0}])
-        assert ": 0 of 8 episodes were still running and productive" in summary_text(silent)
+    def test_episodes_that_run_on_for_nothing_fail_silently(self, synthetic):
+        silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])
+        lines = summary_text(silent).splitlines()
+        assert lines[0].endswith("fails silently")
+        assert "8 of 8 episodes that still run" in lines[1]
+        assert "since step 90,000 (median); the robot does not move" in lines[1]
 
-    def test_the_best_group_is_judged(self, synthetic):
-        frame = synthetic([{"clock": "constant(100)", "rate": 1.0}, {"clock": "constant(900)", "rate": 3.0}])
-        assert "always 900 steps to go: 8 of 8 episodes" in summary_text(frame).splitlines()[0]
+    def test_a_policy_that_holds_is_said_to_with_its_interval(self, synthetic):
+        lines = summary_text(synthetic([{"rate": 2.0}])).splitlines()
+        assert lines[0].endswith("holds for 100,000 steps")
+        assert "8 of 8 episodes (95 % interval 68 % to 100 %)" in lines[1]  # Wilson
+        assert "100 % of that in training" in lines[1]
+
+    def test_where_nothing_beats_an_idle_robot_this_is_said_first(self, synthetic):
+        stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_hold": math.nan}
+        text = summary_text(synthetic([stands, stands | {"clock": "constant(100)"}]))
+        assert text.startswith("Hopper-v3: no policy does better than an idle robot")
+        assert "never worked (8 of 8 episodes); within its training horizon it earns more" in text
+
+    def test_the_asked_policy_is_judged_and_not_the_best_number(self, synthetic):
+        frame = synthetic(
+            [{"clock": "none", "method": "ppo", "rate": 1.0, "ends": [90] * 8}, {"clock": "constant(900)", "rate": 3.0}]
+        )
+        assert summary_text(frame).splitlines()[0] == (
+            "Hopper-v3: ppo: falls; geometric, always 900 steps to go: holds for 100,000 steps"
+        )
+
+    def test_many_policies_are_counted_by_verdict(self, synthetic):
+        holds = [{"clock": f"constant({c})", "rate": 2.0} for c in range(4)]
+        falls = [{"clock": f"periodic({c})", "rate": 2.0, "ends": [90] * 8} for c in range(2)]
+        assert summary_text(synthetic(holds + falls)).startswith("Hopper-v3: 6 policies and clocks: holds 4, falls 2")
+
+    def test_seven_of_eight_is_not_holding(self, synthetic):
+        frame = synthetic([{"rate": 2.0, "ends": [math.inf] * 7 + [900]}])
+        assert summary_text(frame).splitlines()[0].endswith(": falls")
+
+    def test_clocks_are_compared_on_common_start_states(self, synthetic, tmp_path):
+        groups = [{"clock": "constant(100)", "rate": 1.0}, {"clock": "constant(900)", "rate": 3.0}]
+        page = write_report(synthetic(groups), tmp_path, "x", ()).read_text()
+        (row,) = re.findall(r"<tr><td>geometric</td><td>constant\(900\)</td><td>constant\(100\)</td>.*?</tr>", page)
+        assert "<td>200,000</td>" in row
+        assert "8 of 8 episodes" in row
 
     def test_one_training_seed_is_said_to_speak_of_start_states_only(self, synthetic, tmp_path):
         one = write_report(half_fall(synthetic), tmp_path / "one", "x").read_text()
@@ -81,6 +118,16 @@ class TestFigures:
         assert values[:4] == pytest.approx([2.0, 2.0, 2.0, 1.5])
         assert values[-1] == pytest.approx(1.005)
 
+    def test_failures_are_counted_among_the_episodes_still_watched(self, synthetic):
+        """Kaplan and Meier: 1 of 4 fails at 100, one is cut at 200, 1 of the 2 left fails at 300."""
+        lanes = [{"ends": [100]}, {"ends": [200], "reason": "truncated"}, {"ends": [300]}, {"ends": [math.inf]}]
+        frame = pl.concat(
+            [synthetic([lane], lanes=1).with_columns(eval_seed=pl.lit(k)) for k, lane in enumerate(lanes)]
+        )
+        (group,) = make_groups(frame.with_columns(pl.col("eval_seed").cast(pl.Int64)))
+        at = dict(zip(group.steps.tolist(), group.working.tolist(), strict=True))
+        assert (at[100], at[200], at[500], at[100_000]) == pytest.approx((1.0, 0.75, 0.375, 0.375))
+
     def test_survival_falls_where_episodes_end(self, synthetic, tmp_path):
         found, text = drawn(half_fall(synthetic), tmp_path)
         (values,) = by_label(found["survival"], "line").values()
@@ -96,7 +143,7 @@ class TestFigures:
         assert rows(two["reward"], "area") == []
         assert {row["member"] for row in rows(two["reward"], "line", size=0.9)} == {0, 1}
         assert rows(two["survival"], "rule", size=2.6) == []
-        assert rows(two["early-and-late"], "rule") == []
+        assert rows(two["hold"], "rule") == []
         assert "No interval where n is less than 3. Thin lines" in note["reward"]
         assert len(rows(three["reward"], "area")) == 10
         assert rows(three["reward"], "line", size=0.9) == []
@@ -109,7 +156,7 @@ class TestFigures:
             *("geometric, countdown from 100,000", "geometric"),
         }
         assert "(n = 8 episodes each)" in json.dumps(found["reward"])
-        assert {row["row"] for row in rows(found["early-and-late"], "point")} >= {"geometric (n = 8)"}
+        assert {row["row"] for row in rows(found["hold"], "point")} >= {"geometric (n = 8)"}
 
     def test_two_values_of_c_are_not_joined(self, synthetic, tmp_path):
         some = [{"clock": f"constant({c})", "rate": 1.0 + c, "spread": 0.1} for c in (0, 1, 2)]
@@ -174,7 +221,7 @@ class TestTheFiles:
         write_report(frame, tmp_path / "here" / "out", "x", ("svg",))
         written = [path.relative_to(tmp_path).parts for path in tmp_path.rglob("*.*")]
         assert {parts[:2] for parts in written} == {("here", "out")}
-        assert len(written) == 1 + 3 * 3
+        assert len(written) == 1 + 3 * 4
 
 
 def browse(page, profile):

@@ -23,7 +23,7 @@ def test_a_table_is_read_back_as_written_with_its_metadata(tmp_path, frame):
     assert back.schema == dict(COLUMNS)
     assert metadata == {"command": 'perdure extrapolate "a b" --c 5'}
     notes = pl.read_parquet_metadata(path)
-    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "1")
+    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "2")
 
 
 def test_the_same_table_gives_the_same_bytes(tmp_path, frame):
@@ -47,6 +47,8 @@ def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
         (lambda f: f.clear(), "has no rows"),
         (lambda f: f.with_columns(pl.lit(None, pl.String).alias("task")), r"missing values in \['task'\]"),
         (lambda f: f.with_columns(pl.lit("tired").alias("end_reason")), "tired.*known are survived, terminated"),
+        (lambda f: f.with_columns(pl.lit("fine").alias("outcome")), "fine.*known are holds, decays"),
+        (lambda f: f.with_columns(pl.lit("good").alias("policy_state")), "good.*known are worked"),
         (lambda f: f.with_columns(pl.lit(0).cast(pl.Int64).alias("step")), "checkpoint step 0"),
         (lambda f: f.with_columns((pl.col("step") * 2).alias("step")), "checkpoint step 200000"),
         (lambda f: pl.concat([f, f.head(1)]), "twice at step 100"),
@@ -73,7 +75,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
     (tmp_path / "cut").write_bytes(write_table(tmp_path / "t", frame, {}).read_bytes()[:-20])
     frame.write_parquet(tmp_path / "foreign")
     frame.write_parquet(tmp_path / "old", metadata={"schema": "perdure.extrapolation", "version": "0"})
-    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "1"})
+    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "2"})
     expected = {
         "absent": "does not exist",
         ".": "is not a file",
@@ -81,7 +83,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
         "empty": "is not a Parquet file",
         "cut": "damaged",
         "foreign": "not a table of the schema perdure.extrapolation",
-        "old": "has version 0 .* reads version 1",
+        "old": "has version 0 .* reads versions 1 and 2",
         "bare": "SHA-256",
     }
     for name, sentence in expected.items():
@@ -110,8 +112,29 @@ def test_no_flipped_bit_goes_unnoticed(tmp_path, frame):
 @given(label=st.text(max_size=20), number=st.floats(), seed=st.integers(-(2**63), 2**63 - 1))
 def test_any_label_and_number_survives_the_file(tmp_path_factory, frame, label, number, seed):
     odd = frame.filter((pl.col("method") == "ppo") & (pl.col("eval_seed") == 0)).with_columns(
-        policy=pl.lit(label), train_seed=pl.lit(seed, pl.Int64), first_tenth=pl.lit(number, pl.Float64)
+        policy=pl.lit(label), train_seed=pl.lit(seed, pl.Int64), end_hold=pl.lit(number, pl.Float64)
     )
     path = tmp_path_factory.getbasetemp() / "any.parquet"
     back, _ = read_table(write_table(path, odd, {"command": label}))
     assert back.equals(odd, null_equal=True)
+
+
+def test_a_table_of_version_1_is_read_and_its_policies_cannot_be_judged(tmp_path, frame, monkeypatch):
+    from perdure.report import schema
+
+    old = frame.with_columns(
+        stuck_steps=pl.lit(0, pl.Int64), first_tenth=pl.lit(1.0), last_tenth=pl.lit(math.nan)
+    ).select(list(schema._COLUMNS_1))
+    notes = {"schema": "perdure.extrapolation", "version": "1", "command": "x"}
+    digest = schema._digest(old, notes, schema._COLUMNS_1)
+    old.write_parquet(tmp_path / "old", metadata={**notes, "sha256": digest})
+    back, metadata = read_table(tmp_path / "old")
+    assert metadata == {"command": "x"}
+    assert back.select("policy", "step", "return", "end_step").equals(
+        frame.select("policy", "step", "return", "end_step")
+    )
+    assert set(back["policy_state"]) == {"cannot tell"}
+    assert set(back.filter(pl.col("end_reason") == "terminated")["outcome"]) <= {"falls"}
+    old.with_columns(pl.col("return") + 1).write_parquet(tmp_path / "changed", metadata={**notes, "sha256": digest})
+    with pytest.raises(ReportError, match="SHA-256"):
+        read_table(tmp_path / "changed")

@@ -25,7 +25,7 @@ Watcher = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class LaneRecords:
-    """What became of n lanes at m checkpoints. Memory does not depend on the number of steps."""
+    """What became of n lanes at m checkpoints. Memory hardly depends on the number of steps."""
 
     steps: NDArray[np.int64]
     """Checkpoints, shape (m,)."""

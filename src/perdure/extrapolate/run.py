@@ -74,9 +74,11 @@ def extrapolate(
         finished = _finished(store, evaluation.steps)
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
-        units = [*_measurements(policies, evaluation.policies, digests), *_units(missing, evaluation, digests, workers)]
+        measurements = _measurements(policies, evaluation.policies, digests)
+        unmeasured = [unit for unit in measurements if not store.done(unit.key, unit.config)]
+        units = [*unmeasured, *_units(missing, evaluation, digests, workers)]
         store.warn_of_other_source(dict.fromkeys(kept.values()))
-        if any(not store.done(unit.key, unit.config) for unit in units):
+        if units:
             run_units(units, out, make_workers(on, units, cores), observe)
         groups = [unit.key for unit in units if unit.key.startswith(GROUPS)]
         labels = policy_labels(evaluation.policies, policies)
@@ -207,7 +209,7 @@ def _yardsticks(store: Store, policies: Sequence[Policy], digests: Sequence[str]
         if reference is None:
             reference = load_policy(store.get(_reference_unit(digest).key) / MEASURED).reference
             assert reference is not None
-        found.append(make_yardstick(reference, idle.rate, idle.kind, task_rate(task)))
+        found.append(make_yardstick(reference, idle, task_rate(task)))
     return found
 
 

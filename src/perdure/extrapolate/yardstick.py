@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.extrapolate.idle import Idle
 from perdure.policy.reference import BIN_STEPS, Reference
 
 IDLE_BELOW = 0.25
@@ -34,8 +35,9 @@ SETTLING = 0.1
 """Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
 LEAST_LEVEL = 0.05
 """A policy below this level, where a task's level is known, has never worked."""
-LEAST_GAIN = 0.1
-"""Where no level is known: the same in shares of the idle rate's size."""
+LEAST_GAIN = 0.25
+"""A policy has never worked, either, if it gains less on the idle robot than this share of what zero and random actions
+differ by: on a task without a known level that is the only scale there is."""
 FEWEST_WINDOWS = 4
 """An evaluation must hold as many windows, or none of it can be judged."""
 _DRAWS = 400
@@ -87,27 +89,28 @@ class Yardstick:
         return (self.reference - self.idle) / (self.task - self.idle)
 
 
-def make_yardstick(reference: Reference, idle: float, idle_kind: str, task: float) -> Yardstick:
+def make_yardstick(reference: Reference, idle: Idle, task: float) -> Yardstick:
     """Compare reference episodes with an idle robot.
 
     Args:
         reference: Episodes within the training horizon.
-        idle: Reward per step of the idle robot.
-        idle_kind: What the idle robot does, in words.
+        idle: What an idle robot earns.
         task: Rate of level 1, or nan.
     """
     earned, lived = _settled(reference)
     rate = float(earned.sum() / lived.sum())
-    gain, error = rate - idle, _ratio_error(earned, lived, rate)
-    least = LEAST_LEVEL * (task - idle) if task > idle else LEAST_GAIN * abs(idle)
+    gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
+    least = LEAST_GAIN * abs(idle.zero - idle.random)
+    if task > idle.rate:
+        least = max(least, LEAST_LEVEL * (task - idle.rate))
     note = (
         f"within its training horizon it earns {rate:.3g} a step (± {error:.2g}, {len(lived)} episodes), "
-        f"an idle robot {idle:.3g} ({idle_kind})"
+        f"an idle robot {idle.rate:.3g} ({idle.kind})"
     )
     if not gain - error > least:
         state: State = "never worked" if gain + error <= least or gain <= least else "cannot tell"
-        return Yardstick(idle, rate, task, 0, state, note)
-    return Yardstick(idle, rate, task, _window(reference, idle, gain), "worked", note)
+        return Yardstick(idle.rate, rate, task, 0, state, note)
+    return Yardstick(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

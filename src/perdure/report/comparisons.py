@@ -35,7 +35,7 @@ def compare_clocks(
     Returns:
         Cells under CLOCK_HEADINGS, one row for each clock but the first.
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for line, items in groupby(estimates, key=lambda item: item.group.line):
         first, *others = [item.group for item in items]
         for group in others:

@@ -30,8 +30,8 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
         estimates: The task's groups, at least one, in the order of `make_groups`.
 
     Returns:
-        Episodes without failure, survival and reward over steps; per swept method and kind of clock these again with all
-        C; the return at the end against C when there are two or more values; the hold score at the end.
+        Episodes without failure, survival and reward over steps; per swept method and kind of clock these again with
+        all C; the return at the end against C when there are two or more values; the hold score at the end.
     """
     shown = overview(estimates)
     chosen = [("", shown)]

@@ -33,12 +33,12 @@ gives Wilson's score interval. <em>Clock</em>: what the policy was told about ti
 countdown(T): the steps to go until T; periodic(C): a countdown from C, again and again. <em>Running</em>: not ended by
 the environment. <em>Hold score</em>: (rate - idle) / (reference - idle), where rate is the reward per step, reference
 the rate of the policy itself within its training horizon, and idle the better of zero and random actions, measured.
-<em>Level</em>: the same with a published policy of the task as reference. An episode <em>holds</em> if it runs to the end with a mean
-hold score of at least 0.75 in the last tenth of the steps; it <em>decays</em> below that and <em>fails silently</em>
-below 0.25. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the simulation blows up. A policy
-<em>never worked</em> if it does no better than idle within its own training horizon. A policy holds if at least nine in
-ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever idle</em>: episodes in which two
-windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier curve."""
+<em>Level</em>: the same with a published policy of the task as reference. An episode <em>holds</em> if it runs to the
+end with a mean hold score of at least 0.75 in the last tenth of the steps; it <em>decays</em> below that and <em>fails
+silently</em> below 0.25. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the simulation blows
+up. A policy <em>never worked</em> if it does no better than idle within its own training horizon. A policy holds if
+at least nine in ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever idle</em>: episodes
+in which two windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier curve."""
 
 
 def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:

@@ -1,0 +1,161 @@
+"""Verdicts on robots with a known answer: reward traces, and real physics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import CHOSEN_ON, LABELED, LIES, Case, bouts, steady, switch
+from scripted import policy_for
+
+from perdure.envs import make_world
+from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.extrapolate.checkpoints import window_steps
+from perdure.extrapolate.idle import Idle, measure_idle
+from perdure.extrapolate.verdict import judge_lane
+from perdure.extrapolate.yardstick import Yardstick, make_yardstick, task_rate
+from perdure.policy import TaskInfo, load_policy, measure_reference
+from perdure.policy.shipped import find_policy
+
+
+def measured(case):
+    yardstick = make_yardstick(case.reference(), Idle(case.idle, case.idle - case.spread), case.task)
+    return yardstick, judge_lane(*case.lane(), yardstick)
+
+
+def found(case):
+    yardstick, verdict = measured(case)
+    return verdict.outcome if yardstick.state == "worked" else yardstick.state
+
+
+@pytest.mark.parametrize("case", CHOSEN_ON, ids=lambda case: case.name)
+def test_cases_the_thresholds_were_chosen_on(case):
+    assert found(case) == case.expected
+
+
+@pytest.mark.parametrize("case", LABELED, ids=lambda case: case.name)
+def test_labeled_cases(case):
+    assert found(case) == case.expected
+
+
+def test_there_are_labeled_cases_of_every_kind_and_none_was_used_to_choose():
+    assert len(LABELED) >= 30
+    kinds = {"holds", "decays", "fails silently", "falls", "diverges", "never worked", "unknown", "cut"}
+    assert {case.expected for case in LABELED} == kinds
+    assert not {case.name for case in LABELED} & {case.name for case in CHOSEN_ON}
+
+
+class TestWhen:
+    @pytest.mark.parametrize("at", [2000, 9000, 17_400])
+    def test_a_silent_failure_is_dated_to_its_window(self, at):
+        case = Case(f"lies at {at}", "fails silently", steady(3.0), switch(at, steady(3.0), LIES), idle=1.0)
+        _, verdict = measured(case)
+        assert abs(verdict.failed_step - at) <= 200  # windows of 200 steps
+
+    def test_a_lane_that_lay_still_before_it_fell_failed_when_it_lay_down(self):
+        lies = switch(5000, steady(3.0), LIES)
+        case = Case("lies, falls", "falls", steady(3.0), lies, idle=1.0, ends=15_000, reason="terminated")
+        _, verdict = measured(case)
+        assert verdict.outcome == "falls"
+        assert abs(verdict.failed_step - 5000) <= 200
+
+    def test_a_pause_in_the_middle_is_said_though_the_lane_holds(self):
+        pause = switch(6000, steady(3.0), switch(8000, steady(0.0), steady(3.0)))
+        assert [measured(Case("p", "holds", steady(3.0), lane))[1].ever_idle for lane in (pause, steady(3.0))] == [
+            True,
+            False,
+        ]
+
+    def test_scores_do_not_depend_on_unit_and_offset(self):
+        case = Case("plain", "decays", steady(4.0), bouts(0.5, 400, steady(4.0), steady(0.5)), idle=1.0)
+        reference, (steps, returns, end, reason) = case.reference(), case.lane()
+        plain = judge_lane(steps, returns, end, reason, make_yardstick(reference, Idle(1.0, 1.0), math.nan))
+        scaled = replace(reference, rewards=-5.0 * 10 + 0.01 * reference.rewards)
+        other = judge_lane(
+            steps, -5.0 * steps + 0.01 * returns, end, reason, make_yardstick(scaled, Idle(-4.99, -4.99), -4.9)
+        )
+        assert other.end_hold == pytest.approx(plain.end_hold, rel=1e-6)
+        assert (other.outcome, other.failed_step) == (plain.outcome, plain.failed_step)
+
+
+class TestWindows:
+    def test_windows_grow_with_the_time_between_rewards(self):
+        windows = [measured(case)[0].window for case in LABELED if case.name.startswith("sparse, every")]
+        steady_window = measured(LABELED[0])[0].window
+        assert steady_window <= 100 < windows[0] < windows[1]
+
+    def test_the_hold_score_is_1_for_the_reference_and_0_for_idle(self):
+        yardstick = Yardstick(1.0, 3.0, 5.0, 100, "worked", "")
+        assert yardstick.hold(np.array([1.0, 3.0, 2.0])).tolist() == [0.0, 1.0, 0.5]
+        assert yardstick.level == 0.5
+
+    def test_levels_of_tasks_are_found_whatever_the_engine_or_version(self):
+        assert task_rate("gymnasium:Hopper-v5") == task_rate("Hopper-v3") > 0
+        assert math.isnan(task_rate("gymnasium:Pendulum-v1"))
+
+
+def scripted(task, scale=0.0):
+    """A policy that always acts zero (or not), whose training is said to have earned twice the level of its task."""
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    info = TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high))
+    policy = policy_for(info)
+    weights = {name: np.asarray(scale * value, np.float32) for name, value in policy.weights.items()}
+    case = Case(task, "", steady(task_rate(task)))
+    return replace(policy, weights=weights), case.reference()
+
+
+class TestRealPhysics:
+    """Robots that do nothing, measured with what a published policy earns."""
+
+    @pytest.mark.parametrize(
+        ("task", "expected"),
+        [
+            ("Ant-v3", "fails silently"),  # it stands and lives on its alive bonus
+            ("HalfCheetah-v3", "fails silently"),
+            ("Swimmer-v3", "fails silently"),
+            ("Hopper-v3", "falls"),
+            ("Walker2d-v3", "falls"),
+            ("Humanoid-v3", "falls"),
+        ],
+    )
+    def test_a_robot_that_does_nothing(self, task, expected):
+        policy, reference = scripted(task)
+        world = make_world(task, [500_000, 500_001, 500_002])
+        idle = measure_idle(world, 300)
+        world.close()
+        yardstick = make_yardstick(reference, idle, task_rate(task))
+        assert yardstick.state == "worked"
+        steps = 3000
+        records = evaluate_lanes([policy], [LaneSpec(0, None, seed) for seed in range(3)], steps)
+        at = np.isin(records.steps, window_steps(steps))
+        for lane in range(3):
+            reason = "survived" if records.end_reason[lane] == 0 else "terminated"
+            verdict = judge_lane(
+                records.steps[at], records.returns[lane, at], int(records.end_step[lane]), reason, yardstick
+            )
+            assert verdict.outcome == expected
+        if expected == "fails silently":
+            assert (records.movement[1] < 0.02).all()
+
+    def test_the_shipped_cheetah_holds_and_does_worse_than_idle_where_it_is_told_that_no_steps_are_left(self):
+        policy = load_policy(find_policy("HalfCheetah-v3/geometric"))
+        reference = policy.reference or measure_reference(policy, 5)
+        yardstick = make_yardstick(reference, Idle(0.0, -0.3), task_rate("HalfCheetah-v3"))
+        from perdure.horizon import Constant
+
+        records = evaluate_lanes([policy], [LaneSpec(0, Constant(c), 0) for c in (500.0, 0.0)], 3000)
+        at = np.isin(records.steps, window_steps(3000))
+        outcomes = [
+            judge_lane(records.steps[at], records.returns[lane, at], 3000, "survived", yardstick).outcome
+            for lane in range(2)
+        ]
+        assert outcomes == ["holds", "fails silently"]
+
+
+def test_idle_is_the_better_of_doing_nothing_and_random_actions():
+    assert Idle(1.0, 0.2).rate == 1.0
+    assert Idle(-1.0, -0.5).kind == "random actions"
