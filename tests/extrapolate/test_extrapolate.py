@@ -238,3 +238,18 @@ def test_groups_hold_every_lane_once_in_order_even_and_small_enough(lanes, size,
     assert max(lengths) <= size
     assert max(lengths) - min(lengths) <= 1
     assert len(groups) >= min(parts, lanes)
+
+
+def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, monkeypatch):
+    name = "perdure_test_hostile"
+    trace = tmp_path / "imported"
+    (tmp_path / f"{name}.py").write_text(f"import pathlib; pathlib.Path({str(trace)!r}).touch()")
+    monkeypatch.syspath_prepend(tmp_path)
+    task = TaskInfo(f"gymnasium:{name}:Id-v0", 11, (-1.0,) * 3, (1.0,) * 3)
+    policy = save_policy(policy_for(task, seed=1), tmp_path / "policy.safetensors")
+    with pytest.raises(ValueError, match=f"imports the Python module {name}; .* --modules {name}"):
+        extrapolate(Extrapolation((policy,), 10), tmp_path / "out", cores=1)
+    assert not trace.exists()
+    with pytest.raises(ValueError, match="no task named"):
+        extrapolate(Extrapolation((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
+    assert trace.exists()

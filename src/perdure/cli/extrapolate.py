@@ -34,6 +34,8 @@ class Extrapolate:
     """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
     max_lanes: int = 48
     """Lanes that share a process at a time."""
+    modules: tuple[str, ...] = ()
+    """Python modules that the policies' tasks may import; a policy file alone never imports anything."""
 
 
 def main(args: list[str]) -> None:
@@ -50,6 +52,7 @@ def main(args: list[str]) -> None:
         flags.clocks,
         flags.eval_seeds,
         max_lanes=flags.max_lanes,
+        modules=flags.modules,
     )
     command = shlex.join(["perdure", "extrapolate", *args])
     with show_progress("extrapolate", "steps") as observe:

@@ -6,6 +6,7 @@
 | `lanes.py`, `checks.py` | which lanes run and how long they may; the checks every world makes at its door |
 | `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and the short way past its Python wrapper |
 | `gymnasium_world.py`, `spaces.py` | single Gymnasium environments side by side; their spaces as vectors |
+| `foreign.py` | reading what other people's environments return, and naming them when they break |
 | `blow_up.py` | asking MuJoCo whether a simulation blew up |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
 | `families.py`, `registry.py` | the suites task names come from; `make_world`, `list_tasks` |
@@ -15,7 +16,7 @@
 
 from perdure.envs.envpool_world import EnvPoolWorld
 from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.families import TaskListing
+from perdure.envs.families import TaskListing, refuse_import
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.envs.registry import is_task, list_tasks, make_world
 from perdure.envs.vector_env_world import VectorEnvWorld
@@ -37,4 +38,5 @@ __all__ = [
     "is_task",
     "list_tasks",
     "make_world",
+    "refuse_import",
 ]

@@ -6,8 +6,9 @@ suite appears here by itself.
 
 from __future__ import annotations
 
+import sys
 from ast import literal_eval
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
@@ -149,6 +150,32 @@ FAMILIES: tuple[Family, ...] = (
     VectorFamily("Home", "perdure.home.skills.gym", "perdure/Home"),
     GymnasiumFamily(),
 )
+
+
+def module_of(task: str) -> str | None:
+    """Return the module that a world of this name would import, as in `gymnasium:MODULE:Id`; None for any other."""
+    if not task.startswith(GYMNASIUM_PREFIX):
+        return None
+    return task.removeprefix(GYMNASIUM_PREFIX).rpartition(":")[0] or None
+
+
+def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
+    """Refuse a task name found in a file if it would import a module that the user has not named.
+
+    Args:
+        task: As the file has it.
+        allowed: Modules that the user has named. Those that are imported already need not be.
+        where: Which file, for the message.
+
+    Raises:
+        WorldError: If the task would import another module.
+    """
+    module = module_of(task)
+    if module is not None and module not in allowed and module not in sys.modules:
+        raise WorldError(
+            f"{where} is for the task {task}, which imports the Python module {module}; if you trust that module, "
+            f"name it: --modules {module}"
+        )
 
 
 def family_of(task: str) -> Family:

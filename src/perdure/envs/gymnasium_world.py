@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
@@ -11,9 +12,10 @@ import numpy as np
 
 from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
-from perdure.envs.errors import UnknownTask, WorldError, nearest_names
+from perdure.envs.errors import UnknownTask, WorldError
+from perdure.envs.foreign import call, read_flag, read_observation, read_reward, read_tuple
 from perdure.envs.lanes import Booked, LaneBook
-from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
+from perdure.envs.spaces import shaped_actions, spec_of
 from perdure.envs.world import FloatArray, IntArray, Step
 
 
@@ -50,7 +52,7 @@ class GymnasiumWorld(Booked):
         seeds = checked_seeds(seeds)
         if len(factories) != len(seeds):
             raise WorldError(f"{name}: {len(factories)} environments need as many seeds, got {len(seeds)}.")
-        self._envs = [factory() for factory in factories]
+        self._envs = [call(name, "making it", factory) for factory in factories]
         self._next_seeds: list[int | None] = list(seeds)
         first = self._envs[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
@@ -78,22 +80,21 @@ class GymnasiumWorld(Booked):
         """
         import gymnasium
 
+        module, _, registered = env_id.rpartition(":")
         try:
-            module, _, registered = env_id.rpartition(":")
             if module:
-                import_module(module)
+                _import(module, env_id)
             spec = gymnasium.spec(registered)
         except (gymnasium.error.Error, ImportError) as problem:
+            if module and isinstance(problem, ImportError):
+                raise WorldError(f"gymnasium:{env_id} cannot be imported: {problem}") from problem
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
-            if nearest_names(f"gymnasium:{env_id}", known) or not isinstance(problem, ImportError):
-                raise UnknownTask(f"gymnasium:{env_id}", known) from None
-            raise WorldError(f"gymnasium:{env_id} cannot be imported: {problem}") from problem
+            raise UnknownTask(f"gymnasium:{env_id}", known) from None
 
         def build() -> Any:
-            try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # advice about versions, for those who wrote the name
                 return gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True)
-            except (gymnasium.error.Error, ImportError) as problem:
-                raise WorldError(f"gymnasium:{env_id} cannot be built: {problem}") from problem
 
         factories = [build] * len(checked_seeds(seeds))
         return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
@@ -103,9 +104,11 @@ class GymnasiumWorld(Booked):
         chosen, checked = self._book.lanes_to_reset(lanes, horizons)
         observations = np.empty((len(chosen), self._spec.observation_size))
         for row, lane in enumerate(chosen):
-            observation, _ = self._envs[lane].reset(seed=self._next_seeds[lane])
+            who, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
+            returned = call(who, "reset", env.reset, seed=self._next_seeds[lane])
+            observation, _ = read_tuple(who, "reset", returned, 2)
             self._next_seeds[lane] = None
-            observations[row] = flat_observation(self._space, observation)
+            observations[row] = read_observation(who, "reset", self._space, observation)
         self._book.begin(chosen, checked)
         return observations
 
@@ -116,9 +119,14 @@ class GymnasiumWorld(Booked):
         observations = np.empty((len(chosen), self._spec.observation_size))
         rewards = np.empty(len(chosen))
         terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
+        steps = self._book.elapsed
         for row, lane in enumerate(chosen):
-            observation, rewards[row], terminated[row], truncated[row], _ = self._envs[lane].step(shaped[row])
-            observations[row] = flat_observation(self._space, observation)
+            who = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
+            returned = call(who, "step", self._envs[lane].step, shaped[row])
+            observation, reward, ended, cut, _ = read_tuple(who, "step", returned, 5)
+            observations[row] = read_observation(who, "step", self._space, observation)
+            rewards[row] = read_reward(who, reward)
+            terminated[row], truncated[row] = read_flag(who, "terminated", ended), read_flag(who, "truncated", cut)
             diverged[row] = blow_ups(self._envs[lane]) > 0
         elapsed, horizon_end = self._book.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, horizon_end, elapsed, diverged)
@@ -129,3 +137,13 @@ class GymnasiumWorld(Booked):
             self._book.closed = True
             for env in self._envs:
                 env.close()
+
+
+def _import(module: str, env_id: str) -> None:
+    """Import a module that the user named; WorldError for whatever it raises but ImportError."""
+    try:
+        call(f"gymnasium:{env_id}", f"importing {module}", import_module, module)
+    except WorldError as error:
+        if isinstance(error.__cause__, ImportError):
+            raise error.__cause__ from None
+        raise

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from perdure.envs.errors import WorldError
 from perdure.envs.world import FloatArray, TaskSpec
 
@@ -71,22 +69,6 @@ def engine_of(env: Any) -> str:
 
         engine += f", MuJoCo {mujoco.__version__}"
     return engine
-
-
-def flat_observation(space: gymnasium.Space[Any], observation: Any) -> FloatArray:
-    """One lane's observation as a vector; dictionaries are joined in the order of their space.
-
-    Args:
-        space: The space of one observation.
-        observation: An element of it.
-
-    Returns:
-        Shape (observation_size,), float64, in memory of its own.
-    """
-    import gymnasium
-
-    flat = observation if isinstance(space, gymnasium.spaces.Box) else gymnasium.spaces.flatten(space, observation)
-    return np.array(flat, dtype=np.float64).ravel()
 
 
 def shaped_actions(space: gymnasium.spaces.Box, actions: FloatArray) -> Any:

@@ -7,7 +7,7 @@ Time limits are not applied here: the program that steps the world counts the st
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from perdure.envs.envpool_world import EnvPoolWorld
 
 if TYPE_CHECKING:
     from perdure.envs.world import World
+
+T = TypeVar("T")
 
 Handle = Any
 """What the engine threads through a program; an array or nothing."""
@@ -52,10 +54,12 @@ class WorldSlot:
         """What the program needs first; set by :meth:`fill`."""
         self.pool_step: Callable[..., Any] | None = None
         """The engine's own traced step, if it has one."""
+        self.error: BaseException | None = None
+        """What the world raised inside the program; JAX would wrap it in pages of its own."""
 
     def fill(self, world: World) -> None:
         """Puts in a world that has been reset. It must not be stepped elsewhere until :meth:`clear`."""
-        self._world = world
+        self._world, self.error = world, None
         if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
             self.handle, _, _, self.pool_step = world.pool.xla()
         else:
@@ -64,6 +68,18 @@ class WorldSlot:
     def clear(self) -> None:
         """Takes the world out."""
         self._world = None
+
+    def remembers(self, on_host: Callable[[jax.Array], T]) -> Callable[[jax.Array], T]:
+        """Return a host function that keeps its error in the slot."""
+
+        def watched(values: jax.Array) -> T:
+            try:
+                return on_host(values)
+            except BaseException as error:
+                self.error = error
+                raise
+
+        return watched
 
     @property
     def world(self) -> World:
@@ -95,6 +111,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
     flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)  # type: ignore[no-untyped-call]
     shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
 
+    @slot.remembers
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
         step = slot.world.step(_float64(actions))
         return _bits(step.observations), _bits(step.rewards), step.terminated, step.truncated
@@ -110,6 +127,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
     lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
 
+    @slot.remembers
     def on_host(done: jax.Array) -> NDArray[np.uint32]:
         ended = np.flatnonzero(np.asarray(done))
         observations = np.zeros((lanes, size))

@@ -10,8 +10,9 @@ import numpy as np
 
 from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
 from perdure.envs.errors import WorldError
+from perdure.envs.foreign import call, read_observation, read_tuple
 from perdure.envs.lanes import Booked, LaneBook
-from perdure.envs.spaces import flat_observation, shaped_actions, spec_of
+from perdure.envs.spaces import shaped_actions, spec_of
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step
 
 
@@ -90,17 +91,20 @@ class VectorEnvWorld(Booked):
         idle = np.clip(np.zeros(self._spec.action_size), self._spec.action_low, self._spec.action_high)
         everyone = np.tile(idle, (self.num_lanes, 1))
         everyone[chosen] = clipped
-        batch, rewards, terminated, truncated, info = self._env.step(shaped_actions(self._action_space, everyone))
-        self._shown = self._rows(batch)
-        self._over = np.asarray(terminated | truncated)
+        name = self._spec.name
+        returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
+        batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
+        rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
+        terminated, truncated = self._column("terminated", terminated, "b"), self._column("truncated", truncated, "b")
+        self._shown = self._rows("step", batch)
+        self._over = terminated | truncated
         last = self._shown
         if self._mode is AutoresetMode.SAME_STEP:
             last = self._with_final_observations(last, info)
         elapsed, horizon_end = self._book.advance(chosen, self._over[chosen])
-        rewards = np.asarray(rewards, dtype=np.float64)[chosen]
         return Step(
             last[chosen],
-            rewards,
+            rewards[chosen],
             terminated[chosen],
             truncated[chosen],
             horizon_end,
@@ -123,12 +127,15 @@ class VectorEnvWorld(Booked):
     def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
         """Resets where the mask says; everything at the very first time, since a vector has to start as a whole."""
         if mask.all() or self._shown is None:
-            observations, _ = self._env.reset(seed=list(seeds))
-            self._shown, self._over = self._rows(observations), np.zeros_like(mask)
+            returned = call(self._spec.name, "reset", self._env.reset, seed=list(seeds))
+            observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+            self._shown, self._over = self._rows("reset", observations), np.zeros_like(mask)
             return self._shown
         only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
-        observations, _ = self._env.reset(seed=only_masked, options={"reset_mask": mask.copy()})
-        shown = self._rows(observations)
+        options = {"reset_mask": mask.copy()}
+        returned = call(self._spec.name, "reset", self._env.reset, seed=only_masked, options=options)
+        observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+        shown = self._rows("reset", observations)
         kept = ~mask & self._book.running
         if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
             raise WorldError(
@@ -148,21 +155,39 @@ class VectorEnvWorld(Booked):
                 "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
             )
 
-    def _rows(self, batch: Any) -> FloatArray:
+    def _column(self, what: str, values: Any, kinds: str) -> Any:
+        """One value for each lane, of one of NumPy's kinds."""
+        array = np.asarray(values)
+        if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
+            raise WorldError(
+                f"{self._spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
+                f"({self.num_lanes},), step returned {array.dtype} of shape {array.shape}"
+            )
+        return array
+
+    def _rows(self, method: str, batch: Any) -> FloatArray:
         """A batch of observations as vectors, shape (num_lanes, observation_size), in memory of its own."""
         from gymnasium.spaces import Box
         from gymnasium.vector.utils import iterate
 
-        if isinstance(self._space, Box):
-            return np.array(batch, dtype=np.float64).reshape(self.num_lanes, -1)
-        lanes = iterate(self._env.observation_space, batch)
-        return np.stack([flat_observation(self._space, observation) for observation in lanes])
+        if not isinstance(self._space, Box):
+            lanes = iterate(self._env.observation_space, batch)
+            return np.stack([read_observation(self._spec.name, method, self._space, lane) for lane in lanes])
+        array = np.asarray(batch)
+        shape = (self.num_lanes, *self._space.shape)
+        if array.shape != shape or array.dtype.kind not in "fiub":
+            raise WorldError(
+                f"{self._spec.name}: {method} must return observations of shape {shape} made of real numbers, it "
+                f"returned {array.dtype} of shape {array.shape}"
+            )
+        return array.astype(np.float64).reshape(self.num_lanes, -1)
 
     def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
         """What was shown, with the last observation where the vector already shows the first of the next episode."""
         last = shown.copy()
         for lane in np.flatnonzero(self._over):
-            last[lane] = flat_observation(self._space, _lane_of(self._space, info["final_obs"], int(lane)))
+            final = _lane_of(self._space, info["final_obs"], int(lane))
+            last[lane] = read_observation(self._spec.name, "step (final_obs)", self._space, final)
         return last
 
 

@@ -32,6 +32,8 @@ class Extrapolation:
     periodic, and the countdown). Policies without that input run once."""
     eval_seeds: int = 20
     """Start states. The same seed starts from the same state under every policy and clock."""
+    modules: tuple[str, ...] = field(default=(), kw_only=True)
+    """Python modules that policies' tasks may import, as `gymnasium:MODULE:Id` does."""
     max_lanes: int = field(default=48, kw_only=True)
     """Lanes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
 

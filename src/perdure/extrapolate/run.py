@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from perdure.envs import make_world
+from perdure.envs import make_world, refuse_import
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.idle import idle_unit, read_idle
@@ -65,6 +65,8 @@ def extrapolate(
     """
     workers = core_count(cores)
     policies = [load_policy(path) for path in evaluation.policies]
+    for path, policy in zip(evaluation.policies, policies, strict=True):
+        refuse_import(policy.task.name, evaluation.modules, str(path))
     _check(policies)
     Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
     lanes = _plan(evaluation, policies)

@@ -73,6 +73,10 @@ class SegmentRunner:
             for iteration in range(first, last):
                 handle, lanes, state = self._iteration.run(collect, handle, lanes, state, iteration)
                 progress((iteration + 1) * config.rollout_size, _recent_return(state))
+        except Exception as error:
+            if self._slot.error is None or error is self._slot.error:
+                raise
+            raise self._slot.error from None
         finally:
             self._slot.clear()
             world.close()
