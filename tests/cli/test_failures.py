@@ -1,6 +1,7 @@
 """Whatever a user gets wrong ends in one line on stderr and exit code 2, and never in a traceback."""
 
 import os
+import re
 import sys
 
 import pytest
@@ -76,9 +77,13 @@ def check_failure(code, stdout, stderr):
     return line
 
 
+PROGRESS = re.compile(r"\d\d:\d\d:\d\d  ")
+
+
 def failed(process):
-    """The one line of a process that failed."""
-    return check_failure(process.returncode, process.stdout, process.stderr)
+    """The one line of a process that failed, without the lines of progress that a slow machine has time to print."""
+    errors = [line for line in process.stderr.splitlines(keepends=True) if not PROGRESS.match(line)]
+    return check_failure(process.returncode, process.stdout, "".join(errors))
 
 
 def arguments_of(mistake, files):

@@ -26,6 +26,8 @@ class Extrapolate:
     countdown:1000, default (each policy's own clock), sweep (constant and periodic 0, 100, ..., 1000)."""
     eval_seeds: int = 20
     """Start states; the same ones for every policy and clock."""
+    first_eval_seed: int = 0
+    """The first of them: choose a policy or a clock on some start states, report on others."""
     out: Path = Path("extrapolation")
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
     cores: int | None = None
@@ -51,6 +53,7 @@ def main(args: list[str]) -> None:
         flags.steps,
         flags.clocks,
         flags.eval_seeds,
+        first_eval_seed=flags.first_eval_seed,
         max_lanes=flags.max_lanes,
         modules=flags.modules,
     )

@@ -32,6 +32,8 @@ class Extrapolation:
     periodic, and the countdown). Policies without that input run once."""
     eval_seeds: int = 20
     """Start states. The same seed starts from the same state under every policy and clock."""
+    first_eval_seed: int = field(default=0, kw_only=True)
+    """The first of those seeds: choose a policy or a clock on some seeds, report on others."""
     modules: tuple[str, ...] = field(default=(), kw_only=True)
     """Python modules that policies' tasks may import, as `gymnasium:MODULE:Id` does."""
     max_lanes: int = field(default=48, kw_only=True)
@@ -42,6 +44,8 @@ class Extrapolation:
         for name, value in (("steps", self.steps), ("eval_seeds", self.eval_seeds), ("max_lanes", self.max_lanes)):
             if value < 1:
                 raise ExtrapolationError(f"{name} must be at least 1, got {value}")
+        if self.first_eval_seed < 0:
+            raise ExtrapolationError(f"first_eval_seed must be at least 0, got {self.first_eval_seed}")
         if not self.policies:
             raise ExtrapolationError("no policy to evaluate: name at least one policy file")
         if not self.clocks:

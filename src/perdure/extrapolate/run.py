@@ -130,7 +130,7 @@ def _plan(evaluation: Extrapolation, policies: Sequence[Policy]) -> list[LaneSpe
         LaneSpec(number, clock, seed)
         for number, policy in enumerate(policies)
         for clock in ((None,) if policy.protocol.embedding is None else evaluation.deployment_clocks(policy.clock))
-        for seed in range(evaluation.eval_seeds)
+        for seed in range(evaluation.first_eval_seed, evaluation.first_eval_seed + evaluation.eval_seeds)
     ]
     if not lanes:
         raise ExtrapolationError("no lane to evaluate: these clocks fit none of the policies")
