@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 WITHIN_S = 10
-"""On an idle machine it takes half a second; more is allowed, because other tests compute at the same time. A command that
-waits for its pending work takes minutes."""
+"""On an idle machine it takes half a second; more is allowed, because other tests compute at the same time. A command
+that waits for its pending work takes minutes."""
 COMMANDS = {
     "train": ("train", "Hopper-v3", "--seeds", "0", "1", "--out", "out"),
     "extrapolate": ("extrapolate", "HalfCheetah-v3/ppo", "--steps", "1000000", "--eval-seeds", "4", "--out", "out"),

@@ -6,7 +6,7 @@
 | `evaluate.py` | carrying lanes along and writing down what becomes of them |
 | `checkpoints.py` | at which steps |
 | `divergence.py` | noticing that the physics blew up |
-| `idle.py`, `yardstick.py`, `verdict.py`, `movement.py` | what doing nothing earns, the two scores, what became of each lane |
+| `idle.py`, `yardstick.py`, `verdict.py`, `movement.py` | what idling earns, the two scores, what became of each lane |
 | `run.py`, `worker.py` | groups of lanes over the cores, resumable |
 | `table.py`, `result.py` | the Parquet table, the typed result |
 | `errors.py` | `ExtrapolationError` |
