@@ -78,7 +78,7 @@ def build(groups, lanes=8, train_seeds=(0,), checkpoints=CHECKPOINTS, seed=0):
         base = {"task": "Hopper-v3", "method": "geometric", "train_horizon": 1000.0}
         base |= clock_columns(group.pop("clock", "constant(500)")) | group
         for train_seed in train_seeds:
-            policy = group.get("policy", f"{base['task']}-{base['method']}-seed{train_seed}")
+            policy = group.get("policy", base["method"])
             for lane in range(lanes):
                 end = ends[lane] if ends is not None else rng.geometric(hazard) if hazard else math.inf
                 labels = base | {"policy": policy, "train_seed": train_seed, "eval_seed": lane}

@@ -27,7 +27,7 @@ class Group:
 
     task: str
     line: str
-    """Who acts: the method, its training seeds pooled; the policy's label where that would mix policies."""
+    """Who acts: the method, its training seeds pooled; the policy's label where that would mix policies, or presets."""
     clock: str
     clock_kind: str
     clock_steps: float
@@ -98,18 +98,28 @@ class Group:
         A lane that the environment cut, or that cannot be judged, is watched until it ended. Policies that never worked
         have failed from the start.
         """
+        times, shares = self._kaplan_meier
+        # A lane that fails after a checkpoint's last step has not failed at the checkpoint; one that never worked has at all.
+        passed = np.searchsorted(times, self.steps, side="left")
+        passed += int(times.size > 0 and times[0] == 0 and self.steps[0] == 0)
+        return np.concatenate([[1.0], shares])[passed]
+
+    @property
+    def half_failed_by(self) -> float:
+        """Steps by which half of the lanes have failed: the median of the Kaplan-Meier curve; nan if they have not."""
+        times, shares = self._kaplan_meier
+        by_then = times[shares <= 0.5]
+        return float(by_then[0]) if by_then.size else float("nan")
+
+    @cached_property
+    def _kaplan_meier(self) -> tuple[IntArray, FloatArray]:
+        """Times of failure, rising, and the share without a failure after each."""
         never = np.array([verdict == "never worked" for verdict in self.verdicts])
         times = np.where(never, 0, self.failed_steps)
         event = self.failed | never
-        share, at = 1.0, 0
-        points = np.ones(len(self.steps))
-        for time in np.unique(times[event]):
-            points[at:] = share
-            watched = int((times >= time).sum())
-            share *= 1.0 - int((event & (times == time)).sum()) / watched
-            at = int(np.searchsorted(self.steps, time, side="right" if time else "left"))
-        points[at:] = share
-        return points
+        at = np.unique(times[event])
+        kept = [1.0 - int((event & (times == time)).sum()) / int((times >= time).sum()) for time in at]
+        return at, np.cumprod(kept)
 
     @cached_property
     def final_hold(self) -> FloatArray:
@@ -138,8 +148,7 @@ def tasks_of(groups: tuple[Group, ...]) -> tuple[str, ...]:
 def _name_lines(frame: pl.DataFrame) -> pl.DataFrame:
     """Add the column `line`, and `place`: the row at which the table first names it."""
     kind = ["task", "method", "train_horizon"]
-    policies = pl.struct("policy", "train_seed").n_unique().over(kind)
-    pooled = pl.col("train_seed").n_unique().over(kind) == policies
+    pooled = pl.col("policy").n_unique().over(kind) == 1
     ambiguous = pl.col("train_horizon").n_unique().over("task", "method") > 1
     method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", _horizon_text())).otherwise(pl.lit(""))
     named = frame.with_row_index("place").with_columns(line=pl.when(pooled).then(method).otherwise("policy"))

@@ -47,7 +47,6 @@ def _row(item: Estimate) -> Row:
     interval = "\u2013" if np.isnan(low) else f"{wording.quantity(low)} to {wording.quantity(high)}"
     counts = Counter(group.verdicts)
     hold = float(item.final_hold.estimate)
-    failed = group.steps[group.working <= 0.5]
     cells = (
         group.line,
         group.clock,
@@ -59,7 +58,7 @@ def _row(item: Estimate) -> Row:
         wording.share(float(group.alive[:, -1].mean())),
         wording.share(float(group.ever_idle.mean())),
         wording.quantity(float(np.nanmean(group.level))) if np.isfinite(group.level).any() else "\u2013",
-        wording.whole(float(failed[0])) if len(failed) else "\u2013",
+        wording.whole(group.half_failed_by) if np.isfinite(group.half_failed_by) else "\u2013",
         ", ".join(f"{verdict} {number}" for verdict, number in counts.most_common()),
     )
     return Row(cells, f"{returns.label} ({returns.method}, {wording.count(returns.count, 'unit')})")
