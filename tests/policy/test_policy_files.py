@@ -16,6 +16,7 @@ from safetensors.numpy import save
 
 from perdure.horizon import Geometric, Periodic
 from perdure.policy import PolicyError, PolicyFileError, load_policy, save_policy
+from perdure.policy.shipped import LABELS, shipped_policies
 
 KINDS = [
     {"embedding": "geometric"},
@@ -87,6 +88,11 @@ def test_a_shipped_policy_is_found_by_its_name_and_a_near_name_is_offered():
     assert load_policy("home/set_table/place/seed-0").task.name.startswith("perdure/HomePlace-v0")
     with pytest.raises(PolicyFileError, match="did you mean Hopper-v3/geometric"):
         load_policy("Hopper-v3/geometrik")
+
+
+def test_a_label_speaks_of_a_policy_that_is_shipped():
+    locomotion = {name for name in shipped_policies() if not name.startswith("home/")}
+    assert set(LABELS) == locomotion
 
 
 def test_a_folder_is_refused(tmp_path):

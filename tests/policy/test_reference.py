@@ -93,11 +93,14 @@ def test_the_measurement_comes_back_from_the_file_bit_for_bit(tmp_path):
 
 
 def test_a_file_of_version_1_has_neither():
-    policy = load_policy("Hopper-v3/ppo")
+    policy = load_policy("home/set_table/place/seed-0")
     assert policy.return_scale is None
     assert policy.reference is None
+
+
+def test_without_a_scale_values_are_in_scaled_units_only():
     with pytest.raises(PolicyError, match="scaled_value"):
-        policy.value(np.zeros((1, 11)), np.zeros(1), np.full(1, 1000.0))
+        random_policy(return_scale=None).value(np.zeros((1, 11)), np.zeros(1), np.full(1, 1000.0))
 
 
 def test_the_value_is_in_reward_units_where_the_scale_is_known():

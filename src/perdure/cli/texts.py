@@ -29,13 +29,15 @@ def methods() -> str:
 
 
 def policies() -> str:
-    """The shipped policies, one a line, with the command that made each."""
+    """The shipped policies, one a line, with the command that made each and, where it is known, what becomes of it."""
     from perdure.policy import load_policy
-    from perdure.policy.shipped import shipped_policies
+    from perdure.policy.shipped import LABELS, shipped_policies
 
-    return "\n".join(
-        f"{name:28} {load_policy(path).provenance.get('command', '')}" for name, path in shipped_policies().items()
-    )
+    rows = []
+    for name, path in shipped_policies().items():
+        label = f"  # {LABELS[name]}" if name in LABELS else ""
+        rows.append(f"{name:36} {load_policy(path).provenance.get('command', '')}{label}")
+    return "\n".join(rows)
 
 
 def _within(subject: Policy) -> str:

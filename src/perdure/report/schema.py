@@ -94,7 +94,9 @@ END_REASONS = ("survived", "terminated", "truncated", "diverged")
 POLICY_STATES = ("worked", "never worked", "cannot tell")
 OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
 VALUES = {"end_reason": END_REASONS, "policy_state": POLICY_STATES, "outcome": OUTCOMES}
-_RESERVED = ("schema", "version", "sha256")
+_RESERVED = ("schema", "version", "sha256", "seal")
+_SEAL = b"perdure-seal-"
+_UNSEALED = _SEAL + 64 * b"0"
 
 
 def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Mapping[str, str]) -> Path:
@@ -122,8 +124,8 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
     ordered = frame.select(list(COLUMNS))
     notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
     buffer = io.BytesIO()
-    ordered.write_parquet(buffer, metadata={**notes, "sha256": _digest(ordered, notes)})
-    return write_whole(path, buffer.getvalue())
+    ordered.write_parquet(buffer, metadata={**notes, "sha256": _digest(ordered, notes), "seal": _UNSEALED.decode()})
+    return write_whole(path, _sealed(buffer.getvalue()))
 
 
 def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str]]:
@@ -143,6 +145,7 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
         raise ReportError(
             f"{path} has version {version} of {SCHEMA_NAME}; this release reads versions 1 and {SCHEMA_VERSION}."
         )
+    notes.pop("seal", None)
     columns = _COLUMNS_1 if version == "1" else COLUMNS
     _check_columns(frame, columns, str(path))
     if notes.pop("sha256", None) != _digest(frame, notes, columns):
@@ -232,6 +235,8 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     content = path.read_bytes()
     if content[:4] != b"PAR1":
         raise ReportError(f"{path} is not a Parquet file.")
+    if _SEAL in content and _sealed(content) != content:
+        raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
     try:
         notes = pl.read_parquet_metadata(io.BytesIO(content))
         frame = pl.read_parquet(io.BytesIO(content))
@@ -239,6 +244,17 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ReportError(f"{path} is a damaged Parquet file: {reason}") from error
     return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+
+
+def _sealed(content: bytes) -> bytes:
+    """Put the SHA-256 of the file, its seal's digits taken as zeros, into the seal.
+
+    It is checked before Polars sees the file: a flipped bit in a length can make Polars abort the process.
+    """
+    at = content.rfind(_SEAL)
+    before, after = content[:at], content[at + len(_UNSEALED) :]
+    digest = hashlib.sha256(before + _UNSEALED + after).hexdigest()
+    return before + _SEAL + digest.encode() + after
 
 
 def _digest(frame: pl.DataFrame, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
