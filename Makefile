@@ -2,7 +2,7 @@
 
 # The demonstration: how long each robot is asked to last, from how many starts, and what it is told about time.
 DEMO_STEPS  ?= 100000
-DEMO_SEEDS  ?= 2
+DEMO_SEEDS  ?= 3
 DEMO_CLOCKS ?= constant:0 constant:500
 DEMO_OUT    ?= demo
 
@@ -53,7 +53,7 @@ demo: setup ## Carry the shipped policies far beyond their horizon, set the tabl
 	tasks=$$(find $(SHIPPED) -mindepth 2 -maxdepth 2 -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
 	if [ -z "$$tasks" ]; then echo "There are no shipped policies in $(SHIPPED)." >&2; exit 1; fi; \
 	for task in $$tasks; do \
-		policies=$$(cd $(SHIPPED) && ls $$task/*.safetensors | sed 's/\.safetensors$$//'); \
+		policies=$$(cd $(SHIPPED) && ls $$task/*.safetensors | grep -v zoo | sed 's/\.safetensors$$//'); \
 		set -x; \
 		$(BIN)/perdure extrapolate $$policies --steps $(DEMO_STEPS) --clocks $(DEMO_CLOCKS) \
 			--eval-seeds $(DEMO_SEEDS) --out $(DEMO_OUT)/$$task; \

@@ -19,7 +19,7 @@ def shipped_policies() -> dict[str, Path]:
 
 
 LABELS = {
-    "HalfCheetah-v3/geometric": "fails silently under constant:0: it turns over; holds under constant:500 in 9 of 10 episodes",
+    "HalfCheetah-v3/geometric": "holds under constant:500 in 9 of 10 episodes; turns over under constant:0",
     "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
     "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
     "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
@@ -28,9 +28,9 @@ LABELS = {
     "Walker2d-v3/geometric": "holds under constant:500",
     "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
 }
-"""What becomes of the shipped locomotion policies in 100,000 steps, as `perdure extrapolate` judges it from the start states
-0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they are
-examples, no comparison of methods."""
+"""What becomes of the shipped locomotion policies in 100,000 steps, judged by `perdure extrapolate` from the start
+states 0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they
+are examples, no comparison of methods."""
 
 
 def find_policy(name: str | Path) -> Path:

@@ -158,11 +158,11 @@ def _survival_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
     chart = curve_chart(
         _curves(chosen, "survival"),
         _step_axis(chosen),
-        Axis(f"share of episodes still running ({_episodes(chosen)})", percent=True),
+        Axis(f"share of episodes that have not ended ({_episodes(chosen)})", percent=True),
         markers=_markers(chosen),
         steps=True,
     )
-    shown = ": ".join(filter(None, ("Episodes still running", title)))
+    shown = ": ".join(filter(None, ("Episodes that have not ended", title)))
     return Figure(slug("survival", title), shown, chart, _notes(chosen, "survival", _AT_THE_END))
 
 

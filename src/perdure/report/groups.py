@@ -99,10 +99,7 @@ class Group:
         have failed from the start.
         """
         times, shares = self._kaplan_meier
-        # A lane that fails after a checkpoint's last step has not failed at the checkpoint; one that never worked has at all.
-        passed = np.searchsorted(times, self.steps, side="left")
-        passed += int(times.size > 0 and times[0] == 0 and self.steps[0] == 0)
-        return np.concatenate([[1.0], shares])[passed]
+        return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="left")]
 
     @property
     def half_failed_by(self) -> float:
@@ -117,9 +114,10 @@ class Group:
         never = np.array([verdict == "never worked" for verdict in self.verdicts])
         times = np.where(never, 0, self.failed_steps)
         event = self.failed | never
-        at = np.unique(times[event])
+        at: IntArray = np.unique(times[event]).astype(np.int64)
         kept = [1.0 - int((event & (times == time)).sum()) / int((times >= time).sum()) for time in at]
-        return at, np.cumprod(kept)
+        shares: FloatArray = np.cumprod(kept, dtype=np.float64)
+        return at, shares
 
     @cached_property
     def final_hold(self) -> FloatArray:
