@@ -147,7 +147,7 @@ class TestRealPhysics:
         yardstick = make_yardstick(reference, Idle(0.0, -0.3), task_rate("HalfCheetah-v3"))
         from perdure.horizon import Constant
 
-        records = evaluate_lanes([policy], [LaneSpec(0, Constant(c), 0) for c in (500.0, 0.0)], 3000)
+        records = evaluate_lanes([policy], [LaneSpec(0, Constant(c), 4) for c in (500.0, 0.0)], 3000)
         at = np.isin(records.steps, window_steps(3000))
         outcomes = [
             judge_lane(records.steps[at], records.returns[lane, at], 3000, "survived", yardstick).outcome
