@@ -68,7 +68,7 @@ demo: setup ## Carry the shipped policies far beyond their horizon, set the tabl
 		{ set +x; } 2>/dev/null; \
 	done; \
 	set -x; \
-	$(BIN)/perdure home analyse $(DEMO_OUT)/set_table/runs --out $(DEMO_OUT)/set_table; \
+	$(BIN)/perdure home analyze $(DEMO_OUT)/set_table/runs --out $(DEMO_OUT)/set_table; \
 	{ set +x; } 2>/dev/null; \
 	echo; echo "The reports, to be opened in a browser:"; \
 	for task in $$tasks set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done

@@ -6,7 +6,7 @@ python benchmarks/floors.py home           the home world: MuJoCo's `mj_step`
 For each task, in one run on core 0: microseconds of a step of one environment in EnvPool, fed ready actions; those that
 the products of all minibatches take for each environment step, by NumPy's BLAS on one thread; what our training takes;
 what Stable-Baselines3's takes (`make bench` makes its environment). The last column is the most that any program can
-gain on this machine: optimiser, activations and acting are left out.
+gain on this machine: optimizer, activations and acting are left out.
 
 For the home world: how many times the simulated seconds a second of gymnasium-robotics' FetchPickAndPlace-v4 we make,
 as in `make bench`, which share of our time MuJoCo takes, and what a program would make that needs no other time.

@@ -16,7 +16,7 @@ from perdure.home.agents.release import Ik
 from perdure.home.agents.release.ik import EPSILON, SPEED
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.outcomes import analyse, record_of
+from perdure.home.evaluate.outcomes import analyze, record_of
 from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
 from perdure.home.sim.world import SceneOptions
 
@@ -33,7 +33,7 @@ def row(epsilon: float, speed: float, count: int) -> str:
     arm = actors["place"] = Ik(actors["place"], epsilon=epsilon, speed=speed)
     options = ExecutorOptions(scene=SceneOptions(rolling=ROLLING))
     logs = Executor(Protocol(TASK).skills(), actors, options).run(load_episodes(TASK, "val").episodes[:count])
-    analysis = analyse([record_of(log, {"arm": "ik", "train_seed": "0"}) for log in logs])
+    analysis = analyze([record_of(log, {"arm": "ik", "train_seed": "0"}) for log in logs])
     placed = analysis.placements
     ways = Counter(arm.outcomes)
     cells = (

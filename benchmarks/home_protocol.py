@@ -21,7 +21,7 @@ from home_tables import TABLES, TITLES, WORLDS, Row, chosen, readme_table, strat
 from marks import put
 
 from perdure.home.benchmark.tasks import TASKS
-from perdure.home.evaluate.outcomes import COUNTINGS, analyse, paired_difference
+from perdure.home.evaluate.outcomes import COUNTINGS, analyze, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
 from perdure.home.evaluate.page import Cast, read_cast
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
@@ -168,7 +168,7 @@ def key(row: Row) -> tuple[str, str, str]:
 def main(folder: Path) -> None:
     """Summarize all logs of a folder."""
     records, cast = read_cast(sorted(folder.rglob("logs.parquet")))
-    compared = comparisons(analyse(records))
+    compared = comparisons(analyze(records))
     known: dict[str, list[Any]] = {"commands": [], "rows": [], "pairs": []}
     if RESULTS.exists():
         known = json.loads(RESULTS.read_text())

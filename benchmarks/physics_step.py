@@ -4,7 +4,7 @@ python benchmarks/physics_step.py [releases]
 
 A target is let go of above its goal: up to 0.25 m high, tilted by up to 0.8 rad, moving at up to 0.8 m/s, at most
 0.14 m beside the goal's middle. Five seconds later: does it lie within 0.15 m of the goal? Each release is simulated at
-every rate, and at 240 Hz a second time from a place that is 1 micrometre off: what differs between these two is chance,
+every rate, and at 240 Hz a second time from a place that is 1 micrometer off: what differs between these two is chance,
 and no rate can agree better with another one.
 """
 

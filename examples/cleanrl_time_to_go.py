@@ -20,7 +20,7 @@ from perdure.horizon.wrappers import VectorHorizonLimit, VectorTimeToGoObservati
 
 
 def make_envs(task: str, num_envs: int, protocol: HorizonProtocol) -> VectorTimeToGoObservation:
-    """From the inside out: worlds, horizon, statistics, normaliser, phi. So phi is not normalised."""
+    """From the inside out: worlds, horizon, statistics, normalizer, phi. So phi is not normalized."""
     worlds = [lambda: gymnasium.make(task, max_episode_steps=-1)] * num_envs
     envs = SyncVectorEnv(worlds, autoreset_mode=AutoresetMode.NEXT_STEP)
     envs = VectorHorizonLimit(envs, protocol.horizon, protocol.end)
@@ -56,7 +56,7 @@ def collect(envs, policy, value, observations, is_reset, num_steps: int) -> tupl
 
 
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> np.ndarray:
-    """Generalised advantage estimates; 0 in rows that are resets.
+    """Generalized advantage estimates; 0 in rows that are resets.
 
     A terminated step has no value after it. A truncated one has, but the next row belongs to another episode.
     """

@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from perdure.home.benchmark.tasks import WorldFacts
-from perdure.home.evaluate.outcomes import EpisodeRecord, History, Target, analyse, read_logs, write_records
+from perdure.home.evaluate.outcomes import EpisodeRecord, History, Target, analyze, read_logs, write_records
 
 
 def z_up(points) -> np.ndarray:
@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> None:
         log = json.load(stream)
     records = [record_of(each, float(log["control_hz"]), args.arm, args.train_seed) for each in log["episodes"]]
     write_records(args.out, records, {"arm": args.arm, "made from": args.log})
-    print(analyse(read_logs(args.out)).summary())
+    print(analyze(read_logs(args.out)).summary())
 
 
 if __name__ == "__main__":

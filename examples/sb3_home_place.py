@@ -2,7 +2,7 @@
 
     pip install "stable-baselines3>=2.7" ".[home]"
     python examples/sb3_home_place.py --train-steps 2000000 --out logs
-    perdure home analyse logs/*.parquet --out page
+    perdure home analyze logs/*.parquet --out page
 
 Learns place in its Gymnasium environment, then lets it act in whole SetTable episodes, beside shipped policies for all
 other skills, and prints how often the objects stay. Any library will do: `Predicting` takes a function from
@@ -22,7 +22,7 @@ from perdure.home import load_episodes
 from perdure.home.agents import Predicting
 from perdure.home.agents.release import make_arm
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.outcomes import analyse, read_logs, write_logs
+from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
 from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
 from perdure.home.sim.world import SceneOptions
 
@@ -63,7 +63,7 @@ def main() -> None:
         executor = Executor(Protocol(TASK).skills(), actors, options)
         path = args.out / f"sb3-{arm}.parquet"
         write_logs(path, list(executor.run(episodes)), {"arm": f"sb3 {arm}", "train_seed": str(args.seed)})
-        print(f"sb3 {arm}:\n{analyse(read_logs(path)).summary()}")
+        print(f"sb3 {arm}:\n{analyze(read_logs(path)).summary()}")
 
 
 if __name__ == "__main__":

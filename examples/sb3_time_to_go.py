@@ -7,7 +7,7 @@ Three things to mind with Stable-Baselines3:
 
 * Its PPO bootstraps at every truncation. A policy that is told the time-to-go knows that nothing follows its horizon,
   so the horizon ends episodes with ``end="terminated"``.
-* ``VecNormalize`` would normalise phi with the statistics of training, and phi would mean something else in deployment.
+* ``VecNormalize`` would normalize phi with the statistics of training, and phi would mean something else in deployment.
   With ``dict=True`` phi has a key of its own, and ``norm_obs_keys`` leaves it out.
 * ``Monitor`` goes above the wrappers, or it never hears of the horizons. (``make_vec_env`` puts it beneath.)
 """
@@ -33,7 +33,7 @@ def make_protocol(task: str) -> HorizonProtocol:
 
 
 def make_training_env(task: str, protocol: HorizonProtocol) -> VecNormalize:
-    """One environment with random horizons; observations and rewards normalised, phi left as it is."""
+    """One environment with random horizons; observations and rewards normalized, phi left as it is."""
 
     def make() -> gymnasium.Env:
         env = gymnasium.make(task, max_episode_steps=-1)  # no limit but ours
@@ -74,7 +74,7 @@ def main() -> None:
     model.learn(args.train_steps)
 
     raw = env.get_original_obs()
-    assert np.array_equal(env.normalize_obs(raw)["time_to_go"], raw["time_to_go"]), "phi must not be normalised"
+    assert np.array_equal(env.normalize_obs(raw)["time_to_go"], raw["time_to_go"]), "phi must not be normalized"
     for steps_to_go in (100, 500, 1000):
         clock = Constant(steps_to_go)
         world = make_deployment_env(args.task, protocol, clock)

@@ -26,10 +26,10 @@ def single(task: str) -> Any:
     return Monitor(gymnasium.make(task.replace("-v3", "-v4")))
 
 
-def rate(model: Any, normalised: VecNormalize, venv: VecEnv, episodes: int) -> float:
+def rate(model: Any, normalized: VecNormalize, venv: VecEnv, episodes: int) -> float:
     """Environment steps a second of ``evaluate_policy``."""
     env = VecNormalize(venv, training=False, norm_reward=False)
-    env.obs_rms = normalised.obs_rms
+    env.obs_rms = normalized.obs_rms
     began = time.perf_counter()
     _, lengths = evaluate_policy(model, env, n_eval_episodes=episodes, return_episode_rewards=True, warn=False)
     seconds = time.perf_counter() - began
@@ -41,12 +41,12 @@ def main() -> None:
     config = json.loads(Path(sys.argv[1]).read_text())
     task, cores = config["task"], config["cores"]
     torch.set_num_threads(1)
-    model, normalised = make_model(config, EnvPoolVecEnv(task, 1, 0, 1000))
+    model, normalized = make_model(config, EnvPoolVecEnv(task, 1, 0, 1000))
     lanes = 48
     result = {
-        "documented": rate(model, normalised, DummyVecEnv([lambda: single(task)]), 4),
-        "subprocesses": rate(model, normalised, SubprocVecEnv([lambda: single(task)] * 2 * cores), 4 * cores),
-        "envpool": rate(model, normalised, EnvPoolVecEnv(task, lanes, 0, 1000, threads=cores), lanes),
+        "documented": rate(model, normalized, DummyVecEnv([lambda: single(task)]), 4),
+        "subprocesses": rate(model, normalized, SubprocVecEnv([lambda: single(task)] * 2 * cores), 4 * cores),
+        "envpool": rate(model, normalized, EnvPoolVecEnv(task, lanes, 0, 1000, threads=cores), lanes),
     }
     Path(sys.argv[2]).write_text(json.dumps(result))
 

@@ -41,7 +41,7 @@ CONFIG: dict[str, Any] = {
 
 
 class Recorder(VecEnvWrapper):
-    """Keeps what passes between the raw environment and the normaliser."""
+    """Keeps what passes between the raw environment and the normalizer."""
 
     def __init__(self, venv: EnvPoolVecEnv) -> None:
         super().__init__(venv)
@@ -84,7 +84,7 @@ def weights(model: Any, prefix: str) -> dict[str, np.ndarray]:
 def main() -> None:
     torch.set_num_threads(1)
     recorder = Recorder(EnvPoolVecEnv(CONFIG["task"], CONFIG["n_envs"], CONFIG["seed"], CONFIG["horizon"]))
-    model, normalised = make_model(CONFIG, recorder)
+    model, normalized = make_model(CONFIG, recorder)
     arrays = weights(model, "before")
     orders: list[np.ndarray] = []
     permutation = np.random.permutation
@@ -103,7 +103,7 @@ def main() -> None:
     arrays |= {f"raw/{name}": np.ascontiguousarray(np.stack(rows)) for name, rows in recorder.log.items()}
     arrays |= weights(model, "after")
     arrays["orders"] = np.stack(orders)
-    for name, rms in (("observation", normalised.obs_rms), ("return", normalised.ret_rms)):
+    for name, rms in (("observation", normalized.obs_rms), ("return", normalized.ret_rms)):
         arrays[f"{name}.mean"], arrays[f"{name}.var"] = np.atleast_1d(rms.mean), np.atleast_1d(rms.var)
         arrays[f"{name}.count"] = np.atleast_1d(np.float64(rms.count))
     arrays = {k: v.astype(np.uint8) if v.dtype == bool else np.ascontiguousarray(v) for k, v in arrays.items()}

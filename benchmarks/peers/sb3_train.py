@@ -90,13 +90,13 @@ class EnvPoolVecEnv(VecEnv):
 
 
 def make_model(config: dict[str, Any], env: VecEnv) -> tuple[PPO, VecNormalize]:
-    """PPO and its normaliser from one flat configuration."""
-    normalised = VecNormalize(env, gamma=config["normalizer_gamma"])
+    """PPO and its normalizer from one flat configuration."""
+    normalized = VecNormalize(env, gamma=config["normalizer_gamma"])
     activation = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}[config["activation"]]
     hidden = list(config["hidden_sizes"])
     model = PPO(
         "MlpPolicy",
-        normalised,
+        normalized,
         learning_rate=config["learning_rate"],
         n_steps=config["n_steps"],
         batch_size=config["batch_size"],
@@ -116,7 +116,7 @@ def make_model(config: dict[str, Any], env: VecEnv) -> tuple[PPO, VecNormalize]:
         seed=config["seed"],
         device="cpu",
     )
-    return model, normalised
+    return model, normalized
 
 
 class Clock(BaseCallback):
@@ -133,14 +133,14 @@ class Clock(BaseCallback):
         return True
 
 
-def evaluate(model: PPO, normalised: VecNormalize, config: dict[str, Any], episodes: int) -> list[float]:
-    """Deterministic returns of one episode per evaluation environment, with the normaliser frozen."""
+def evaluate(model: PPO, normalized: VecNormalize, config: dict[str, Any], episodes: int) -> list[float]:
+    """Deterministic returns of one episode per evaluation environment, with the normalizer frozen."""
     env = EnvPoolVecEnv(config["task"], episodes, config["seed"] + 10_000, config["horizon"])
     observations = env.reset()
     returns = np.zeros(episodes)
     alive = np.ones(episodes, dtype=bool)
     while alive.any():
-        actions, _ = model.predict(normalised.normalize_obs(observations), deterministic=True)
+        actions, _ = model.predict(normalized.normalize_obs(observations), deterministic=True)
         env.step_async(actions)
         observations, rewards, dones, _ = env.step_wait()
         returns += rewards * alive
@@ -154,7 +154,7 @@ def main() -> None:
     out = Path(sys.argv[2])
     torch.set_num_threads(config.get("threads", 1))
     env = EnvPoolVecEnv(config["task"], config["n_envs"], config["seed"], config["horizon"])
-    model, normalised = make_model(config, env)
+    model, normalized = make_model(config, env)
     clock = Clock()
     model.learn(config["total_steps"], callback=clock)
     clock.marks.append((model.num_timesteps, time.perf_counter()))
@@ -163,7 +163,7 @@ def main() -> None:
         "config": config,
         "steps_per_second": (last - first) / (t1 - t0),
         "episodes": env.episodes,
-        "evaluation": evaluate(model, normalised, config, config.get("evaluation_episodes", 20)),
+        "evaluation": evaluate(model, normalized, config, config.get("evaluation_episodes", 20)),
     }
     temporary = out.with_suffix(".tmp")
     temporary.write_text(json.dumps(result))

@@ -2,7 +2,7 @@
 
 | package | what it is for |
 |---|---|
-| `perdure.horizon` | how time is treated: embeddings, clocks, laws of the training horizon, Gymnasium wrappers |
+| `perdure.horizon` | how time is treated: embeddings, clocks, training horizons, Gymnasium wrappers |
 | `perdure.envs` | worlds behind one vector contract |
 | `perdure.policy` | the policy as one file |
 | `perdure.ppo` | the learner, and methods as data |

@@ -20,7 +20,7 @@ MISTAKES = {
     "bad flag value": ("--steps", *EVALUATE, "--steps", "many"),
     "missing flag value": ("--steps", *EVALUATE, "--steps"),
     "bad choice": ("robots", "list", "robots"),
-    "unknown family": ("'Atari'", "list", "tasks", "--family", "Atari"),
+    "unknown suite": ("'Atari'", "list", "tasks", "--suite", "Atari"),
     "train without a task": ("task", "train"),
     "unknown task": ("Hopper-v3", "train", "Hoper-v3"),
     "unknown Gymnasium task": ("Hoper-v9", "train", "gymnasium:Hoper-v9"),
@@ -110,7 +110,7 @@ def test_a_process_ends_as_its_main_function_does(perdure, files, tmp_path, mist
 
 def test_a_fault_of_the_program_is_not_passed_off_as_the_users(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["perdure", "list"])
-    monkeypatch.setattr("perdure.cli.texts.tasks", lambda family: int("a bug"))
+    monkeypatch.setattr("perdure.cli.texts.tasks", lambda suite: int("a bug"))
     with pytest.raises(ValueError, match="a bug"):
         main()
 

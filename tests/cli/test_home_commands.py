@@ -12,7 +12,7 @@ def succeeded(process):
     return process.stdout
 
 
-COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyse", "failures")
+COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyze", "failures")
 
 
 def test_help_lists_every_command(perdure, tmp_path):
@@ -51,27 +51,27 @@ def test_the_plan_of_set_table_opens_the_drawer_first(perdure, tmp_path):
     assert text.index("open_drawer") < text.index("pick") < text.index("close_drawer") < text.index("open_fridge")
 
 
-def test_a_run_is_kept_and_analysed(perdure, tmp_path):
+def test_a_run_is_kept_and_analyzed(perdure, tmp_path):
     arguments = ("set_table", "--episodes", 1, "--lanes", 1, "--policies", "place=oracle", "--out", "kept")
     text = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))
     assert "close_1" in text
     again = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
     assert again == text
-    assert succeeded(perdure("home", "analyse", "kept", cwd=tmp_path)) in text
+    assert succeeded(perdure("home", "analyze", "kept", cwd=tmp_path)) in text
     page = tmp_path / "kept" / "set_table" / "val" / "rl" / "report.html"
     assert f"Report: {page}" in text
     assert "perdure home run set_table --episodes 1" in page.read_text()
     assert "scripted oracle" in page.read_text()
-    told = succeeded(perdure("home", "analyse", "kept", "--out", "page", cwd=tmp_path))
+    told = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
     assert told.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
     assert (tmp_path / "page" / "set-table-val-success.png").exists()
-    process = perdure("home", "analyse", "kept", "--out", page, cwd=tmp_path)
+    process = perdure("home", "analyze", "kept", "--out", page, cwd=tmp_path)
     assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
     assert "report.html" in process.stderr
 
 
 def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(perdure, files, tmp_path):
-    for arguments in (("run", "set_table"), ("analyse", files / "none.parquet")):
+    for arguments in (("run", "set_table"), ("analyze", files / "none.parquet")):
         process = perdure("home", *arguments, "--out", files / "foreign.txt" / "deeper", cwd=tmp_path, timeout=30)
         assert (process.returncode, process.stderr.count("\n")) == (2, 1)
         assert "foreign.txt/deeper: Not a directory" in process.stderr
@@ -89,9 +89,9 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(per
         (("run", "set_table", "--episodes", 0), "episodes"),
         (("run", "set_table", "--policies", "place"), "SKILL=FILE"),
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
-        (("analyse", "nowhere"), "nowhere"),
+        (("analyze", "nowhere"), "nowhere"),
         (("train", "juggle"), "juggle"),
-        (("analyse", "nowhere", "--out", "page"), "nowhere"),
+        (("analyze", "nowhere", "--out", "page"), "nowhere"),
         (("video", "set_table", "--out", "film.avi"), ".mp4 or .gif"),
         (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4 or .gif"),
         (("video", "set_table", "--place", "rl", "throw"), "rl, stop, ik, ik+"),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from perdure.envs import WorldError
 from perdure.envs.checks import checked_lanes
-from perdure.envs.lanes import LaneBook
+from perdure.envs.lanes import LaneTracker
 
 LANES = 4
 horizon = st.one_of(st.integers(1, 4).map(float), st.just(math.inf), st.just(1e300))
@@ -24,7 +24,7 @@ event = st.tuples(
 @settings(max_examples=100, deadline=None)
 @given(st.lists(event, max_size=25))
 def test_every_lane_lives_as_if_it_were_alone(history: list) -> None:
-    book = LaneBook(LANES)
+    book = LaneTracker(LANES)
     left: list[float | None] = [None] * LANES  # steps each lane may still make; None before a reset and after an end
     for is_reset, lanes, limit, falls in history:
         if is_reset:

@@ -10,19 +10,19 @@ from perdure.envs import UnknownTask, WorldError, list_tasks, make_world
 SUITES = {"EnvPool MuJoCo", "EnvPool dm_control", "EnvPool Shadow hand", "Home", "Gymnasium"}
 
 
-def names(family: str) -> set[str]:
-    return {listing.name for listing in list_tasks(family)}
+def names(suite: str) -> set[str]:
+    return {listing.name for listing in list_tasks(suite)}
 
 
 @pytest.mark.parametrize("robot", ["Ant", "HalfCheetah", "Hopper", "Humanoid", "Swimmer", "Walker2d"])
 def test_the_six_robots_are_there_as_v3_v4_and_v5(robot: str) -> None:
     assert {f"{robot}-v3", f"{robot}-v4", f"{robot}-v5"} <= names("EnvPool MuJoCo")
     spec = make_world(f"{robot}-v3", [1]).spec
-    assert (spec.name, spec.family, spec.default_horizon) == (f"{robot}-v3", "EnvPool MuJoCo", 1000)
+    assert (spec.name, spec.suite, spec.default_horizon) == (f"{robot}-v3", "EnvPool MuJoCo", 1000)
 
 
 def test_each_suite_has_its_tasks_and_only_those() -> None:
-    assert {listing.family for listing in list_tasks()} == SUITES
+    assert {listing.suite for listing in list_tasks()} == SUITES
     assert {"InvertedPendulum-v5", "InvertedDoublePendulum-v4", "Reacher-v5"} <= names("EnvPool MuJoCo")
     assert {"CheetahRun-v1", "HumanoidWalk-v1", "CartpoleBalance-v1"} <= names("EnvPool dm_control")
     assert {"HandReach-v3", "HandManipulateBlock-v1"} <= names("EnvPool Shadow hand")
@@ -62,7 +62,7 @@ def test_a_task_like_no_other_gets_no_wild_guess(wrong: str) -> None:
 
 
 def test_an_unknown_suite_is_answered_with_the_suites() -> None:
-    with pytest.raises(WorldError, match="no task family named 'Atari'") as caught:
+    with pytest.raises(WorldError, match="no task suite named 'Atari'") as caught:
         list_tasks("Atari")
     assert all(suite in str(caught.value) for suite in SUITES)
 

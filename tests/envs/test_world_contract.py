@@ -1,4 +1,4 @@
-"""What every world promises, on a sample of every family (`make test`) and on every registered task (`make verify`)."""
+"""What every world promises, on a sample of every suite (`make test`) and on every registered task (`make verify`)."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -45,7 +45,7 @@ def test_the_same_seeds_give_the_same_trajectories_and_other_seeds_do_not(case: 
     assert not any(np.array_equal(a, b) for a, b in zip(told(case), others, strict=True))
 
 
-def test_a_lane_does_not_feel_its_place_nor_its_neighbours(case: Case) -> None:
+def test_a_lane_does_not_feel_its_place_nor_its_neighbors(case: Case) -> None:
     alone = dict(zip(SEEDS, told(case), strict=True))
     for seeds in ([13], [12, 13, 12, 11]):
         for seed, lane in zip(seeds, trajectories(case.build(seeds), seeds, STEPS), strict=True):

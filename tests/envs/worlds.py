@@ -1,4 +1,4 @@
-"""The worlds that the contract is tested on: a sample of every family, and for `make verify` every registered task."""
+"""The worlds that the contract is tested on: a sample of every suite, and for `make verify` every registered task."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ BLOW_UPS = {
 
 
 @pytest.mark.parametrize("script", BLOW_UPS.values(), ids=BLOW_UPS)
-def test_a_blow_up_ends_its_lane_unpaid_and_leaves_its_neighbours_alone(script):
+def test_a_blow_up_ends_its_lane_unpaid_and_leaves_its_neighbors_alone(script):
     records = evaluate([HEALTHY, script, HEALTHY], STEPS)
     assert records.end_reason.tolist() == [SURVIVED, DIVERGED, SURVIVED]
     assert records.end_step.tolist() == [STEPS, 20, STEPS]

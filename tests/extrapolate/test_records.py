@@ -15,8 +15,8 @@ from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 from perdure.extrapolate import LaneSpec, evaluate_lanes
 from perdure.extrapolate.checkpoints import MOST_WINDOWS, checkpoint_steps, window_steps
 from perdure.extrapolate.evaluate import END_REASONS
+from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.table import judge_table, lane_table
-from perdure.extrapolate.yardstick import Yardstick
 from perdure.policy.reference import Reference
 from perdure.report import read_table, write_table
 
@@ -143,7 +143,7 @@ class TestDetails:
         assert (END_REASONS[records.end_reason[0]], records.end_detail[0]) == ("diverged", sign)
 
 
-YARDSTICK = Yardstick(0.0, 1.0, math.nan, 4, "worked", "")
+YARDSTICK = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
 
 
 @pytest.fixture(scope="module")

@@ -94,7 +94,7 @@ def test_every_component_lies_between_0_and_1(embedding, elapsed, horizon):
 
 
 @pytest.mark.parametrize("embedding", EMBEDDINGS, ids=str)
-def test_a_row_does_not_depend_on_its_neighbours(embedding):
+def test_a_row_does_not_depend_on_its_neighbors(embedding):
     random = np.random.default_rng(1)
     elapsed, horizon = random.integers(0, 3000, 257).astype(float), random.integers(0, 3000, 257).astype(float)
     whole = phi(embedding, elapsed, horizon)

@@ -12,8 +12,8 @@ from perdure.horizon.wrappers import HorizonLimit
 RUNS, FELL, CUT = (0, 0), (1, 0), (0, 1)
 
 
-def limited(law, end, **world):
-    env = HorizonLimit(Stumbling(**world), law, end)
+def limited(distribution, end, **world):
+    env = HorizonLimit(Stumbling(**world), distribution, end)
     env.reset(seed=0)
     return env
 
@@ -99,12 +99,12 @@ def test_resets_without_a_seed_go_on_drawing():
 
 
 def test_horizons_say_nothing_about_start_states():
-    law, starts, horizons, shared = Uniform(200, 1000), [], [], []
-    env = HorizonLimit(Stumbling(), law, "terminated")
+    distribution, starts, horizons, shared = Uniform(200, 1000), [], [], []
+    env = HorizonLimit(Stumbling(), distribution, "terminated")
     for seed in range(300):
         starts.append(env.reset(seed=seed)[0][0])
         horizons.append(env.horizon)
-        shared.append(law.from_uniform(gymnasium.utils.seeding.np_random(seed)[0].random()))
+        shared.append(distribution.from_uniform(gymnasium.utils.seeding.np_random(seed)[0].random()))
     assert abs(np.corrcoef(starts, horizons)[0, 1]) < 0.2
     # What would happen if the horizons came from the environment's own stream:
     assert np.corrcoef(starts, shared)[0, 1] > 0.99
@@ -125,7 +125,7 @@ def test_gymnasium_can_rebuild_it_from_its_spec():
     env = HorizonLimit(gymnasium.make("Pendulum-v1", max_episode_steps=-1), Uniform(200, 1000), "truncated")
     again = gymnasium.make(env.spec)
     assert isinstance(again, HorizonLimit)
-    assert (again.law, again.end) == (env.law, env.end)
+    assert (again.distribution, again.end) == (env.distribution, env.end)
 
 
 def test_a_shorter_limit_of_the_environments_own_is_refused():
@@ -134,7 +134,7 @@ def test_a_shorter_limit_of_the_environments_own_is_refused():
         HorizonLimit(short, Uniform(200, 1000), "terminated")
     with pytest.raises(HorizonError, match=r"before the longest horizon \(inf\)"):
         HorizonLimit(short, Infinite(), "truncated")
-    assert HorizonLimit(short, Fixed(200), "terminated").law == Fixed(200)
+    assert HorizonLimit(short, Fixed(200), "terminated").distribution == Fixed(200)
 
 
 def test_a_step_before_the_first_reset_is_refused():
@@ -143,12 +143,12 @@ def test_a_step_before_the_first_reset_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("law", "end", "sentence"),
+    ("distribution", "end", "sentence"),
     [
-        (1000, "terminated", "needs a HorizonLaw, such as .*, got 1000"),
+        (1000, "terminated", "needs a HorizonDistribution, such as .*, got 1000"),
         (Fixed(3), "done", "end must be one of terminated, truncated, got 'done'"),
     ],
 )
-def test_wrong_settings_are_refused(law, end, sentence):
+def test_wrong_settings_are_refused(distribution, end, sentence):
     with pytest.raises(HorizonError, match=sentence):
-        HorizonLimit(Stumbling(), law, end)
+        HorizonLimit(Stumbling(), distribution, end)

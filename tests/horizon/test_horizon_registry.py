@@ -1,4 +1,4 @@
-"""A stranger adds an embedding, a clock or a law by subclassing, without touching a list."""
+"""A stranger adds an embedding, a clock or a distribution by subclassing, without touching a list."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from perdure.horizon import (
     HorizonError,
     HorizonProtocol,
     clock_from_json,
+    distribution_from_json,
     embedding_from_json,
-    law_from_json,
 )
 from perdure.horizon.registry import from_json, known, to_json
 
@@ -59,7 +59,9 @@ def test_a_strangers_clock_is_found_by_name():
 
 def test_the_same_field_values_of_another_kind_are_another_thing():
     assert embedding_from_json({"name": "linear"}) != embedding_from_json({"name": "geometric"})
-    assert law_from_json({"name": "fixed", "steps": 3}) != law_from_json({"name": "uniform", "low": 3, "high": 3})
+    assert distribution_from_json({"name": "fixed", "steps": 3}) != distribution_from_json(
+        {"name": "uniform", "low": 3, "high": 3}
+    )
 
 
 class Shape:

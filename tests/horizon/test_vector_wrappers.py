@@ -191,16 +191,18 @@ def test_a_clock_is_told_in_deployment_and_lanes_may_have_one_each():
 @pytest.mark.parametrize("mode", [NEXT_STEP, SAME_STEP, DISABLED], ids=lambda mode: mode.value)
 @pytest.mark.parametrize("end", ["terminated", "truncated"])
 @pytest.mark.parametrize("as_dict", [False, True])
-@pytest.mark.parametrize("law", [Uniform(1, 9), Fixed(5)], ids=str)  # with 5, a fall meets the horizon
-def test_wrapping_above_equals_wrapping_each_world_inside(mode, end, as_dict, law):
+@pytest.mark.parametrize("distribution", [Uniform(1, 9), Fixed(5)], ids=str)  # with 5, a fall meets the horizon
+def test_wrapping_above_equals_wrapping_each_world_inside(mode, end, as_dict, distribution):
     falls = [{"falls": [5, 5, 5, 2], "cuts": [50, 3], "as_dict": as_dict}, {"as_dict": as_dict}, {"as_dict": as_dict}]
     embedding = Geometric(3)
 
     def inside(options):
-        return TimeToGoObservation(HorizonLimit(Stumbling(**options), law, end), embedding, dict=as_dict)
+        return TimeToGoObservation(HorizonLimit(Stumbling(**options), distribution, end), embedding, dict=as_dict)
 
     within = SyncVectorEnv([partial(inside, each) for each in falls], autoreset_mode=mode)
-    above = VectorTimeToGoObservation(VectorHorizonLimit(worlds(mode, *falls), law, end), embedding, dict=as_dict)
+    above = VectorTimeToGoObservation(
+        VectorHorizonLimit(worlds(mode, *falls), distribution, end), embedding, dict=as_dict
+    )
     assert within.single_observation_space == above.single_observation_space
     assert within.observation_space == above.observation_space
     assert not same(within.reset(seed=[4, None, 9]), above.reset(seed=[4, None, 9]))  # lane 1 is unseeded
@@ -230,9 +232,9 @@ def test_observations_that_share_memory_with_the_world_survive_the_reset():
 
 
 def test_each_lane_draws_the_horizons_of_its_own_seed():
-    law = Uniform(1, 100_000)
-    env = VectorHorizonLimit(worlds(NEXT_STEP, {}, {}, {}), law, "terminated")
-    alone = HorizonLimit(Stumbling(), law, "terminated")
+    distribution = Uniform(1, 100_000)
+    env = VectorHorizonLimit(worlds(NEXT_STEP, {}, {}, {}), distribution, "terminated")
+    alone = HorizonLimit(Stumbling(), distribution, "terminated")
     env.reset(seed=[5, 6, 5])
     for lane, seed in enumerate([5, 6, 5]):
         alone.reset(seed=seed)
@@ -243,7 +245,7 @@ def test_each_lane_draws_the_horizons_of_its_own_seed():
     assert env.horizons.tolist() == [before[0], alone.horizon, before[2]]
 
 
-def test_statistics_and_a_normaliser_may_stand_above_the_limit_and_below_phi():
+def test_statistics_and_a_normalizer_may_stand_above_the_limit_and_below_phi():
     limit = VectorHorizonLimit(worlds(NEXT_STEP, {}, {}), Fixed(3), "terminated")
     env = VectorTimeToGoObservation(NormalizeObservation(RecordEpisodeStatistics(limit)), COIN)
     assert to_go_of(env, 3) == [[3, 3], [2, 2], [1, 1], [0, 0]]

@@ -1,4 +1,4 @@
-"""A lane's trajectory is its own: neighbours and their order change nothing of it."""
+"""A lane's trajectory is its own: neighbors and their order change nothing of it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from make_policy import random_policy
 
 from perdure.envs import make_world
 from perdure.horizon import Constant, Countdown, Periodic
-from perdure.policy import ClosedLoop, Pilot, PolicyError, TaskInfo
+from perdure.policy import ClosedLoop, LanePolicy, PolicyError, TaskInfo
 
 STEPS = 60
 WITH_PHI = random_policy(seed=1)
 WITHOUT = random_policy(seed=2, embedding=None, activation="relu")
 LANES = [
-    (seed, pilot)
+    (seed, lane_policy)
     for seed in (7, 8, 9, 10)
-    for pilot in (
-        Pilot(WITH_PHI, Constant(500.0)),
-        Pilot(WITH_PHI, Periodic(20.0)),
-        Pilot(WITHOUT, None),
-        Pilot(WITH_PHI, Countdown(STEPS)),
+    for lane_policy in (
+        LanePolicy(WITH_PHI, Constant(500.0)),
+        LanePolicy(WITH_PHI, Periodic(20.0)),
+        LanePolicy(WITHOUT, None),
+        LanePolicy(WITH_PHI, Countdown(STEPS)),
     )
 ]
 
@@ -31,16 +31,16 @@ def trajectories(lanes, drop=(), after=0):
     """What happened in each of these lanes: bytes of its observations and rewards, by lane."""
     world = make_world("Hopper-v3", [seed for seed, _ in lanes])
     try:
-        loop = ClosedLoop(world, [pilot for _, pilot in lanes])
+        loop = ClosedLoop(world, [lane_policy for _, lane_policy in lanes])
         found = [[row.tobytes()] for row in loop.observations]
         for step in range(STEPS):
             if step == after and len(drop):
                 loop.drop(np.array(drop))
             if not len(loop.living):
                 break
-            moment = loop.advance()
-            for row, lane in enumerate(moment.lanes):
-                found[lane].append(moment.step.observations[row].tobytes() + moment.step.rewards[row].tobytes())
+            lane_step = loop.advance()
+            for row, lane in enumerate(lane_step.lanes):
+                found[lane].append(lane_step.step.observations[row].tobytes() + lane_step.step.rewards[row].tobytes())
     finally:
         world.close()
     return found
@@ -57,7 +57,7 @@ def test_lanes_live_and_fall_at_different_times_and_differ(together):
     assert len({lane[1] for lane in together}) == len(LANES), "no two lanes may do the same"
 
 
-def test_the_same_seed_starts_from_the_same_state_under_every_pilot(together):
+def test_the_same_seed_starts_from_the_same_state_under_every_policy(together):
     assert [together[i][0] for i in (0, 4, 8, 12)] == [together[i + 3][0] for i in (0, 4, 8, 12)]
 
 
@@ -98,12 +98,12 @@ class TestPoliciesThatDoNotFit:
     )
     def test_are_refused_by_name(self, world, task):
         with pytest.raises(PolicyError, match=f"policy for {task.name}.*Hopper-v3"):
-            ClosedLoop(world, [Pilot(random_policy(task=task), Constant(1.0))])
+            ClosedLoop(world, [LanePolicy(random_policy(task=task), Constant(1.0))])
 
-    def test_each_lane_needs_a_pilot(self, world):
-        with pytest.raises(PolicyError, match="2 pilots for 1 lanes"):
-            ClosedLoop(world, [Pilot(WITHOUT, None)] * 2)
+    def test_each_lane_needs_a_policy(self, world):
+        with pytest.raises(PolicyError, match="2 policies for 1 lanes"):
+            ClosedLoop(world, [LanePolicy(WITHOUT, None)] * 2)
 
     def test_a_policy_of_another_version_of_the_same_shape_is_accepted(self, world):
         task = dataclasses.replace(WITHOUT.task, name="Hopper-v4")
-        assert len(ClosedLoop(world, [Pilot(random_policy(task=task), Constant(1.0))]).living) == 1
+        assert len(ClosedLoop(world, [LanePolicy(random_policy(task=task), Constant(1.0))]).living) == 1

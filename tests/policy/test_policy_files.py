@@ -207,7 +207,7 @@ FORGERIES = {
     "embedding": lambda d: d["protocol"].update(embedding={"name": "os.system"}),
     "clock": lambda d: d.update(clock={"name": "constant", "steps": -1}),
     "no clock": lambda d: d.update(clock=None),
-    "normalizer": lambda d: d["normalizer"].update(centre=1),
+    "normalizer": lambda d: d["normalizer"].update(center=1),
     "provenance": lambda d: d.update(provenance=[1]),
     "not a table": lambda d: d.update(task=3),
 }

@@ -88,7 +88,7 @@ def moments_of(rows):
     return mean, np.average(spread, axis=0, weights=weights)
 
 
-def normalised(rows, mean, var):
+def normalized(rows, mean, var):
     return np.clip((rows - mean) / np.sqrt(var + 1e-8), -10, 10)
 
 
@@ -132,12 +132,12 @@ def test_statistics_are_those_of_everything_seen_and_of_nothing_else(rollout, by
     assert found.count == pytest.approx(2 * (N_STEPS + 1) + 1e-4)
 
 
-def test_each_input_is_the_observation_normalised_by_what_was_seen_until_then_beside_phi_as_it_is(rollout, by_hand):
+def test_each_input_is_the_observation_normalized_by_what_was_seen_until_then_beside_phi_as_it_is(rollout, by_hand):
     inputs = rollout.result.experience.inputs
     horizons, elapsed = rollout.trace.counters[:, 1], by_hand.elapsed
     for step in range(N_STEPS):
         mean, var = moments_of(by_hand.seen[: step + 1].reshape(-1, SIZE))
-        np.testing.assert_allclose(inputs[step, :, :SIZE], normalised(by_hand.seen[step], mean, var), rtol=0, atol=1e-5)
+        np.testing.assert_allclose(inputs[step, :, :SIZE], normalized(by_hand.seen[step], mean, var), rtol=0, atol=1e-5)
         np.testing.assert_allclose(inputs[step, :, SIZE:], PHI(elapsed[step] - 1, horizons[step]), rtol=1e-6)
 
 
@@ -147,7 +147,7 @@ def test_the_input_after_an_end_is_the_new_episodes_and_the_last_input_the_old_o
     done = experience.ends.done
     for step in range(N_STEPS):
         mean, var = moments_of(by_hand.seen[: step + 2].reshape(-1, SIZE))
-        last = normalised(by_hand.after[step], mean, var)
+        last = normalized(by_hand.after[step], mean, var)
         np.testing.assert_allclose(experience.last_inputs[step, :, :SIZE], last, rtol=0, atol=1e-5)
     old, new = by_hand.after[done], by_hand.seen[1:][done]
     assert np.abs(old - new).max(axis=1).min() > 1e-3, "the two must differ for this test to mean something"
@@ -175,7 +175,7 @@ def test_rewards_are_scaled_by_the_spread_of_the_discounted_return_so_far(rollou
         running[rollout.result.episodes.done[step]] = 0.0
 
 
-class TestNormalisingPhi:
+class TestNormalizingPhi:
     """Two states, 10 and 1 steps before a horizon of 20."""
 
     @staticmethod
@@ -192,6 +192,6 @@ class TestNormalisingPhi:
     def test_phi_is_left_as_it_is_by_default(self):
         np.testing.assert_allclose(self.inputs(False)[:, SIZE:], PHI(np.array([10, 19]), np.array([20, 20])), rtol=1e-6)
 
-    def test_phi_goes_through_the_normaliser_in_a_replication(self):
+    def test_phi_goes_through_the_normalizer_in_a_replication(self):
         varying = self.inputs(True)[:, SIZE : SIZE + 2]
         np.testing.assert_allclose(varying, [[-1, -1], [1, 1]], atol=2e-3)

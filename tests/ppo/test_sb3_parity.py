@@ -74,7 +74,7 @@ def replay(recording):
 
 
 def collected(recording, settings):
-    """Our rollout over the recorded world, and the statistics of our normaliser after it."""
+    """Our rollout over the recorded world, and the statistics of our normalizer after it."""
     with jax.enable_x64(True):
         world = replay(recording)
         spec = TaskSpec("Hopper-v3", "recorded", "none", 11, -np.ones(3), np.ones(3), 1000)
@@ -124,7 +124,7 @@ def test_the_recording_holds_falls_and_time_limits(recording):
     assert recording["raw/dones"].sum() - recording["raw/truncated"].sum() >= 2
 
 
-def test_normalised_observations_and_statistics_equal_sb3s(recording, ours):
+def test_normalized_observations_and_statistics_equal_sb3s(recording, ours):
     result, _, _ = ours
     np.testing.assert_allclose(
         env_major(result.experience.inputs[:-1]), recording["buffer/observations"], rtol=0, atol=1e-6

@@ -213,7 +213,7 @@ def test_the_difference_covers_a_known_difference_and_excludes_none():
     assert zeros / 200 < 0.1
 
 
-def test_a_difference_is_signed_labelled_and_degenerates_quietly():
+def test_a_difference_is_signed_labeled_and_degenerates_quietly():
     left, right = Units(np.full(4, 5.0), "training seeds"), Units(np.full(3, 2.0), "evaluation seeds only")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

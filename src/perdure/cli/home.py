@@ -14,7 +14,7 @@ USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home view TASK --index 3           the same, live in a browser
   perdure home train SKILL                   learn a skill
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
-  perdure home analyse LOGS --out PAGE       stages, failure modes, what stayed; with --out as a page
+  perdure home analyze LOGS --out PAGE       stages, failure modes, what stayed; with --out as a page
   perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
   perdure home overlaps LOGS                 objects at rest that lie inside each other: is the world sound?
 
@@ -29,7 +29,7 @@ COMMANDS = {
     "view": "home_view",
     "train": "home_train",
     "run": "home_run",
-    "analyse": "home_analyse",
+    "analyze": "home_analyze",
     "failures": "home_failures",
     "overlaps": "home_overlaps",
 }

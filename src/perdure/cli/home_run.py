@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class HomeRun:
     """Run the benchmark's protocol: episodes x training seeds x evaluation seeds. Interrupt it any time.
 
-    The report of what this command ran lies beside its logs; `perdure home analyse` sets several arms side by side.
+    The report of what this command ran lies beside its logs; `perdure home analyze` sets several arms side by side.
     """
 
     task: tyro.conf.Positional[str]
@@ -80,7 +80,7 @@ def make_protocol(flags: HomeRun) -> Protocol:
 def main(args: list[str]) -> None:
     """``perdure home run``."""
     flags = parse(HomeRun, args, "home run")
-    from perdure.home.evaluate.outcomes import analyse
+    from perdure.home.evaluate.outcomes import analyze
     from perdure.home.evaluate.page import read_cast, write_page
     from perdure.home.evaluate.protocol import run_protocol
     from perdure.runs.progress import show_progress
@@ -93,7 +93,7 @@ def main(args: list[str]) -> None:
     with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
         paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
     records, cast = read_cast(paths)
-    analysis = analyse(records)
+    analysis = analyze(records)
     page = write_page(analysis, flags.out / protocol.folder, command, cast)
     print(analysis.summary())
     print(f"\nlogs: {flags.out}\nReport: {page.resolve()}")

@@ -16,8 +16,8 @@ class List:
 
     what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks"
     """tasks, methods or policies (those shipped with perdure)."""
-    family: str | None = None
-    """Only tasks of this family."""
+    suite: str | None = None
+    """Only tasks of this suite."""
 
 
 def main(args: list[str]) -> None:
@@ -25,6 +25,6 @@ def main(args: list[str]) -> None:
     flags = parse(List, args, "list")
     from perdure.cli import texts
 
-    print({"tasks": lambda: texts.tasks(flags.family), "methods": texts.methods, "policies": texts.policies}[
+    print({"tasks": lambda: texts.tasks(flags.suite), "methods": texts.methods, "policies": texts.policies}[
         flags.what
     ]())  # fmt: skip

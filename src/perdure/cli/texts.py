@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     from perdure.policy import Policy
 
 
-def tasks(family: str | None = None) -> str:
-    """Every task by family, one a line."""
+def tasks(suite: str | None = None) -> str:
+    """Every task by suite, one a line."""
     from perdure.envs import list_tasks
 
     lines = []
-    for name, members in groupby(list_tasks(family), key=lambda task: task.family):
+    for name, members in groupby(list_tasks(suite), key=lambda task: task.suite):
         lines += [f"{name}:", *(f"  {task.name}" for task in members)]
     return "\n".join(lines)
 
@@ -61,9 +61,9 @@ def policy(subject: Policy) -> str:
         "task": f"{subject.task.name}, observations of {subject.task.observation_size}, "
         f"actions of {subject.task.action_size}",
         "network": f"{weights:,} weights, {subject.activation}",
-        "time-to-go input": phi + (", normalised (replication)" if protocol.normalize_embedding else ""),
+        "time-to-go input": phi + (", normalized (replication)" if protocol.normalize_embedding else ""),
         "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
-        "gamma": f"{protocol.gamma:g} (reward normaliser {protocol.normalizer_gamma:g})",
+        "gamma": f"{protocol.gamma:g} (reward normalizer {protocol.normalizer_gamma:g})",
         "clock": "none" if subject.clock is None else subject.clock.label,
         "within T": _within(subject),
     }

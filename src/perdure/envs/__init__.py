@@ -9,16 +9,16 @@
 | `foreign.py` | reading what other people's environments return, and naming them when they break |
 | `blow_up.py` | asking MuJoCo whether a simulation blew up |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
-| `families.py`, `registry.py` | the suites task names come from; `make_world`, `list_tasks` |
+| `suites.py`, `registry.py` | the suites task names come from; `make_world`, `list_tasks` |
 | `traced.py` | a world inside a compiled JAX program; not imported from here, so that importing stays light |
 | `errors.py` | `WorldError`, `UnknownTask` |
 """
 
 from perdure.envs.envpool_world import EnvPoolWorld
 from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.families import TaskListing, refuse_import
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.envs.registry import is_task, list_tasks, make_world
+from perdure.envs.suites import TaskListing, refuse_import
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
 

@@ -13,26 +13,26 @@ import numpy as np
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.envpool_channel import Channel, observation_keys, open_channel
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import Booked, LaneBook
+from perdure.envs.lanes import LaneTracker, TrackedWorld
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9
 """EnvPool's own step limit. It is one number per pool, so horizons are kept by us and this one must never be met."""
 
 
-class EnvPoolWorld(Booked):
+class EnvPoolWorld(TrackedWorld):
     """Lanes of one EnvPool task (see `World`).
 
     EnvPool resets a finished environment when it is stepped again: that step ignores the action and pays 0. It never
     happens here, because an ended lane is refused until `reset` has reset it inside EnvPool too.
     """
 
-    def __init__(self, name: str, family: str, seeds: Sequence[int], threads: int = 1) -> None:
+    def __init__(self, name: str, suite: str, seeds: Sequence[int], threads: int = 1) -> None:
         """Builds the pool; nothing is simulated before the first reset.
 
         Args:
             name: EnvPool's name of the task, e.g. "Hopper-v3".
-            family: Goes into the spec.
+            suite: Goes into the spec.
             seeds: One seed per lane, see `checked_seeds`.
             threads: EnvPool's threads; results do not depend on it.
 
@@ -44,23 +44,23 @@ class EnvPoolWorld(Booked):
             raise WorldError(f"threads must be at least 1, got {threads}.")
         self.pool: Any = _make_pool(name, seeds, threads)
         self._channel: Channel = open_channel(self.pool)
-        self._spec = _spec_of(self.pool, name, family)
+        self._spec = _spec_of(self.pool, name, suite)
         self._action_dtype = self.pool.action_space.dtype
-        self._book = LaneBook(len(seeds))
+        self._tracker = LaneTracker(len(seeds))
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._book.lanes_to_reset(lanes, horizons)
+        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
         observations = self._channel.reset(chosen.astype(np.int32))
-        self._book.begin(chosen, checked)
+        self._tracker.begin(chosen, checked)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
-        chosen = self._book.lanes_to_step(lanes)
+        chosen = self._tracker.lanes_to_step(lanes)
         clipped = checked_actions(actions, chosen, self._spec).astype(self._action_dtype, copy=False)
         observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
-        elapsed, horizon_end = self._book.advance(chosen, done)
+        elapsed, horizon_end = self._tracker.advance(chosen, done)
         return Step(
             observations,
             rewards.astype(np.float64),
@@ -73,7 +73,7 @@ class EnvPoolWorld(Booked):
 
     def close(self) -> None:
         """See `World.close`."""
-        self._book.closed = True
+        self._tracker.closed = True
         self.pool = self._channel = None  # type: ignore[assignment]  # EnvPool frees its threads with the last reference
 
 
@@ -90,7 +90,7 @@ def _make_pool(name: str, seeds: list[int], threads: int) -> Any:
     )
 
 
-def _spec_of(pool: Any, name: str, family: str) -> TaskSpec:
+def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
     import envpool
     import gymnasium
 
@@ -99,7 +99,7 @@ def _spec_of(pool: Any, name: str, family: str) -> TaskSpec:
     shapes = pool.spec.state_array_spec
     return TaskSpec(
         name=name,
-        family=family,
+        suite=suite,
         engine=_engine_of(pool),
         observation_size=sum(math.prod(shapes[key].shape) for key in observation_keys(pool)),
         action_low=pool.action_space.low,

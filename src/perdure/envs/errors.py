@@ -13,7 +13,7 @@ class WorldError(ValueError):
 
 
 class UnknownTask(WorldError):  # noqa: N818 - reads as the sentence it prints
-    """No family knows a task under this name; the message offers the nearest names that exist."""
+    """No suite knows a task under this name; the message offers the nearest names that exist."""
 
     def __init__(self, task: str, known: Iterable[str]) -> None:
         """Builds the sentence.

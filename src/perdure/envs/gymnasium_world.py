@@ -14,12 +14,12 @@ from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.foreign import call, read_flag, read_observation, read_reward, read_tuple
-from perdure.envs.lanes import Booked, LaneBook
+from perdure.envs.lanes import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
 from perdure.envs.world import FloatArray, IntArray, Step
 
 
-class GymnasiumWorld(Booked):
+class GymnasiumWorld(TrackedWorld):
     """Lanes of one Gymnasium environment (see `World`), stepped one after the other in this thread.
 
     A lane's seed goes into its first `reset`; later resets continue the environment's own generator, as Gymnasium
@@ -31,7 +31,7 @@ class GymnasiumWorld(Booked):
         factories: Sequence[Callable[[], Any]],
         seeds: Sequence[int],
         name: str = "custom",
-        family: str = "Gymnasium",
+        suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
         """Builds the environments.
@@ -43,7 +43,7 @@ class GymnasiumWorld(Booked):
             factories: One per lane, each returns a new environment of the same task.
             seeds: One per lane, see `checked_seeds`.
             name: Goes into the spec.
-            family: Goes into the spec.
+            suite: Goes into the spec.
             default_horizon: Goes into the spec; None takes the first environment's own limit.
 
         Raises:
@@ -57,11 +57,11 @@ class GymnasiumWorld(Booked):
         first = self._envs[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
         self._space, self._action_space = first.observation_space, first.action_space
-        self._spec = spec_of(name, family, first, (self._space, self._action_space), limit)
+        self._spec = spec_of(name, suite, first, (self._space, self._action_space), limit)
         for env in self._envs[1:]:
             if env.observation_space != self._space or env.action_space != self._action_space:
                 raise WorldError(f"{name}: every lane must have the same spaces, got {env} beside {first}.")
-        self._book = LaneBook(len(seeds))
+        self._tracker = LaneTracker(len(seeds))
 
     @classmethod
     def from_id(cls, env_id: str, seeds: Sequence[int]) -> GymnasiumWorld:
@@ -101,7 +101,7 @@ class GymnasiumWorld(Booked):
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._book.lanes_to_reset(lanes, horizons)
+        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
         observations = np.empty((len(chosen), self._spec.observation_size))
         for row, lane in enumerate(chosen):
             who, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
@@ -109,17 +109,17 @@ class GymnasiumWorld(Booked):
             observation, _ = read_tuple(who, "reset", returned, 2)
             self._next_seeds[lane] = None
             observations[row] = read_observation(who, "reset", self._space, observation)
-        self._book.begin(chosen, checked)
+        self._tracker.begin(chosen, checked)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
-        chosen = self._book.lanes_to_step(lanes)
+        chosen = self._tracker.lanes_to_step(lanes)
         shaped = shaped_actions(self._action_space, checked_actions(actions, chosen, self._spec))
         observations = np.empty((len(chosen), self._spec.observation_size))
         rewards = np.empty(len(chosen))
         terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
-        steps = self._book.elapsed
+        steps = self._tracker.elapsed
         for row, lane in enumerate(chosen):
             who = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
             returned = call(who, "step", self._envs[lane].step, shaped[row])
@@ -128,13 +128,13 @@ class GymnasiumWorld(Booked):
             rewards[row] = read_reward(who, reward)
             terminated[row], truncated[row] = read_flag(who, "terminated", ended), read_flag(who, "truncated", cut)
             diverged[row] = blow_ups(self._envs[lane]) > 0
-        elapsed, horizon_end = self._book.advance(chosen, terminated | truncated)
+        elapsed, horizon_end = self._tracker.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, horizon_end, elapsed, diverged)
 
     def close(self) -> None:
         """See `World.close`."""
-        if not self._book.closed:
-            self._book.closed = True
+        if not self._tracker.closed:
+            self._tracker.closed = True
             for env in self._envs:
                 env.close()
 

@@ -14,7 +14,7 @@ from perdure.envs.world import BoolArray, FloatArray, IntArray, TaskSpec
 NEVER = 2**62  # more steps than any computer makes; an integer's stand-in for infinity
 
 
-class LaneBook:
+class LaneTracker:
     """Which lanes run, how long they have run and how long they may.
 
     Worlds ask it before they touch their simulator (`lanes_to_reset`, `lanes_to_step`: nothing changes) and tell it
@@ -133,11 +133,11 @@ class LaneBook:
         return f"Lanes {named_lanes(stopped)} have ended; reset them before they are stepped again."
 
 
-class Booked:
-    """The part of a world that a `LaneBook` answers for."""
+class TrackedWorld:
+    """The part of a world that a `LaneTracker` answers for."""
 
     _spec: TaskSpec
-    _book: LaneBook
+    _tracker: LaneTracker
 
     @property
     def spec(self) -> TaskSpec:
@@ -147,14 +147,14 @@ class Booked:
     @property
     def num_lanes(self) -> int:
         """See `World.num_lanes`."""
-        return self._book.num_lanes
+        return self._tracker.num_lanes
 
     @property
     def horizons(self) -> FloatArray:
         """See `World.horizons`."""
-        return self._book.horizons
+        return self._tracker.horizons
 
     @property
     def elapsed(self) -> IntArray:
         """See `World.elapsed`."""
-        return self._book.elapsed
+        return self._tracker.elapsed

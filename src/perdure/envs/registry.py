@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from perdure.envs.errors import WorldError
-from perdure.envs.families import FAMILIES, TaskListing, family_of
+from perdure.envs.suites import TaskListing, suite_of, suites
 from perdure.envs.world import World
 
 
@@ -29,19 +29,19 @@ def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
     """
     if threads < 1:
         raise WorldError(f"threads must be at least 1, got {threads}.")
-    return family_of(task).make(task, seeds, threads)
+    return suite_of(task).make(task, seeds, threads)
 
 
 def is_task(name: str) -> bool:
     """Return whether a suite owns the name."""
-    return any(family.owns(name) for family in FAMILIES)
+    return any(suite.owns(name) for suite in suites())
 
 
-def list_tasks(family: str | None = None) -> list[TaskListing]:
+def list_tasks(suite: str | None = None) -> list[TaskListing]:
     """Every task that can be simulated, as `perdure list` shows it.
 
     Args:
-        family: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
+        suite: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
 
     Returns:
         Listings, suite by suite, alphabetical inside one.
@@ -49,7 +49,7 @@ def list_tasks(family: str | None = None) -> list[TaskListing]:
     Raises:
         WorldError: If there is no such suite.
     """
-    names = [one.name for one in FAMILIES]
-    if family is not None and family not in names:
-        raise WorldError(f"There is no task family named {family!r}; the families are {', '.join(names)}.")
-    return [listing for one in FAMILIES if family in (None, one.name) for listing in one.listings()]
+    names = [one.name for one in suites()]
+    if suite is not None and suite not in names:
+        raise WorldError(f"There is no task suite named {suite!r}; the suites are {', '.join(names)}.")
+    return [listing for one in suites() if suite in (None, one.name) for listing in one.listings()]

@@ -14,12 +14,12 @@ UNLIMITED_TASK_HORIZON = 1000
 """Stands in as `TaskSpec.default_horizon` for an environment that states no limit."""
 
 
-def spec_of(name: str, family: str, env: Any, spaces: tuple[Any, Any], limit: int | None) -> TaskSpec:
+def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int | None) -> TaskSpec:
     """Describes a Gymnasium environment.
 
     Args:
         name: Goes into the spec.
-        family: Goes into the spec.
+        suite: Goes into the spec.
         env: A single environment or a vector of them; tells the engine.
         spaces: Observation and action space of one lane.
         limit: The environment's own step limit, if it has one.
@@ -43,7 +43,7 @@ def spec_of(name: str, family: str, env: Any, spaces: tuple[Any, Any], limit: in
         ) from None
     return TaskSpec(
         name=name,
-        family=family,
+        suite=suite,
         engine=engine_of(env),
         observation_size=observation_size,
         action_low=actions.low.ravel(),

@@ -11,12 +11,12 @@ import numpy as np
 from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
 from perdure.envs.errors import WorldError
 from perdure.envs.foreign import call, read_observation, read_tuple
-from perdure.envs.lanes import Booked, LaneBook
+from perdure.envs.lanes import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step
 
 
-class VectorEnvWorld(Booked):
+class VectorEnvWorld(TrackedWorld):
     """Lanes of one `VectorEnv` (see `World`).
 
     A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
@@ -33,7 +33,7 @@ class VectorEnvWorld(Booked):
         env: Any,
         seeds: Sequence[int],
         name: str = "custom",
-        family: str = "Gymnasium",
+        suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
         """Takes over a vector of environments.
@@ -43,7 +43,7 @@ class VectorEnvWorld(Booked):
                 `truncated`.
             seeds: One per environment, see `checked_seeds`.
             name: Goes into the spec.
-            family: Goes into the spec.
+            suite: Goes into the spec.
             default_horizon: Goes into the spec; None takes the environment's own limit.
 
         Raises:
@@ -63,27 +63,27 @@ class VectorEnvWorld(Booked):
         self._space, self._action_space = env.single_observation_space, env.single_action_space
         limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
         engine = getattr(env, "envs", [env])[0]
-        self._spec = spec_of(name, family, engine, (self._space, self._action_space), limit)
-        self._book = LaneBook(len(self._seeds))
+        self._spec = spec_of(name, suite, engine, (self._space, self._action_space), limit)
+        self._tracker = LaneTracker(len(self._seeds))
         self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
         self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
         self._shown: FloatArray | None = None  # what the vector showed last, all lanes
 
     def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._book.lanes_to_reset(lanes, horizons)
+        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
         mask = np.zeros(self.num_lanes, dtype=np.bool_)
         mask[chosen] = True
         shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
         self._episodes[chosen] += 1
-        self._book.begin(chosen, checked)
+        self._tracker.begin(chosen, checked)
         return shown[chosen]
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`; all running lanes must be stepped together."""
         from gymnasium.vector import AutoresetMode
 
-        chosen = self._book.lanes_to_step(lanes)
+        chosen = self._tracker.lanes_to_step(lanes)
         self._refuse_leaving_lanes_behind(chosen)
         clipped = checked_actions(actions, chosen, self._spec)
         if self._mode is AutoresetMode.DISABLED and self._over.any():
@@ -101,7 +101,7 @@ class VectorEnvWorld(Booked):
         last = self._shown
         if self._mode is AutoresetMode.SAME_STEP:
             last = self._with_final_observations(last, info)
-        elapsed, horizon_end = self._book.advance(chosen, self._over[chosen])
+        elapsed, horizon_end = self._tracker.advance(chosen, self._over[chosen])
         return Step(
             last[chosen],
             rewards[chosen],
@@ -114,8 +114,8 @@ class VectorEnvWorld(Booked):
 
     def close(self) -> None:
         """See `World.close`."""
-        if not self._book.closed:
-            self._book.closed = True
+        if not self._tracker.closed:
+            self._tracker.closed = True
             self._env.close()
 
     def _episode_seed(self, lane: int) -> int:
@@ -136,7 +136,7 @@ class VectorEnvWorld(Booked):
         returned = call(self._spec.name, "reset", self._env.reset, seed=only_masked, options=options)
         observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
         shown = self._rows("reset", observations)
-        kept = ~mask & self._book.running
+        kept = ~mask & self._tracker.running
         if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
             raise WorldError(
                 f"{self._spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
@@ -147,7 +147,7 @@ class VectorEnvWorld(Booked):
         return shown
 
     def _refuse_leaving_lanes_behind(self, chosen: IntArray) -> None:
-        behind = self._book.running
+        behind = self._tracker.running
         behind[chosen] = False
         if behind.any():
             raise WorldError(

@@ -1,7 +1,7 @@
 """The vector contract every world keeps: independent lanes, no reset that was not asked for, three separate ends.
 
 A *lane* is one running episode. Its start states depend on its seed and on its own earlier episodes, never on its
-place in the batch nor on its neighbours. How an episode ended stays in three arrays: the task's own end (`terminated`),
+place in the batch nor on its neighbors. How an episode ended stays in three arrays: the task's own end (`terminated`),
 an end the engine imposed (`truncated`) and the horizon set from outside (`horizon_end`). Only a learner decides what
 `horizon_end` means for a value.
 """
@@ -26,7 +26,7 @@ class TaskSpec:
 
     name: str
     """The name `make_world` knows the task by."""
-    family: str
+    suite: str
     """The suite the task comes from, as `list_tasks` groups it."""
     engine: str
     """Simulator and version, e.g. "EnvPool 1.2.5, MuJoCo 3.6.0": returns are comparable only under the same one."""

@@ -5,9 +5,9 @@
 | `lanes.py` | what is evaluated: policies x clocks x start states |
 | `evaluate.py` | carrying lanes along and writing down what becomes of them |
 | `checkpoints.py` | at which steps |
-| `divergence.py` | noticing that the physics blew up |
-| `idle.py`, `yardstick.py`, `verdict.py`, `movement.py` | what idling earns, the two scores, what became of each lane |
-| `run.py`, `worker.py` | groups of lanes over the cores, resumable |
+| `divergence.py` | detecting simulations that diverged |
+| `idle.py`, `score.py`, `verdict.py`, `movement.py` | an idle robot's reward, scores, verdict of a lane |
+| `run.py` | groups of lanes over the cores, resumable |
 | `table.py`, `result.py` | the Parquet table, the typed result |
 | `errors.py` | `ExtrapolationError` |
 """

@@ -6,11 +6,11 @@ signs are looked for. Each alone ends the lane as "diverged"; the step's reward 
 
 1. An observation or reward that is not finite.
 2. A reward far outside everything the lane has seen. A locomotion reward contains the speed, and a world put back from
-   x metres away moves at x / dt.
+   x meters away moves at x / dt.
 3. A snap back: the observation jumps from far away to next to the lane's first one within a step, measured in the
-   standard deviations of the policy's normaliser.
+   standard deviations of the policy's normalizer.
 
-A world put back within the first metres of a lane, from an ordinary pose, escapes all three. Worlds that can ask their
+A world put back within the first meters of a lane, from an ordinary pose, escapes all three. Worlds that can ask their
 engine (single Gymnasium environments on MuJoCo) report it themselves, exactly.
 """
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy import Moment
+from perdure.policy import LaneStep
 
 REWARD_FACTOR = 10.0
 """A reward is impossible if it exceeds this many times the largest before it ..."""
@@ -33,7 +33,7 @@ SMALLEST_JUMP = 0.999 * (FAR - NEAR)
 """A snap back moves some component by FAR - NEAR deviations at least (rounding allowed for): a cheap first look."""
 
 
-class DivergenceWatch:
+class DivergenceDetector:
     """Remembers, for each lane, what its rewards and its start looked like."""
 
     def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64]) -> None:
@@ -51,24 +51,24 @@ class DivergenceWatch:
         self.signs = [""] * len(first_observations)
         """What gave each lane away that has blown up, in words."""
 
-    def diverged(self, moment: Moment) -> NDArray[np.bool_]:
+    def diverged(self, lane_step: LaneStep) -> NDArray[np.bool_]:
         """Which of the lanes that were just stepped have blown up, shape (n,)."""
-        lanes, rewards, after = moment.lanes, moment.step.rewards, moment.step.observations
+        lanes, rewards, after = lane_step.lanes, lane_step.step.rewards, lane_step.step.observations
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.abs(rewards)
             largest = self._largest[lanes]
             # The sum is finite only if every term is: one pass instead of two.
-            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | moment.step.diverged
+            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | lane_step.step.diverged
             # The first reward has nothing to be compared with.
-            bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (moment.step.elapsed > 1)
+            bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (lane_step.step.elapsed > 1)
             for row in np.flatnonzero(bad):
-                self.signs[lanes[row]] = _first_sign(moment, int(row))
-            change = after - moment.before
+                self.signs[lanes[row]] = _first_sign(lane_step, int(row))
+            change = after - lane_step.before
             change *= self._per_deviation[lanes]
             jumps = np.abs(change, out=change) > SMALLEST_JUMP
             if np.count_nonzero(jumps):
                 suspects = np.flatnonzero(jumps.any(axis=1))
-                back = suspects[self._snapped_back(lanes[suspects], moment.before[suspects], after[suspects])]
+                back = suspects[self._snapped_back(lanes[suspects], lane_step.before[suspects], after[suspects])]
                 for row in back[~bad[back]]:
                     self.signs[lanes[row]] = "put back to its start within a step"
                 bad[back] = True
@@ -85,11 +85,11 @@ class DivergenceWatch:
         return result
 
 
-def _first_sign(moment: Moment, row: int) -> str:
+def _first_sign(lane_step: LaneStep, row: int) -> str:
     """Say what gave a lane away, other than that it was put back to its start."""
-    if moment.step.diverged[row]:
+    if lane_step.step.diverged[row]:
         return "reported by the physics engine"
-    if not np.isfinite(moment.step.observations[row]).all():
+    if not np.isfinite(lane_step.step.observations[row]).all():
         return "an observation that is not finite"
-    reward = moment.step.rewards[row]
+    reward = lane_step.step.rewards[row]
     return f"an impossible reward of {reward:.3g}" if np.isfinite(reward) else "a reward that is not finite"

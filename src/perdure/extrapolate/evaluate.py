@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from perdure.envs import World, make_world
 from perdure.extrapolate.checkpoints import checkpoint_steps
-from perdure.extrapolate.divergence import DivergenceWatch
+from perdure.extrapolate.divergence import DivergenceDetector
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
-from perdure.extrapolate.movement import MovementWatch
-from perdure.policy import ClosedLoop, Pilot, Policy
+from perdure.extrapolate.movement import MovementRecorder
+from perdure.policy import ClosedLoop, LanePolicy, Policy
 from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
 SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
 
-Watcher = Callable[[int, int], None]
+ProgressCallback = Callable[[int, int], None]
 """Called now and then with (steps made by every living lane, living lanes)."""
 
 
@@ -38,7 +38,7 @@ class LaneRecords:
     end_detail: list[str]
     """What led to the end, in words; "" where nothing is known. Shape (n,)."""
     movement: NDArray[np.float64]
-    """Movement per step in the first and in the last tenth of the test horizon, see `MovementWatch`; shape (2, n)."""
+    """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
     last_observation: NDArray[np.float64]
     """Where each lane ended: its last finite observation, shape (n, d)."""
 
@@ -47,7 +47,7 @@ def evaluate_lanes(
     policies: Sequence[Policy],
     lanes: Sequence[LaneSpec],
     steps: int,
-    watch: Watcher = lambda step, living: None,
+    progress: ProgressCallback = lambda step, living: None,
     world: World | None = None,
 ) -> LaneRecords:
     """Runs lanes for at most ``steps`` steps each, in this process, on one core.
@@ -56,19 +56,19 @@ def evaluate_lanes(
         policies: What the lanes' numbers refer to, all for one task.
         lanes: One or more.
         steps: The test horizon.
-        watch: Told about progress.
+        progress: Told about progress.
         world: Where to run; by default the policies' own task, one lane for each evaluation seed.
     """
-    pilots = [Pilot(policies[lane.policy], lane.clock) for lane in lanes]
-    world = world or make_world(pilots[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
+    lane_policies = [LanePolicy(policies[lane.policy], lane.clock) for lane in lanes]
+    world = world or make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
     try:
-        loop = ClosedLoop(world, pilots)
-        recorder = _Recorder(loop, pilots, steps)
+        loop = ClosedLoop(world, lane_policies)
+        recorder = _Recorder(loop, lane_policies, steps)
         with one_thread():
             for step in range(1, steps + 1):
                 recorder.take(step)
                 if step % 500 == 0:
-                    watch(step, len(loop.living))
+                    progress(step, len(loop.living))
                 if not len(loop.living):
                     break
     finally:
@@ -79,8 +79,8 @@ def evaluate_lanes(
 class _Recorder:
     """Accumulates what LaneRecords keeps, while the loop runs."""
 
-    def __init__(self, loop: ClosedLoop, pilots: Sequence[Pilot], steps: int) -> None:
-        n = len(pilots)
+    def __init__(self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int) -> None:
+        n = len(lane_policies)
         self._loop = loop
         self._steps = checkpoint_steps(steps)
         self._next = 0
@@ -88,24 +88,26 @@ class _Recorder:
         self._total = np.zeros(n)
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._observation = loop.observations.copy()
-        self._divergence = DivergenceWatch(self._observation, np.stack([_scale(pilot.policy) for pilot in pilots]))
-        self._movement = MovementWatch([pilot.policy for pilot in pilots], steps)
+        self._divergence = DivergenceDetector(
+            self._observation, np.stack([_scale(each.policy) for each in lane_policies])
+        )
+        self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
 
     def take(self, step: int) -> None:
         """Advances the loop by its step number ``step`` and notes what happened."""
-        moment = self._loop.advance()
-        lanes, result = moment.lanes, moment.step
+        lane_step = self._loop.advance()
+        lanes, result = lane_step.lanes, lane_step.step
         rewards = result.rewards
-        diverged = self._divergence.diverged(moment)
+        diverged = self._divergence.diverged(lane_step)
         if diverged.any():
             # What a world pays for being put back to its start is not a reward.
             rewards = np.where(diverged, 0.0, rewards)
             self._loop.drop(lanes[diverged])
         self._total[lanes] += rewards
-        self._movement.take(moment, step)
+        self._movement.take(lane_step, step)
         ended = result.ended | diverged
         if ended.any():
-            self._end(lanes[ended], step, moment.before[ended], result.terminated[ended], diverged[ended])
+            self._end(lanes[ended], step, lane_step.before[ended], result.terminated[ended], diverged[ended])
         if step == self._steps[self._next]:
             self._returns[:, self._next] = self._total
             self._next += 1

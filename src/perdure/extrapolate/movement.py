@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy import Moment, Policy
+from perdure.policy import LaneStep, Policy
 
 EVERY = 10
 """Steps between two looks; what is looked for lasts much longer."""
@@ -13,7 +13,7 @@ MARGIN = 0.5
 """A component has left its training range when it is further outside than this share of the range."""
 
 
-class MovementWatch:
+class MovementRecorder:
     """Mean movement per step in the first and the last tenth of the test horizon, and training ranges left.
 
     Movement of a step: the mean over components of |o_{t+1} - o_t| in training standard deviations.
@@ -35,15 +35,15 @@ class MovementWatch:
         """Step at which a component was first seen outside; 0: never."""
         self.left_component = np.full(lanes, -1)
 
-    def take(self, moment: Moment, step: int) -> None:
+    def take(self, lane_step: LaneStep, step: int) -> None:
         """Look at the lanes that were just stepped, if it is time to."""
         if step % EVERY:
             return
-        lanes, after = moment.lanes, moment.step.observations
+        lanes, after = lane_step.lanes, lane_step.step.observations
         part = 0 if step <= self._tenth else 1 if step > self._last_start else None
         with np.errstate(invalid="ignore", over="ignore"):
             if part is not None:
-                moved = (np.abs(after - moment.before) * self._per_deviation[lanes]).mean(axis=1)
+                moved = (np.abs(after - lane_step.before) * self._per_deviation[lanes]).mean(axis=1)
                 known = np.isfinite(moved)
                 self._sums[part, lanes[known]] += moved[known]
                 self._counts[part, lanes[known]] += 1

@@ -15,8 +15,8 @@ from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.idle import idle_unit, read_idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import ExtrapolationResult
+from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
-from perdure.extrapolate.yardstick import Yardstick, make_yardstick, task_rate
 from perdure.horizon import clock_from_json
 from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
@@ -85,8 +85,8 @@ def extrapolate(
         groups = [unit.key for unit in units if unit.key.startswith(GROUPS)]
         labels = policy_labels(evaluation.policies, policies)
         frame = _collect(store, [*dict.fromkeys(kept.values()), *groups], lanes, digests, labels)
-        yardsticks = _yardsticks(store, policies, digests)
-        frame = judge_table(frame, [yardsticks[lane.policy] for lane in lanes])
+        score_scales = _score_scales(store, policies, digests)
+        frame = judge_table(frame, [score_scales[lane.policy] for lane in lanes])
         from perdure.report import write_table
 
         return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
@@ -202,7 +202,7 @@ def measure_policy(work: Work, *, path: str) -> None:
     save_policy(replace(policy, reference=measure_reference(policy)), work.folder / MEASURED)
 
 
-def _yardsticks(store: Store, policies: Sequence[Policy], digests: Sequence[str]) -> list[Yardstick]:
+def _score_scales(store: Store, policies: Sequence[Policy], digests: Sequence[str]) -> list[ScoreScale]:
     task = policies[0].task.name
     idle = read_idle(store.get(idle_unit(task, _versions()).key))
     found = []
@@ -211,7 +211,7 @@ def _yardsticks(store: Store, policies: Sequence[Policy], digests: Sequence[str]
         if reference is None:
             reference = load_policy(store.get(_reference_unit(digest).key) / MEASURED).reference
             assert reference is not None
-        found.append(make_yardstick(reference, idle, task_rate(task)))
+        found.append(make_score_scale(reference, idle, task_rate(task)))
     return found
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
+from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.verdict import LaneVerdict, judge_lane
-from perdure.extrapolate.yardstick import Yardstick
 from perdure.policy import Policy
 
 if TYPE_CHECKING:
@@ -72,12 +72,12 @@ def _lane_row(label: str, policy: Policy, lane: LaneSpec) -> dict[str, object]:
     }
 
 
-def judge_table(frame: pl.DataFrame, yardsticks: Sequence[Yardstick]) -> pl.DataFrame:
+def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.DataFrame:
     """Add what each lane's policy is measured with, and the verdict on each lane.
 
     Args:
         frame: As `lane_table` makes it, lane after lane.
-        yardsticks: The measure of each lane's policy, in the order of the lanes.
+        score_scales: The measure of each lane's policy, in the order of the lanes.
     """
     import polars as pl
 
@@ -87,10 +87,10 @@ def judge_table(frame: pl.DataFrame, yardsticks: Sequence[Yardstick]) -> pl.Data
     lanes = windows.filter(pl.col("step") == int(steps[-1]))
     verdicts = [
         judge_lane(steps, earned, row["end_step"], row["end_reason"], measure)
-        for earned, row, measure in zip(returns, lanes.iter_rows(named=True), yardsticks, strict=True)
+        for earned, row, measure in zip(returns, lanes.iter_rows(named=True), score_scales, strict=True)
     ]
     each = len(frame) // len(lanes)
-    measures = [measure for measure in yardsticks for _ in range(each)]
+    measures = [measure for measure in score_scales for _ in range(each)]
     columns: dict[str, object] = {
         name: [getattr(measure, field) for measure in measures] for name, field in YARDSTICK.items()
     }
@@ -107,4 +107,4 @@ YARDSTICK = {
     "policy_state": "state",
     "policy_note": "note",
 }
-"""Columns of the table that hold fields of `Yardstick`."""
+"""Columns of the table that hold fields of `ScoreScale`."""

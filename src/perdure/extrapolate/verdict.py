@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.extrapolate.yardstick import FEWEST_WINDOWS, HOLDS_FROM, IDLE_BELOW, Yardstick
+from perdure.extrapolate.score import FEWEST_WINDOWS, HOLDS_FROM, IDLE_BELOW, ScoreScale
 
 Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown"]
 """cut: the environment itself ended the episode for a reason that is not a failure; unknown: cannot be judged."""
@@ -33,7 +33,7 @@ class LaneVerdict:
 
 
 def judge_lane(
-    steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, end_reason: str, yardstick: Yardstick
+    steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, end_reason: str, score_scale: ScoreScale
 ) -> LaneVerdict:
     """Judge a lane.
 
@@ -42,11 +42,11 @@ def judge_lane(
         returns: Sum of rewards up to each, shape (m,).
         end_step: Steps the lane lasted.
         end_reason: "survived", "terminated", "truncated" or "diverged".
-        yardstick: The measure of the lane's policy.
+        score_scale: The measure of the lane's policy.
     """
-    begins, scores = window_scores(steps, returns, end_step, yardstick)
+    begins, scores = window_scores(steps, returns, end_step, score_scale)
     ended: dict[str, Outcome] = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
-    if yardstick.state != "worked":
+    if score_scale.state != "worked":
         return LaneVerdict(ended.get(end_reason, "unknown"), end_step, float("nan"), False)
     idle = scores < IDLE_BELOW
     ever = bool((idle[1:] & idle[:-1]).any())
@@ -65,7 +65,7 @@ def judge_lane(
 
 
 def window_scores(
-    steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, yardstick: Yardstick
+    steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, score_scale: ScoreScale
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return (steps before it, hold score) of each whole window of a lane, in the order of time.
 
@@ -78,10 +78,10 @@ def window_scores(
     steps = np.concatenate([[0], steps[reached]])
     returns = np.concatenate([[0.0], returns[reached]])
     spacing = int(np.diff(steps).max())
-    stride = max(1, -(-yardstick.window // spacing))
+    stride = max(1, -(-score_scale.window // spacing))
     marks = np.arange(len(steps) - 1, -1, -stride)[::-1]
     width = np.diff(steps[marks])
-    return steps[marks][:-1], yardstick.hold(np.diff(returns[marks]) / width)
+    return steps[marks][:-1], score_scale.hold(np.diff(returns[marks]) / width)
 
 
 def _since(bad: NDArray[np.bool_], begins: NDArray[np.int64]) -> int | None:

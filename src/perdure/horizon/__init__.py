@@ -1,10 +1,10 @@
-"""How time is treated: embeddings of the time-to-go, clocks for deployment, laws of the training horizon.
+"""How time is treated: embeddings of the time-to-go, clocks for deployment, distributions of the training horizon.
 
 | file | what it holds |
 |---|---|
 | `embedding.py` | the idea of phi(t, T); `linear.py`, `geometric.py` |
 | `clock.py` | the idea of a clock, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
-| `law.py` | the idea of a law of T; `fixed.py`, `uniform.py`, `infinite.py` |
+| `distribution.py` | the idea of a distribution of T; `fixed.py`, `uniform.py`, `infinite.py` |
 | `protocol.py` | `HorizonProtocol`: all of it in one record |
 | `registry.py` | by name to JSON and back |
 | `wrappers/` | the same for Gymnasium environments, for use with any library |
@@ -14,13 +14,13 @@
 from perdure.horizon.clock import Clock, clock_from_json, parse_clock
 from perdure.horizon.constant import Constant
 from perdure.horizon.countdown import Countdown
+from perdure.horizon.distribution import HorizonDistribution, distribution_from_json
 from perdure.horizon.embedding import Embedding, embedding_from_json
 from perdure.horizon.errors import HorizonError
 from perdure.horizon.fixed import Fixed
 from perdure.horizon.geometric import Geometric, geometric_size
 from perdure.horizon.infinite import Infinite
 from perdure.horizon.lane_clocks import LaneClocks
-from perdure.horizon.law import HorizonLaw, law_from_json
 from perdure.horizon.linear import Linear
 from perdure.horizon.periodic import Periodic
 from perdure.horizon.protocol import End, HorizonProtocol
@@ -34,8 +34,8 @@ __all__ = [
     "End",
     "Fixed",
     "Geometric",
+    "HorizonDistribution",
     "HorizonError",
-    "HorizonLaw",
     "HorizonProtocol",
     "Infinite",
     "LaneClocks",
@@ -43,8 +43,8 @@ __all__ = [
     "Periodic",
     "Uniform",
     "clock_from_json",
+    "distribution_from_json",
     "embedding_from_json",
     "geometric_size",
-    "law_from_json",
     "parse_clock",
 ]

@@ -2,4 +2,4 @@
 
 
 class HorizonError(ValueError):
-    """An embedding, a clock, a law of the horizon or a protocol that contradicts itself."""
+    """An embedding, a clock, a distribution of the horizon or a protocol that contradicts itself."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from perdure.horizon.law import HorizonLaw, check_steps
+from perdure.horizon.distribution import HorizonDistribution, check_steps
 
 
 @dataclass(frozen=True)
-class Fixed(HorizonLaw):
+class Fixed(HorizonDistribution):
     """T is always ``steps``."""
 
     name: ClassVar[str] = "fixed"

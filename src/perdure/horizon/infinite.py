@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from perdure.horizon.law import HorizonLaw
+from perdure.horizon.distribution import HorizonDistribution
 
 
 @dataclass(frozen=True)
-class Infinite(HorizonLaw):
+class Infinite(HorizonDistribution):
     """T is infinite."""
 
     name: ClassVar[str] = "infinite"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Literal, Self, get_args
 
+from perdure.horizon.distribution import HorizonDistribution, distribution_from_json
 from perdure.horizon.embedding import Embedding, embedding_from_json
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw, law_from_json
 
 End = Literal["terminated", "truncated"]
 
@@ -25,8 +25,8 @@ class HorizonProtocol:
 
     embedding: Embedding | None
     """phi; None if the agent is not told the time."""
-    horizon: HorizonLaw
-    """Law of the training horizon T."""
+    horizon: HorizonDistribution
+    """Distribution of the training horizon T."""
     end: End
     """What reaching T means: ``terminated`` (nothing follows, a time-aware agent) or ``truncated`` (the world goes on:
     bootstrap the value of the last observation)."""
@@ -36,8 +36,8 @@ class HorizonProtocol:
     """Discount of the running return whose spread scales the rewards, in [0, 1]. A setting of its own: with gamma = 1
     it decides how large the rewards look to the value network."""
     normalize_embedding: bool = False
-    """Replication switch: phi passes the observation normaliser, as Stable-Baselines3 with VecNormalize would have it.
-    Off, because a normalised phi means something else in training and in deployment."""
+    """Replication switch: phi passes the observation normalizer, as Stable-Baselines3 with VecNormalize would have it.
+    Off, because a normalized phi means something else in training and in deployment."""
 
     def __post_init__(self) -> None:
         """Refuse contradictions."""
@@ -45,8 +45,8 @@ class HorizonProtocol:
             raise HorizonError(
                 f"embedding must be an Embedding, such as Geometric(10), or None, got {self.embedding!r}"
             )
-        if not isinstance(self.horizon, HorizonLaw):
-            raise HorizonError(f"horizon must be a HorizonLaw, such as Fixed(1000), got {self.horizon!r}")
+        if not isinstance(self.horizon, HorizonDistribution):
+            raise HorizonError(f"horizon must be a HorizonDistribution, such as Fixed(1000), got {self.horizon!r}")
         check_end(self.end)
         for name in ("gamma", "normalizer_gamma"):
             value = getattr(self, name)
@@ -105,7 +105,7 @@ class HorizonProtocol:
             )
             raise HorizonError(f"a horizon protocol cannot be read: {listing}")
         embedding = None if values["embedding"] is None else embedding_from_json(values["embedding"])
-        return cls(**{**values, "embedding": embedding, "horizon": law_from_json(values["horizon"])})
+        return cls(**{**values, "embedding": embedding, "horizon": distribution_from_json(values["horizon"])})
 
 
 def check_end(end: Any) -> None:

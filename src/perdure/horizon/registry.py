@@ -1,7 +1,7 @@
-"""Embeddings, clocks and laws by name, as policy files store them.
+"""Embeddings, clocks and distributions by name, as policy files store them.
 
-A class is found by its ``name`` as soon as it subclasses the abstract idea (``Embedding``, ``Clock``, ``HorizonLaw``):
-a new one is one new file, imported in ``__init__.py`` or anywhere else.
+A class is found by its ``name`` as soon as it subclasses ``Embedding``, ``Clock`` or ``HorizonDistribution``: a new
+one is one new file, imported in ``__init__.py`` or anywhere else.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def to_json(thing: Any) -> dict[str, Any]:
     """``{"name": ..., field: value, ...}`` of a frozen dataclass of numbers.
 
     Args:
-        thing: An embedding, a clock or a law. Infinity, which JSON does not have, becomes the string "inf"; NumPy
-            numbers become Python's.
+        thing: An embedding, a clock or a distribution. Infinity, which JSON does not have, becomes the string "inf";
+            NumPy numbers become Python's.
     """
     return {"name": thing.name, **{f.name: _plain(getattr(thing, f.name)) for f in dataclasses.fields(thing)}}
 

@@ -1,16 +1,16 @@
-"""Episodes of random length, the domain randomisation of the thesis."""
+"""Episodes of random length, the domain randomization of the thesis."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from perdure.horizon.distribution import HorizonDistribution, check_steps
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw, check_steps
 
 
 @dataclass(frozen=True)
-class Uniform(HorizonLaw):
+class Uniform(HorizonDistribution):
     """T is a whole number drawn uniformly from {low, ..., high} (thesis, 3.3.2)."""
 
     name: ClassVar[str] = "uniform"

@@ -11,7 +11,7 @@
 | `errors.py` | `PolicyError`, `PolicyFileError` |
 """
 
-from perdure.policy.closed_loop import ClosedLoop, Moment, Pilot, check_fit
+from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep, check_fit
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.measure import measure_reference
@@ -21,9 +21,9 @@ from perdure.policy.shipped import find_policy, shipped_policies
 
 __all__ = [
     "ClosedLoop",
-    "Moment",
+    "LanePolicy",
+    "LaneStep",
     "Normalizer",
-    "Pilot",
     "Policy",
     "PolicyError",
     "PolicyFileError",

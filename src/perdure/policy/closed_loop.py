@@ -1,6 +1,6 @@
 """Closed loop over lanes: policies act in a world, step by step, until every lane has ended.
 
-A lane's trajectory depends on its policy, its clock and its seed alone. Neither its neighbours nor the order of the
+A lane's trajectory depends on its policy, its clock and its seed alone. Neither its neighbors nor the order of the
 lanes change one bit of it, because acting is row-invariant and worlds step lanes independently.
 """
 
@@ -19,16 +19,16 @@ from perdure.policy.policy import Policy
 
 
 @dataclass(frozen=True, eq=False)
-class Pilot:
-    """Who acts in one lane: a policy, and the clock it is told the time by (None for a policy without phi)."""
+class LanePolicy:
+    """A policy and the clock that sets its time-to-go input; the clock is None for a policy without that input."""
 
     policy: Policy
     clock: Clock | None
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """What one step of the living lanes did. Rows belong to ``lanes``."""
+class LaneStep:
+    """One step of the running lanes; row i belongs to lane ``lanes[i]``."""
 
     lanes: IntArray
     """Lanes that were stepped, shape (n,)."""
@@ -42,28 +42,28 @@ class ClosedLoop:
     """Carries lanes on until they end. Lanes that have ended cost nothing.
 
     Raises:
-        PolicyError: If there is not one pilot for each lane, or a policy fits neither the world nor its clock.
+        PolicyError: If there is not one lane_policy for each lane, or a policy fits neither the world nor its clock.
     """
 
-    def __init__(self, world: World, pilots: Sequence[Pilot]) -> None:
+    def __init__(self, world: World, lane_policies: Sequence[LanePolicy]) -> None:
         """Resets every lane of the world, with no horizon.
 
         Args:
-            world: Where to act; one lane for each pilot.
-            pilots: Who acts in lane 0, 1, ...
+            world: Where to act; one lane for each lane_policy.
+            lane_policies: Who acts in lane 0, 1, ...
         """
-        if len(pilots) != world.num_lanes:
-            raise PolicyError(f"{len(pilots)} pilots for {world.num_lanes} lanes; each lane needs one")
-        for pilot in pilots:
-            if (pilot.clock is None) != (pilot.policy.protocol.embedding is None):
+        if len(lane_policies) != world.num_lanes:
+            raise PolicyError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
+        for lane_policy in lane_policies:
+            if (lane_policy.clock is None) != (lane_policy.policy.protocol.embedding is None):
                 raise PolicyError(
-                    f"a pilot for {pilot.policy.task.name} needs a clock if, and only if, its policy has an embedding; "
-                    f"this one has {'no clock' if pilot.clock is None else pilot.clock.label}"
+                    f"a lane of {lane_policy.policy.task.name} needs a clock exactly if its policy has an embedding; "
+                    f"this one has {'no clock' if lane_policy.clock is None else lane_policy.clock.label}"
                 )
-        for policy in {id(pilot.policy): pilot.policy for pilot in pilots}.values():
+        for policy in {id(lane_policy.policy): lane_policy.policy for lane_policy in lane_policies}.values():
             check_fit(policy, world)
         self.world = world
-        self._pilots = list(pilots)
+        self._lane_policies = list(lane_policies)
         self._observations = world.reset()
         self._elapsed = 0
         self._live(np.arange(world.num_lanes))
@@ -78,17 +78,17 @@ class ClosedLoop:
         """What the living lanes see now, shape (n, observation_size)."""
         return self._observations
 
-    def advance(self) -> Moment:
+    def advance(self) -> LaneStep:
         """Moves every living lane by one step. Lanes that ended with it are not living afterwards."""
         before = self._observations
         actions = self._act(before)
         step = self.world.step(actions, self._living)
-        moment = Moment(self._living, before, step)
+        lane_step = LaneStep(self._living, before, step)
         self._observations = step.observations
         self._elapsed += 1
         if step.ended.any():
             self.drop(self._living[step.ended])
-        return moment
+        return lane_step
 
     def drop(self, lanes: NDArray[np.int64]) -> None:
         """Takes lanes out; the others go on as if these had never been there."""
@@ -97,28 +97,30 @@ class ClosedLoop:
         self._live(self._living[stays])
 
     def _act(self, observations: FloatArray) -> FloatArray:
-        if len(self._crews) == 1:
-            return self._crews[0].act(observations, self._elapsed)
+        if len(self._by_policy) == 1:
+            return self._by_policy[0].act(observations, self._elapsed)
         actions = np.empty((len(observations), self.world.spec.action_size))
-        for crew in self._crews:
-            actions[crew.rows] = crew.act(observations[crew.rows], self._elapsed)
+        for group in self._by_policy:
+            actions[group.rows] = group.act(observations[group.rows], self._elapsed)
         return actions
 
     def _live(self, living: IntArray) -> None:
         self._living = living
         by_policy: dict[int, list[int]] = {}
         for row, lane in enumerate(living):
-            by_policy.setdefault(id(self._pilots[lane].policy), []).append(row)
-        self._crews = [_Crew(rows, [self._pilots[living[row]] for row in rows]) for rows in by_policy.values()]
+            by_policy.setdefault(id(self._lane_policies[lane].policy), []).append(row)
+        self._by_policy = [
+            _PolicyRows(rows, [self._lane_policies[living[row]] for row in rows]) for rows in by_policy.values()
+        ]
 
 
-class _Crew:
+class _PolicyRows:
     """The living lanes of one policy."""
 
-    def __init__(self, rows: list[int], pilots: list[Pilot]) -> None:
+    def __init__(self, rows: list[int], lane_policies: list[LanePolicy]) -> None:
         self.rows = np.array(rows)
-        self._policy = pilots[0].policy
-        clocks = [pilot.clock for pilot in pilots if pilot.clock is not None]
+        self._policy = lane_policies[0].policy
+        clocks = [lane_policy.clock for lane_policy in lane_policies if lane_policy.clock is not None]
         self._clocks = LaneClocks(clocks) if clocks else None
         # Clocks that stand still, and policies without phi, are told the same at every step.
         still = all(isinstance(clock, Constant) for clock in clocks)

@@ -8,7 +8,7 @@ import numpy as np
 
 from perdure.envs import World, make_world
 from perdure.horizon import Clock, Countdown
-from perdure.policy.closed_loop import ClosedLoop, Pilot
+from perdure.policy.closed_loop import ClosedLoop, LanePolicy
 from perdure.policy.one_thread import one_thread
 from perdure.policy.policy import Policy
 from perdure.policy.reference import BIN_STEPS, Reference
@@ -40,24 +40,24 @@ def measure_reference(policy: Policy, episodes: int = EPISODES, world: World | N
     try:
         horizon = training_horizon(policy, world.spec.default_horizon)
         clock: Clock | None = None if policy.protocol.embedding is None else Countdown(float(horizon))
-        loop = ClosedLoop(world, [Pilot(policy, clock)] * episodes)
+        loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
         low, high = loop.observations.min(axis=0), loop.observations.max(axis=0)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
         lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
         with one_thread():
             for step in range(horizon):
-                moment = loop.advance()
-                result = moment.step
+                lane_step = loop.advance()
+                result = lane_step.step
                 valid = ~result.diverged & np.isfinite(result.rewards) & np.isfinite(result.observations).all(axis=1)
-                rewards[moment.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
+                rewards[lane_step.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
                 if valid.any():
                     low = np.minimum(low, result.observations[valid].min(axis=0))
                     high = np.maximum(high, result.observations[valid].max(axis=0))
                 if not valid.all():
-                    loop.drop(moment.lanes[~valid])
+                    loop.drop(lane_step.lanes[~valid])
                 ended = result.ended | ~valid
-                lengths[moment.lanes[ended]] = step + 1
-                terminated[moment.lanes[ended]] = result.terminated[ended]
+                lengths[lane_step.lanes[ended]] = step + 1
+                terminated[lane_step.lanes[ended]] = result.terminated[ended]
                 if not len(loop.living):
                     break
     finally:

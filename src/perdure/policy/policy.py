@@ -31,7 +31,7 @@ class Normalizer:
     var: FloatArray
     """Shape (d,)."""
     clip: float = 10.0
-    """Normalised values are cut to +-clip."""
+    """Normalized values are cut to +-clip."""
     epsilon: float = 1e-8
     """Added to the variance before its square root."""
 
@@ -67,7 +67,7 @@ class Policy:
     """A deterministic policy: the mean of the trained Gaussian, cut to the action box.
 
     Raises:
-        PolicyError: If weights, normaliser and protocol do not fit together.
+        PolicyError: If weights, normalizer and protocol do not fit together.
     """
 
     task: TaskInfo
@@ -106,7 +106,7 @@ class Policy:
             )
         normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
         if self.normalizer.mean.shape != (normalized,) or self.normalizer.var.shape != (normalized,):
-            raise PolicyError(f"{self.task.name}: the normaliser must have {normalized} means and variances")
+            raise PolicyError(f"{self.task.name}: the normalizer must have {normalized} means and variances")
         if (self.clock is None) != (self.protocol.embedding is None):
             raise PolicyError(f"{self.task.name}: a policy has a clock if, and only if, it has an embedding")
         scale = self.return_scale
@@ -213,7 +213,7 @@ class Policy:
         return phi
 
     def inputs(self, observations: ArrayLike, phi: FloatArray) -> NDArray[np.float32]:
-        """What the networks see: normalised observation and phi, shape (n, input_size), float32."""
+        """What the networks see: normalized observation and phi, shape (n, input_size), float32."""
         rows = np.asarray(observations, np.float64)
         if rows.ndim != 2 or rows.shape[1] != self.task.observation_size:
             raise PolicyError(

@@ -3,7 +3,7 @@
 | file | what it holds |
 |---|---|
 | `config.py`, `presets.py`, `methods.py` | settings; tuned numbers for each task with their source; methods |
-| `networks.py`, `normalizer.py` | policy and value network; running normalisation |
+| `networks.py`, `normalizer.py` | policy and value network; running normalization |
 | `rollout.py` | collecting experience inside one compiled loop |
 | `iteration.py` | one iteration, top to bottom: rollout, advantages, epochs |
 | `estimators/`, `update.py` | how advantages are estimated; loss and Adam |

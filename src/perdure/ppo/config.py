@@ -30,7 +30,7 @@ class PPOConfig:
     """
 
     protocol: HorizonProtocol = field(default_factory=_default_protocol)
-    """How time is treated: embedding, law of the training horizon, what its end means, gamma, normaliser gamma."""
+    """How time is treated: embedding, distribution of T, what its end means, gamma, normalizer gamma."""
     total_steps: int = 1_000_000
     """Environment steps to train for, over all environments; rounded up to whole rollouts."""
     n_envs: int = 1

@@ -17,7 +17,7 @@
 With gamma = 1 and a bootstrap at every limit nothing pins the value function down: V + c satisfies the same equations
 for every c, so it may drift. Advantages only need differences of V, which is why the baseline can learn at all.
 
-The reward normaliser's gamma is the task's tuned gamma in every method, also where gamma = 1. rl-zoo would copy
+The reward normalizer's gamma is the task's tuned gamma in every method, also where gamma = 1. rl-zoo would copy
 gamma = 1 into it; rewards are then divided by the spread of whole episodes' returns (about 700 for a reward of 3), far
 from the scale the other settings were tuned at. HalfCheetah-v3, geometric, seed 0, training return after 165,000 steps:
 219 with 0.98, and still below -100 with 1 after 330,000. ``--ppo.protocol.normalizer-gamma 1`` brings the other back.
@@ -39,7 +39,7 @@ from perdure.horizon import (
     Embedding,
     Fixed,
     Geometric,
-    HorizonLaw,
+    HorizonDistribution,
     HorizonProtocol,
     Linear,
     Uniform,
@@ -60,7 +60,7 @@ DEPLOYED_STEPS_TO_GO = 500
 class Method:
     """What one row of the table says. ``embedding`` makes phi from (observation size, task)."""
 
-    horizon: HorizonLaw
+    horizon: HorizonDistribution
     terminal: bool
     undiscounted: bool = False
     embedding: Callable[[int, str], Embedding] | None = None

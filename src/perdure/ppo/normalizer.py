@@ -1,4 +1,4 @@
-"""Running normalisation of observations and rewards, as Stable-Baselines3's ``VecNormalize`` does it.
+"""Running normalization of observations and rewards, as Stable-Baselines3's ``VecNormalize`` does it.
 
 Statistics are kept in float64 and merged by the parallel rule of Chan, Golub and LeVeque (1979).
 """
@@ -53,5 +53,5 @@ def normalize(moments: RunningMoments, values: jax.Array) -> jax.Array:
 
 
 def scale_rewards(return_var: jax.Array, rewards: jax.Array) -> jax.Array:
-    """Rewards over the standard deviation of the running discounted return, not centred; clipped, float32."""
+    """Rewards over the standard deviation of the running discounted return, not centered; clipped, float32."""
     return jnp.clip(rewards / jnp.sqrt(return_var + EPSILON), -CLIP, CLIP).astype(jnp.float32)

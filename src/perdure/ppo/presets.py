@@ -2,7 +2,7 @@
 
 All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
 22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.
-The zoo trains all six with ``normalize: true``: observations and rewards, with the reward normaliser's gamma equal to
+The zoo trains all six with ``normalize: true``: observations and rewards, with the reward normalizer's gamma equal to
 the algorithm's.
 
 | task | gamma | envs | steps | batch | epochs | lambda | step size | network | total steps | from |

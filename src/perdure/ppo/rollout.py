@@ -58,7 +58,7 @@ def start_lanes(config: PPOConfig, observations: jax.Array, uniform: jax.Array) 
 
 
 class Statistics(NamedTuple):
-    """What the normaliser of one seed has seen."""
+    """What the normalizer of one seed has seen."""
 
     observations: RunningMoments
     returns: RunningMoments
@@ -127,7 +127,7 @@ class Trace(NamedTuple):
 def network_inputs(
     config: PPOConfig, moments: RunningMoments, observations: jax.Array, elapsed: jax.Array, horizons: jax.Array
 ) -> jax.Array:
-    """Normalised observation and phi side by side, float32. phi passes the normaliser only in a replication."""
+    """Normalized observation and phi side by side, float32. phi passes the normalizer only in a replication."""
     phi = config.protocol.embed(elapsed, horizons)
     if config.protocol.normalize_embedding:
         return normalize(moments, jnp.concatenate([observations, phi], axis=-1))

@@ -1,7 +1,7 @@
 """The PPO update: clipped loss, gradient clipping, Adam, minibatches.
 
 Schulman et al., Proximal policy optimization algorithms (2017), eq. 7 and 9, with the details of Stable-Baselines3:
-advantages normalised in each minibatch (unbiased standard deviation), squared value error without clipping, Adam with
+advantages normalized in each minibatch (unbiased standard deviation), squared value error without clipping, Adam with
 epsilon 1e-5 (Kingma and Ba, 2015).
 """
 
@@ -35,7 +35,7 @@ class Batch(NamedTuple):
     """Transitions to learn from; the leading axis is n."""
 
     inputs: jax.Array
-    """What the networks saw: normalised observation and phi, (n, input_size)."""
+    """What the networks saw: normalized observation and phi, (n, input_size)."""
     actions: jax.Array
     """As sampled, before clipping to the action box, (n, action_size)."""
     log_probs: jax.Array
@@ -103,13 +103,13 @@ def epoch(
 
     Args:
         params: Weights before.
-        adam: Optimiser state before.
+        adam: Optimizer state before.
         batch: The whole rollout, n transitions.
         order: A permutation of range(n), shape (n,): consecutive slices of it are the minibatches.
         config: The learner's settings.
 
     Returns:
-        Weights and optimiser state after, and the mean LOSSES of the minibatches, (4,).
+        Weights and optimizer state after, and the mean LOSSES of the minibatches, (4,).
     """
 
     def minibatch(carry: tuple[Params, AdamState], indices: jax.Array) -> tuple[tuple[Params, AdamState], jax.Array]:

@@ -39,8 +39,8 @@ _FACE = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axe
 class Articulated(Skill):
     """A skill that brings a drawer or door to a wanted position by its handle.
 
-    Reward (M3): 2 per metre nearer to the handle until it is held, +1 for the first right grasp, 2 per metre or radian
-    nearer to the wanted position while it is held, +1 for letting go there, then 2 per metre nearer to rest.
+    Reward (M3): 2 per meter nearer to the handle until it is held, +1 for the first right grasp, 2 per meter or radian
+    nearer to the wanted position while it is held, +1 for letting go there, then 2 per meter nearer to rest.
     """
 
     slack = 0.0

@@ -65,7 +65,7 @@ def front(episode: Episode, target: int, skill: SkillName) -> tuple[float, float
 
 
 def positions(lane: Lane) -> dict[str, float]:
-    """How far drawers and doors are open, to a centimetre or degree or so, those that are closed left out.
+    """How far drawers and doors are open, to a centimeter or degree or so, those that are closed left out.
 
     Rounded, so that free spaces are found again in the cache.
     """

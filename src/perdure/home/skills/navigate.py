@@ -29,7 +29,7 @@ FAR = 5.0
 
 @dataclass(frozen=True)
 class Navigate(Skill):
-    """Reward (M3): 1 per metre of way nearer to the region. Stopping elsewhere ends it as a failure."""
+    """Reward (M3): 1 per meter of way nearer to the region. Stopping elsewhere ends it as a failure."""
 
     name = "navigate"
     base_speed = NAVIGATION_SPEED

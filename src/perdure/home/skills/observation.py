@@ -72,7 +72,7 @@ CLOSENESS: tuple[Element, ...] = tuple(
 def closeness(sensors: Sensors) -> FloatArray:
     """1 where the base's rim touches something, 0 where nothing is within 1 m of it. Shape (n, SECTORS).
 
-    A sector is 45 degrees wide, its neighbours overlap it by 15.
+    A sector is 45 degrees wide, its neighbors overlap it by 15.
     """
     ranges = sensors.scan
     before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)

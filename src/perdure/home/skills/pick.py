@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import GRIP, NEIGHBOURHOOD, RIVALS, Sensors
+from perdure.home.sim.world import GRIP, NEIGHBORHOOD, RIVALS, Sensors
 from perdure.home.sim.world.sensors import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
@@ -35,7 +35,7 @@ LEAD = 0.3
 
 @dataclass(frozen=True)
 class Pick(Skill):
-    """Reward (M3): 4 per metre nearer to the object, once it is held 4 per metre nearer to rest, +1 for the grasp."""
+    """Reward (M3): 4 per meter nearer to the object, once it is held 4 per meter nearer to rest, +1 for the grasp."""
 
     name = "pick"
     failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
@@ -51,18 +51,16 @@ class Pick(Skill):
             *REACHING,
             *point_elements("object", "the object"),
             *(
-                Element(f"rival_{k}_{a}", f"from the object to its neighbour {k}, base axes {a}, 0 without one", "m")
+                Element(f"rival_{k}_{a}", f"from the object to its neighbor {k}, base axes {a}, 0 without one", "m")
                 for k in range(RIVALS)
                 for a in "xyz"
             ),
             *(
-                Element(
-                    f"rival_{k}_near", f"nearness of neighbour {k}: 1 at the object, 0 from 0.5 m on", "1", 0.0, 1.0
-                )
+                Element(f"rival_{k}_near", f"nearness of neighbor {k}: 1 at the object, 0 from 0.5 m on", "1", 0.0, 1.0)
                 for k in range(RIVALS)
             ),
             Element("lead", "by how much the object is nearer to the gripper point than others", "m", -LEAD, LEAD),
-            Element("handle_distance", "from the gripper point to the nearest handle", "m", 0.0, NEIGHBOURHOOD),
+            Element("handle_distance", "from the gripper point to the nearest handle", "m", 0.0, NEIGHBORHOOD),
             Element("holding", "1 when something is held", "1", 0.0, 1.0),
         )
 
@@ -119,6 +117,6 @@ def rivals(sensors: Sensors) -> list[FloatArray]:
     """What the grasp might take instead of the object. Columns (n, 3) for each rival, then (n, RIVALS), (n, 2)."""
     turned = [sensors.turned_to_base(sensors.rivals[:, k]) for k in range(RIVALS)]
     away = np.stack([norm(each) for each in turned], axis=1)
-    near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBOURHOOD, 0.0, 1.0), 0.0)
+    near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBORHOOD, 0.0, 1.0), 0.0)
     lead = np.clip(sensors.rival_distance - norm(sensors.object - sensors.gripper), -LEAD, LEAD)
-    return [*turned, near, np.stack([lead, np.minimum(sensors.handle_distance, NEIGHBOURHOOD)], axis=1)]
+    return [*turned, near, np.stack([lead, np.minimum(sensors.handle_distance, NEIGHBORHOOD)], axis=1)]

@@ -41,8 +41,8 @@ class Place(Skill):
     At time t: for each of the last Delta steps, t included, the object is within eps_g = 0.15 m of its goal and not
     held, and at t the gripper point is within eps_r = 0.05 m of its rest position. Delta = 1 is the benchmark's rule.
 
-    Reward (M3): while it is held 4 per metre nearer to the goal (OURS: up counts apart, see `left_to_carry`); at the
-    first release +1 inside the goal region, else -1 and the end; after it 4 per metre nearer to rest.
+    Reward (M3): while it is held 4 per meter nearer to the goal (OURS: up counts apart, see `left_to_carry`); at the
+    first release +1 inside the goal region, else -1 and the end; after it 4 per meter nearer to rest.
     """
 
     name = "place"

@@ -1,7 +1,7 @@
 """What a skill is: pure functions over `Sensors` and `Progress`. The learner's environment and the executor drive them.
 
 Nothing here keeps state: what a skill must remember is in `Progress`, which `begin` makes and `advance` renews. All
-functions work row by row, so a lane's result does not depend on its neighbours.
+functions work row by row, so a lane's result does not depend on its neighbors.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def check_camera(name: str) -> str:
 def _fit(
     points: FloatArray, middle: FloatArray, backward: FloatArray, size: tuple[int, int], up: tuple[float, float, float]
 ) -> Shot:
-    """Moves a camera back until all points are in the picture, then centres them."""
+    """Moves a camera back until all points are in the picture, then centers them."""
     target, distance = middle, 30.0
     for _ in range(8):
         shot = Shot(target + distance * backward, target, up)

@@ -45,7 +45,7 @@ def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Pat
     Args:
         picture: Shape (height, width, 3).
         path: Where; its name must end in `.png`.
-        colors: With this many colours only, which makes the file small; all of them when None.
+        colors: With this many colors only, which makes the file small; all of them when None.
     """
     from PIL import Image
 
@@ -119,7 +119,7 @@ class _Mp4:
 
 
 class _Gif:
-    """A GIF by Pillow, 128 colours."""
+    """A GIF by Pillow, 128 colors."""
 
     pace = GIF_PACE
 

@@ -22,7 +22,7 @@ COLORS: tuple[Color, ...] = (
 
 @dataclass(frozen=True)
 class Mark:
-    """A target and its goal: a pin over the object, a translucent ball at the goal, both in one colour."""
+    """A target and its goal: a pin over the object, a translucent ball at the goal, both in one color."""
 
     label: str
     """What the object is called in the picture."""

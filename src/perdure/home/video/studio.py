@@ -169,7 +169,7 @@ class Studio:
         scene.ngeom += 1
 
     def _add_fill_light(self) -> None:
-        """Light without shadows from two sides, or walls that look away from sun and camera would be grey."""
+        """Light without shadows from two sides, or walls that look away from sun and camera would be gray."""
         lights, count = self._scene.lights, self._scene.nlight
         for number, direction in enumerate(FILL):
             if count + number < len(lights):

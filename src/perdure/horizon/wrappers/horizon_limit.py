@@ -8,8 +8,8 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
+from perdure.horizon.distribution import HorizonDistribution
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw
 from perdure.horizon.protocol import End
 from perdure.horizon.wrappers.limit import check_limit, draw_horizon, horizon_generator
 
@@ -32,21 +32,22 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
     elapsed: int
     """Steps since reset."""
 
-    def __init__(self, env: gymnasium.Env[Obs, Act], law: HorizonLaw, end: End) -> None:
+    def __init__(self, env: gymnasium.Env[Obs, Act], distribution: HorizonDistribution, end: End) -> None:
         """Wraps an environment that has no shorter limit of its own.
 
         Args:
             env: For one made by Gymnasium, ``gymnasium.make(name, max_episode_steps=-1)`` has no limit.
-            law: Law of T.
+            distribution: Distribution of T.
             end: What reaching T means.
 
         Raises:
-            HorizonError: If law or end are none, or the environment's own TimeLimit is shorter than the longest T.
+            HorizonError: If distribution or end are invalid, or the environment's own TimeLimit is shorter than the
+                longest T.
         """
-        check_limit(env, law, end)
-        RecordConstructorArgs.__init__(self, law=law, end=end)
+        check_limit(env, distribution, end)
+        RecordConstructorArgs.__init__(self, distribution=distribution, end=end)
         super().__init__(env)
-        self.law, self.end = law, end
+        self.distribution, self.end = distribution, end
         self.horizon, self.elapsed = 0.0, 0
         self._generator: np.random.Generator | None = None
 
@@ -60,7 +61,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         observation, info = self.env.reset(seed=seed, options=options)
         if self._generator is None or seed is not None:
             self._generator = horizon_generator(seed)
-        self.horizon, self.elapsed = draw_horizon(self.law, self._generator), 0
+        self.horizon, self.elapsed = draw_horizon(self.distribution, self._generator), 0
         return observation, info
 
     def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:

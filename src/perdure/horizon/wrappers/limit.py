@@ -9,8 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium.wrappers import TimeLimit
 
+from perdure.horizon.distribution import HorizonDistribution
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw
 from perdure.horizon.protocol import check_end
 
 HORIZON_STREAM = 1
@@ -27,34 +27,37 @@ def horizon_generator(seed: int | None) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
 
 
-def draw_horizon(law: HorizonLaw, generator: np.random.Generator) -> float:
+def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generator) -> float:
     """T of the next episode, in steps.
 
     Args:
-        law: Law of T.
+        distribution: Distribution of T.
         generator: From :func:`horizon_generator`.
     """
-    return float(law.from_uniform(generator.random()))
+    return float(distribution.from_uniform(generator.random()))
 
 
-def check_limit(env: Any, law: HorizonLaw, end: Any) -> None:
+def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
     """Refuses a limit that cannot mean what it says.
 
     Args:
         env: Environment or vector environment to be limited.
-        law: Law of T.
+        distribution: Distribution of T.
         end: What reaching T means.
 
     Raises:
-        HorizonError: If law or end are none, or the environment would cut its episodes before the longest horizon.
+        HorizonError: If distribution or end are invalid, or the environment would cut episodes before the longest T.
     """
-    if not isinstance(law, HorizonLaw):
-        raise HorizonError(f"a horizon limit needs a HorizonLaw, such as Uniform(200, 1000), got {law!r}")
+    if not isinstance(distribution, HorizonDistribution):
+        raise HorizonError(
+            f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
+        )
     check_end(end)
     own = own_limit(env)
-    if own < law.longest:
+    if own < distribution.longest:
         raise HorizonError(
-            f"the environment cuts its episodes after {own:g} steps, before the longest horizon ({law.longest:g}): "
+            f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
+            f"({distribution.longest:g}): "
             "make it without that limit (gymnasium.make with max_episode_steps=-1, envpool.make with a larger one)"
         )
 

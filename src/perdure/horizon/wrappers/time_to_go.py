@@ -37,7 +37,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
             env: With a :class:`HorizonLimit` somewhere beneath, unless a clock is given.
             embedding: phi.
             clock: What the agent is told in deployment; None tells it the training horizon.
-            dict: Observations are {"observation", "time_to_go"} instead of one flat vector, so that a normaliser can
+            dict: Observations are {"observation", "time_to_go"} instead of one flat vector, so that a normalizer can
                 leave phi out (Stable-Baselines3: ``VecNormalize(norm_obs_keys=["observation"])``).
 
         Raises:

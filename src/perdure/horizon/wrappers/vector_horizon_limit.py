@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
+from perdure.horizon.distribution import HorizonDistribution
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.law import HorizonLaw
 from perdure.horizon.protocol import End
 from perdure.horizon.wrappers.any_vector_wrapper import AnyVectorWrapper
 from perdure.horizon.wrappers.lane_infos import (
@@ -46,21 +46,21 @@ class VectorHorizonLimit(AnyVectorWrapper):
     last_horizons: NDArray[np.float64]
     """T of the episodes that the last step belonged to, shape (n,): before the resets of SAME_STEP."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], law: HorizonLaw, end: End) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], distribution: HorizonDistribution, end: End) -> None:
         """Wraps a vector environment that has no shorter limit of its own.
 
         Args:
             env: The vector environment.
-            law: Law of T.
+            distribution: Distribution of T.
             end: What reaching T means.
 
         Raises:
-            HorizonError: If law or end are none, the environment's own limit is shorter than the longest T, or it does
-                not say its autoreset mode.
+            HorizonError: If distribution or end are invalid, the environment's own limit is shorter than the longest T,
+                or it does not say its autoreset mode.
         """
         super().__init__(env)
-        check_limit(env, law, end)
-        self.law, self.end = law, end
+        check_limit(env, distribution, end)
+        self.distribution, self.end = distribution, end
         self.horizons = np.zeros(self.num_envs)
         self.last_horizons = np.zeros(self.num_envs)
         self._counter = StepCounter(self.num_envs, autoreset_mode(env))
@@ -150,4 +150,4 @@ class VectorHorizonLimit(AnyVectorWrapper):
 
     def _draw(self, lanes: NDArray[np.bool_]) -> None:
         for lane in np.flatnonzero(lanes).tolist():
-            self.horizons[lane] = draw_horizon(self.law, self._generators[lane])
+            self.horizons[lane] = draw_horizon(self.distribution, self._generators[lane])

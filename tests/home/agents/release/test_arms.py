@@ -156,7 +156,7 @@ def test_ik_plus_turns_back_what_it_cannot_set_upright(table, monkeypatch):
     assert 20.0 < np.degrees(np.arccos(half[2])) < 65.0, "the control: it would be let go half turned"
 
 
-def test_a_target_out_of_reach_is_a_labelled_fall_back(table):
+def test_a_target_out_of_reach_is_a_labeled_fall_back(table):
     arm = Ik(Hasty(at=0), epsilon=0.9)
     seen = play(start(table), arm)
     assert arm.outcomes == ["out of reach"]

@@ -1,6 +1,6 @@
 """Objects of the benchmark's sizes and masses as plain boxes and cylinders, for tests of the generator."""
 
-SIZES = {  # full sizes in metres, mass in kilograms
+SIZES = {  # full sizes in meters, mass in kilograms
     "002_master_chef_can": (0.102, 0.102, 0.140, 0.414),
     "003_cracker_box": (0.072, 0.164, 0.213, 0.411),
     "004_sugar_box": (0.050, 0.094, 0.176, 0.514),

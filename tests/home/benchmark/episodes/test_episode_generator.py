@@ -36,7 +36,7 @@ def episode(request):
 
 
 def touching(episode, placements):
-    """Pairs of bodies with a contact deeper than a millimetre, the floor and what supports an object left out."""
+    """Pairs of bodies with a contact deeper than a millimeter, the floor and what supports an object left out."""
     spec = build_apartment(episode.apartment(), looks=False)
     for k, placement in enumerate(placements):
         BoxObjects().add(spec, placement.kind, f"object_{k}", placement.position, placement.quaternion)
@@ -130,7 +130,7 @@ def quick(monkeypatch):
     return replace
 
 
-def test_an_episode_in_which_an_object_moved_by_more_than_ten_centimetres_is_thrown_away(quick):
+def test_an_episode_in_which_an_object_moved_by_more_than_ten_centimeters_is_thrown_away(quick):
     reasons = Counter()
     quick("009_gelatin_box", 0.1001)
     arguments = ("tidy_house", "val", 0, (1, 17), BoxObjects())

@@ -65,7 +65,7 @@ def facts_that_meet(conditions, targets):
 
 
 def broken(values, condition, targets):
-    """The same facts with one condition missed by a tenth of a millimetre or milliradian, or by the wrong grasp."""
+    """The same facts with one condition missed by a tenth of a millimeter or milliradian, or by the wrong grasp."""
     off = {name: np.copy(value) for name, value in values.items()}
     if condition.name == "at":
         off["object_positions"][condition.target] = values["goal_positions"][condition.target] + [0.0, 0.1501, 0.0]
@@ -92,7 +92,7 @@ def test_stage_is_met_just_inside_its_conditions_and_not_with_any_one_of_them_ju
         assert not checked.met(make(broken(values, condition, targets))), str(condition)
 
 
-def test_an_object_counts_as_there_up_to_a_ball_of_15_centimetres_in_space():
+def test_an_object_counts_as_there_up_to_a_ball_of_15_centimeters_in_space():
     inside = {"held": np.zeros(3, dtype=int), "drawer": np.zeros(3), "fridge": np.zeros(3)}
     # 0.05^2 + 0.1^2 + 0.1^2 = 0.15^2
     offsets = np.array([[0.05, 0.1, 0.0999], [0.05, 0.1, 0.1001], [0.0, 0.0, -0.1499]])

@@ -72,7 +72,7 @@ def test_what_is_written_down_agrees_with_the_tasks_own_counting(solved):
     assert [done.end for done in solved.skills][:-1] == [done.begin for done in solved.skills][1:]
 
 
-def test_an_episode_does_not_depend_on_its_neighbours(set_table, solved):
+def test_an_episode_does_not_depend_on_its_neighbors(set_table, solved):
     together = run(Oracle(), [set_table[3], set_table[0], set_table[8]], lanes=2, threads=2)[solved.episode.name]
     for name in ("base", "gripper", "object_up", "object_speed", "contact_force", "active"):
         assert np.array_equal(getattr(together, name), getattr(solved, name)), name

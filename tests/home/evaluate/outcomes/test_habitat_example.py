@@ -9,7 +9,7 @@ from home_stories import RUN, good
 from polars.testing import assert_frame_equal
 from test_failure_modes import placed_and_gone, set_table
 
-from perdure.home.evaluate.outcomes import analyse, read_logs, record_of
+from perdure.home.evaluate.outcomes import analyze, read_logs, record_of
 
 EXAMPLE = Path(__file__).parents[4] / "examples" / "habitat_log_to_perdure.py"
 
@@ -75,11 +75,11 @@ def test_another_simulators_log_says_what_ours_says(example, tmp_path, capsys):
     for index, (one, other) in enumerate(zip(theirs, ours, strict=True)):
         assert one.index == index
         assert (one.events, len(one.releases)) == (other.events, len(other.releases))
-        left, right = analyse([one]), analyse([other])
+        left, right = analyze([one]), analyze([other])
         assert_frame_equal(left.stages, right.stages)
         assert_frame_equal(left.failures.drop("index"), right.failures.drop("index"))
         assert_frame_equal(
             left.placements.drop("index", "object_speed"), right.placements.drop("index", "object_speed")
         )
-    assert {row[0] for row in analyse(theirs).failures.select("mechanism").rows()} == {"rolled", "tipped", "time-out"}
+    assert {row[0] for row in analyze(theirs).failures.select("mechanism").rows()} == {"rolled", "tipped", "time-out"}
     assert "failure modes, latched" in capsys.readouterr().out

@@ -14,7 +14,7 @@ from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 import perdure.home.evaluate.outcomes.history as history
 from perdure.home import HomeError
 from perdure.home.benchmark.tasks import goal_stabilizing, handling_of
-from perdure.home.evaluate.outcomes import COUNTINGS, MECHANISMS, analyse, label, latched, record_of, stabilizing
+from perdure.home.evaluate.outcomes import COUNTINGS, MECHANISMS, analyze, label, latched, record_of, stabilizing
 
 seeds = st.integers(0, 2**32 - 1)
 TASKS = ("prepare_groceries", "tidy_house", "set_table")
@@ -62,7 +62,7 @@ def test_random_logs_hold_placements_of_both_kinds():
 def test_every_failed_episode_has_one_label_and_labels_add_up(seed, task):
     rng = np.random.default_rng(seed)
     records = [record_of(random_log(rng, index, task), RUN) for index in range(3)]
-    analysis = analyse(records)
+    analysis = analyze(records)
     for counting in COUNTINGS:
         labels = [label(record, counting) for record in records]
         wins = analysis.episodes["success" if counting == "latched" else "stabilizing"]
@@ -84,7 +84,7 @@ def test_every_failed_episode_has_one_label_and_labels_add_up(seed, task):
 def test_the_order_of_episodes_changes_nothing(seed, order):
     rng = np.random.default_rng(seed)
     records = [record_of(random_log(rng, index), RUN) for index in range(4)]
-    one, other = analyse(records), analyse([records[k] for k in order])
+    one, other = analyze(records), analyze([records[k] for k in order])
     for name in vars(one):
         assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
     assert one.summary() == other.summary()
@@ -129,7 +129,7 @@ def ten_episodes():
 
 @pytest.fixture(scope="module")
 def ten():
-    return analyse(ten_episodes())
+    return analyze(ten_episodes())
 
 
 def test_both_denominators_as_worked_out_by_hand(ten):
@@ -166,7 +166,7 @@ def test_success_over_runs_as_worked_out_by_hand():
             story = Story(index=index, eval_seed=evaluation)
             story = story.rest(range(3)) if index < won else missed(story, 0)
             records.append(record_of(story.log(), {"arm": "story", "train_seed": str(train)}))
-    (row,) = analyse(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
+    (row,) = analyze(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
     assert (row["episodes"], row["runs"], row["mean"]) == (8, 4, 0.5)
     assert row["standard_error"] == pytest.approx(math.sqrt(0.5 / 3) / 2)
     # Two training seeds, 3 of 4 and 1 of 4: 0.5 -+ 12.7 * 0.25, kept within 0 and 1.
@@ -175,13 +175,13 @@ def test_success_over_runs_as_worked_out_by_hand():
 
 
 def test_four_successes_of_four_are_no_certainty():
-    stages = analyse([record_of(good(index), RUN) for index in range(4)]).stages
+    stages = analyze([record_of(good(index), RUN) for index in range(4)]).stages
     assert (stages["mean"] == 1.0).all()
     assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
 
 
 def test_one_run_has_no_standard_error_and_names_its_units_and_method():
-    stages = analyse([record_of(good(index), RUN) for index in range(3)]).stages
+    stages = analyze([record_of(good(index), RUN) for index in range(3)]).stages
     assert stages["standard_error"].is_nan().all()
     assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Wilson score")}
 
@@ -189,14 +189,14 @@ def test_one_run_has_no_standard_error_and_names_its_units_and_method():
 def test_an_episode_that_is_there_twice_is_refused():
     records = [record_of(good(), RUN)] * 2
     with pytest.raises(HomeError, match="twice"):
-        analyse(records)
+        analyze(records)
     with pytest.raises(HomeError, match="at least one"):
-        analyse([])
+        analyze([])
 
 
 def test_two_arms_do_not_mix():
     records = [record_of(good(), {"arm": "a"}), record_of(missed(Story(), 0).log(), {"arm": "b"})]
-    analysis = analyse(records)
+    analysis = analyze(records)
     final = analysis.stages.filter(counting="latched", stage="place_2")
     assert dict(final.select("arm", "mean").rows()) == {"a": 1.0, "b": 0.0}
     assert set(analysis.modes["arm"]) == {"b"}
@@ -206,7 +206,7 @@ def test_two_arms_do_not_mix():
 def test_placements_say_how_the_object_was_let_go():
     story = Story().go(0, above=0.05, beside=0.06, tilt=30.0, speed=0.2, way=0.01)
     story.slide(0, OUT, 10).rest((1, 2))
-    table = analyse([record_of(story.log(), RUN)]).placements
+    table = analyze([record_of(story.log(), RUN)]).placements
     assert table["target"].to_list() == [0, 1, 2]
     row = table.row(0, named=True)
     expected = {"release_height": 0.05, "release_offset": 0.06, "tilt": 30.0, "object_speed": 0.2, "base_speed": 0.3}
@@ -221,13 +221,13 @@ def test_placements_say_how_the_object_was_let_go():
 
 def test_placements_tell_the_end_of_the_skill_from_that_of_the_episode_and_of_the_settling_time():
     story = Story().go(0).slide(0, OUT, 1).rest((1, 2))
-    rows = analyse([record_of(story.log(meanwhile=gone_in_the_end), RUN)]).placements.rows(named=True)
+    rows = analyze([record_of(story.log(meanwhile=gone_in_the_end), RUN)]).placements.rows(named=True)
     ends = [[row[f"in_goal_{each}"] for each in ("skill_end", "end", "settled")] for row in rows]
     assert ends == [[True, False, False], [True, True, True], [True, True, False]]
 
 
 def test_an_object_that_was_never_let_go_is_no_placement():
-    assert len(analyse([record_of(missed(Story(), 0).log(), RUN)]).placements) == 0
+    assert len(analyze([record_of(missed(Story(), 0).log(), RUN)]).placements) == 0
 
 
 def test_cylinders_are_counted_beside_their_share_of_placements():
@@ -246,7 +246,7 @@ def test_cylinders_are_counted_beside_their_share_of_placements():
         logs.append(story.log())
         cylinders += can
         failures += can
-    table = analyse([record_of(log, RUN) for log in logs]).shapes
+    table = analyze([record_of(log, RUN) for log in logs]).shapes
     assert 0 < sum(cylinders) < 12
     row = table.filter(cylinder=True).row(0, named=True)
     assert (row["placements"], row["failures"], row["rate"]) == (sum(cylinders), sum(failures), 1.0)

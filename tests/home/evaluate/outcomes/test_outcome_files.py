@@ -14,7 +14,7 @@ from polars.testing import assert_frame_equal
 from test_failure_modes import missed, placed_and_gone
 
 from perdure.home import HomeError
-from perdure.home.evaluate.outcomes import analyse, files, read_logs, record_of, write_logs, write_records
+from perdure.home.evaluate.outcomes import analyze, files, read_logs, record_of, write_logs, write_records
 from perdure.home.evaluate.outcomes.schema import SCHEMA_NAME, SCHEMA_VERSION, columns, to_frame
 
 
@@ -36,7 +36,7 @@ def path(tmp_path, logs):
 def test_a_file_gives_back_what_was_written(path, logs):
     records = [record_of(log, RUN) for log in logs]
     assert_frame_equal(to_frame(read_logs(path)), to_frame(records), check_exact=True)
-    assert analyse(read_logs(path)).summary() == analyse(records).summary()
+    assert analyze(read_logs(path)).summary() == analyze(records).summary()
 
 
 @settings(max_examples=20, deadline=None)
@@ -44,7 +44,7 @@ def test_a_file_gives_back_what_was_written(path, logs):
 def test_any_log_gives_the_same_analysis_from_its_file(tmp_path_factory, seed, task):
     log = random_log(np.random.default_rng(seed), task=task)
     found = read_logs(write_logs(tmp_path_factory.mktemp("logs") / "a.parquet", [log], RUN))
-    one, other = analyse(found), analyse([record_of(log, RUN)])
+    one, other = analyze(found), analyze([record_of(log, RUN)])
     assert all(getattr(one, name).equals(getattr(other, name)) for name in vars(one))
 
 
@@ -241,4 +241,4 @@ def test_another_simulators_records_are_written_and_read(tmp_path):
     """At 20 Hz: nothing in the analysis takes the control rate for granted."""
     record = replace(record_of(good(), RUN), control_hz=20.0, arm="elsewhere")
     (found,) = read_logs(write_records(tmp_path / "a.parquet", [record], {"simulator": "elsewhere"}))
-    assert analyse([found]).episodes["settle_seconds"].to_list() == [7.5]
+    assert analyze([found]).episodes["settle_seconds"].to_list() == [7.5]

@@ -6,7 +6,7 @@ import re
 from home_stories import Story, good
 from specs import notes, specs
 
-from perdure.home.evaluate.outcomes import analyse, record_of
+from perdure.home.evaluate.outcomes import analyze, record_of
 from perdure.home.evaluate.page import write_page
 
 FAR = [3.0, 0.0, 0.0]
@@ -40,8 +40,8 @@ def two_arms():
     return records("rl", four()) + records("ik", [good(index) for index in range(4)])
 
 
-def page_of(logs, folder, command="perdure home analyse logs", cast=None):
-    return write_page(analyse(logs), folder, command, cast).read_text()
+def page_of(logs, folder, command="perdure home analyze logs", cast=None):
+    return write_page(analyze(logs), folder, command, cast).read_text()
 
 
 def table(page, title):

@@ -12,7 +12,7 @@ from specs import by_label, rows
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes import analyse, write_records
+from perdure.home.evaluate.outcomes import analyze, write_records
 from perdure.home.evaluate.page import PAGE, Cast, read_cast, words, write_page
 from perdure.home.sim.objects import KINDS
 from perdure.runs import Store
@@ -258,13 +258,13 @@ class TestTheFiles:
         assert evil not in page
 
     def test_the_same_logs_give_the_same_page(self, tmp_path):
-        pages = [write_page(analyse(two_arms()), tmp_path / name, "x").read_bytes() for name in "ab"]
+        pages = [write_page(analyze(two_arms()), tmp_path / name, "x").read_bytes() for name in "ab"]
         assert pages[0] == pages[1]
 
     def test_a_folder_that_cannot_be_is_refused(self, tmp_path):
         (tmp_path / "file").write_text("in the way")
         with pytest.raises(OSError, match="file"):
-            write_page(analyse(records("rl", [good(0)])), tmp_path / "file", "x")
+            write_page(analyze(records("rl", [good(0)])), tmp_path / "file", "x")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: apt-get install chromium)")

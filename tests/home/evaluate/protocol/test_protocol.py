@@ -229,7 +229,7 @@ def test_a_shipped_policy_is_named_by_its_place_and_its_content():
 
 @pytest.mark.verify
 def test_learned_policies_act_alike_whoever_runs_beside_them():
-    """Seeing is shared between lanes, so that neighbours could show in the last bit of what a policy sees."""
+    """Seeing is shared between lanes, so that neighbors could show in the last bit of what a policy sees."""
     protocol, episodes = Protocol("set_table"), load_episodes("set_table", "val").episodes[:5]
     actors = make_actors(choose_policies("set_table", 0), "rl")
 

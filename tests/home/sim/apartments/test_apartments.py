@@ -133,7 +133,7 @@ def test_every_point_where_an_object_may_lie_is_within_reach_of_the_main_island(
 
 
 def region(space, frame, low, high):
-    """Area of the main island inside a rectangle of a frame, in square metres."""
+    """Area of the main island inside a rectangle of a frame, in square meters."""
     local = frame.to_local(space.centers[space.island == 0])
     return ((local >= low) & (local <= high)).all(axis=1).sum() * space.cell**2
 

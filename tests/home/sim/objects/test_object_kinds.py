@@ -12,7 +12,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.objects import KINDS, OBJECT_BIT, YcbObjects
 from perdure.home.sim.objects.shapes import cap_radius
 
-TABLE = {  # full sizes in millimetres (YCB models' bounding boxes; 008, 009 and 013 as measured), mass in grams
+TABLE = {  # full sizes in millimeters (YCB models' bounding boxes; 008, 009 and 013 as measured), mass in grams
     "002_master_chef_can": (102.4, 102.4, 140.1, 414),
     "003_cracker_box": (71.7, 164.0, 213.5, 411),
     "004_sugar_box": (49.5, 94.0, 176.0, 514),
@@ -103,7 +103,7 @@ def test_moments_of_the_bowl_are_those_of_points_spread_over_a_spherical_cap():
     points = rng.normal(size=(400_000, 3))
     points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
     points = points[points[:, 2] < height - radius]
-    assert points[:, 2].mean() + radius == pytest.approx(height / 2, rel=0.01)  # the centre of mass is half way up
+    assert points[:, 2].mean() + radius == pytest.approx(height / 2, rel=0.01)  # the center of mass is half way up
     x, y, z = (points - points.mean(axis=0)).T
     expected = 0.147 * np.array([(y**2 + z**2).mean(), (x**2 + z**2).mean(), (x**2 + y**2).mean()])
     np.testing.assert_allclose(compiled("024_bowl")[0].body("it").inertia, expected, rtol=0.02)

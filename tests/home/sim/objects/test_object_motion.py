@@ -60,7 +60,7 @@ def roll(kind, heading, timestep=1 / 240, cone=ELLIPTIC, speed=0.3, rolling=None
 
 @pytest.mark.parametrize("timestep", [1 / 120, 1 / 240])
 @pytest.mark.parametrize("heading", [0.0, 0.7])
-def test_apple_at_0_3_metres_a_second_rolls_as_far_as_its_energy_carries_it(heading, timestep):
+def test_apple_at_0_3_meters_a_second_rolls_as_far_as_its_energy_carries_it(heading, timestep):
     """7/10 m v^2 = friction x weight x distance / radius: 0.3 m/s and 1.2 mm carry a 75 mm apple 0.20 m."""
     distance, asleep = roll("013_apple", heading, timestep)
     assert distance == pytest.approx(0.201, rel=0.03)
@@ -123,7 +123,7 @@ def test_a_bowl_holds_an_apple_dropped_into_it(offset):
 
 @pytest.mark.parametrize("degrees", [20.0, 50.0, 75.0])
 def test_a_tilted_bowl_rights_itself_and_one_upside_down_stays_so(degrees):
-    """The centre of mass of a spherical cap is below the middle of its sphere."""
+    """The center of mass of a spherical cap is below the middle of its sphere."""
     ends = []
     for tilt in (degrees, 180.0 - degrees / 4):
         quaternion = turned(math.radians(tilt), (0.8, 0.6, 0.0))

@@ -17,7 +17,7 @@ def dropped(kind, tilt, height=0.08, **options):
 @pytest.mark.parametrize("cone", [0, ELLIPTIC])
 @pytest.mark.parametrize("timestep", [1 / 120, 1 / 240])
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_dropped_from_8_centimetres_and_a_little_tilted_it_stands_and_sleeps(kind, timestep, cone):
+def test_dropped_from_8_centimeters_and_a_little_tilted_it_stands_and_sleeps(kind, timestep, cone):
     model, data = dropped(kind, 0.15, timestep=timestep, cone=cone)
     run(model, data, 6.0)
     assert data.ntree_awake == 0
@@ -38,7 +38,7 @@ def test_whichever_way_it_falls_it_sleeps_in_the_end(kind, tilt):
 
 @pytest.mark.parametrize("timestep", [1 / 120, 1 / 240, 1 / 480])
 @pytest.mark.parametrize(("kind", "safe"), [("003_cracker_box", 0.30), ("004_sugar_box", 0.25)])
-def test_a_tall_box_dropped_from_10_centimetres_falls_beyond_its_tip_angle_only(kind, safe, timestep):
+def test_a_tall_box_dropped_from_10_centimeters_falls_beyond_its_tip_angle_only(kind, safe, timestep):
     """Tilted about its short side, where it tips from rest at 0.325 and 0.274 rad, at every physics step alike."""
     ends = []
     for tilt in (safe, 0.45):

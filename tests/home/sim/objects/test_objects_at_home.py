@@ -29,7 +29,7 @@ def test_left_alone_for_five_seconds_at_any_physics_step_nothing_moves(task, tim
 
 
 def test_an_object_lifted_off_its_place_does_move():
-    """The control: half a metre higher it falls."""
+    """The control: half a meter higher it falls."""
     episode = load_episodes("set_table", "eval")[0]
     first, *others = episode.objects
     x, y, z = first.position

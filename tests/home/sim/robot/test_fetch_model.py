@@ -134,7 +134,7 @@ def test_at_rest_nothing_touches(model, data):
     assert touching(data) == set()
 
 
-def test_the_base_slides_four_centimetres_above_the_floor(model, data):
+def test_the_base_slides_four_centimeters_above_the_floor(model, data):
     set_pose(data)
     lowest = [
         data.geom_xpos[i][2] - model.geom_size[i][1] for i in range(model.ngeom) if model.geom(i).name == "robot/base"
@@ -142,7 +142,7 @@ def test_the_base_slides_four_centimetres_above_the_floor(model, data):
     assert lowest == pytest.approx([0.04])
 
 
-def test_closed_fingers_meet_and_open_ones_have_eight_centimetres_between_them(model, data):
+def test_closed_fingers_meet_and_open_ones_have_eight_centimeters_between_them(model, data):
     gaps = []
     for q in (0.0, 0.04):
         data.joint("l_gripper_finger_joint").qpos = data.joint("r_gripper_finger_joint").qpos = q

@@ -4,7 +4,7 @@ import numpy as np
 from test_world import begin
 
 from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.sim.world import GRASP_RADIUS, NEIGHBOURHOOD, World
+from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, World
 from perdure.home.sim.world.rivals import Surroundings
 
 
@@ -41,7 +41,7 @@ def test_the_distances_foretell_what_the_grasp_takes():
     assert outcomes == {"link", "nothing", "target", "other"}
 
 
-def test_neighbours_are_the_nearest_ones_and_only_near_ones():
+def test_neighbors_are_the_nearest_ones_and_only_near_ones():
     world = World(1)
     scene = begin(world, 0, load_episodes("tidy_house", "val").episodes[0])
     lane = world.lane(0)
@@ -52,5 +52,5 @@ def test_neighbours_are_the_nearest_ones_and_only_near_ones():
             (float(np.linalg.norm(each - middles[target])), k) for k, each in enumerate(middles) if k != target
         )
         for (distance, number), vector in zip(away[:2], found, strict=True):
-            wanted = middles[number] - middles[target] if distance <= NEIGHBOURHOOD else np.zeros(3)
+            wanted = middles[number] - middles[target] if distance <= NEIGHBORHOOD else np.zeros(3)
             np.testing.assert_allclose(vector, wanted, atol=1e-12)

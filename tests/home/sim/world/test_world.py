@@ -234,7 +234,7 @@ def test_a_scan_that_looks_less_far_sees_the_same_within_its_reach(episodes):
     assert met > 100
 
 
-def test_the_scan_of_a_lane_does_not_depend_on_its_neighbours(episodes):
+def test_the_scan_of_a_lane_does_not_depend_on_its_neighbors(episodes):
     rng = np.random.default_rng(1)
     scenes = [episode_scene(episode) for episode in episodes.episodes[:3]]
     together, alone = World(3), World(1)

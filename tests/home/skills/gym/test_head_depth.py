@@ -61,7 +61,7 @@ def eye_and_axes(x, y, yaw, torso):
 
 
 def rays(axes):
-    """Through every pixel's middle, one metre deep: the picture is 2 m wide there. Shape (side, side, 3)."""
+    """Through every pixel's middle, one meter deep: the picture is 2 m wide there. Shape (side, side, 3)."""
     across = (2.0 * np.arange(SIDE) + 1.0) / SIDE - 1.0
     columns = np.stack(np.broadcast_arrays(across, -across[:, None], 1.0), axis=-1)
     return columns @ axes
@@ -104,7 +104,7 @@ def test_an_object_is_where_it_is_projected_and_as_far(camera, ball):
     assert camera.take(room(ball=ball))[row, column] == pytest.approx((b - np.sqrt(b * b - a * c)) / a, abs=0.002)
 
 
-def test_nothing_and_what_is_far_is_ten_metres(camera):
+def test_nothing_and_what_is_far_is_ten_meters(camera):
     lane = room(yaw=np.pi)
     assert camera.take(lane)[0, 0] == FAR
     assert camera.take(lane).max() == FAR

@@ -54,7 +54,7 @@ def test_a_world_tells_that_it_diverged():
 
 @pytest.mark.parametrize(
     ("name", "error"),
-    [("perdure/HomeCook-v0", UnknownTask), (f"{NAME},delta", WorldError), (f"{NAME},colour=red", HomeError)],
+    [("perdure/HomeCook-v0", UnknownTask), (f"{NAME},delta", WorldError), (f"{NAME},color=red", HomeError)],
 )
 def test_names_that_mean_nothing_are_refused(name, error):
     with pytest.raises(error):

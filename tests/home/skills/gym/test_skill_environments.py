@@ -213,8 +213,8 @@ def test_options_that_make_no_sense_are_refused(options, word):
 
 
 def test_an_unknown_option_is_named():
-    with pytest.raises(HomeError, match="colour"):
-        make("place", "tidy_house", colour="red")
+    with pytest.raises(HomeError, match="color"):
+        make("place", "tidy_house", color="red")
 
 
 @pytest.mark.parametrize(

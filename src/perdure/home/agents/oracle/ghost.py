@@ -17,7 +17,7 @@ from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
 FloatArray = NDArray[np.float64]
 
 PUSHED = 0.25
-"""What a metre of depth in a loose object counts, against 1 in furniture."""
+"""What a meter of depth in a loose object counts, against 1 in furniture."""
 TOLERATED = 0.002
 """Depth in [m] up to which a touch is none."""
 

@@ -33,7 +33,7 @@ BEST_DISTANCE = {
 ARM_LOW, ARM_REACH = 0.7, 0.75
 """Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
 CLOSENESS = 0.06
-"""How many metres of distance a unit of `arm_cost` is worth when a standing place is chosen."""
+"""How many meters of distance a unit of `arm_cost` is worth when a standing place is chosen."""
 ELSEWHERE = 0.3
 """How far from a standing place that could not be reached the next one must be, in [m]."""
 PLACES = 10
@@ -68,7 +68,7 @@ def _apart(one: Pose, other: Pose) -> float:
 
 @lru_cache(maxsize=64)
 def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
-    """What a metre costs at each free cell: more where the arm at rest, half a metre ahead, may meet tall furniture."""
+    """What a meter costs at each free cell: more where the arm at rest, half a meter ahead, may meet tall furniture."""
     space = free_space(apartment, dict(opened))
     tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
     near = plane.clearance(space.centers, tall)

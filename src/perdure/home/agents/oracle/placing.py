@@ -19,7 +19,7 @@ from perdure.home.sim.world.sensors import wrap
 FloatArray = NDArray[np.float64]
 
 DEPTH_COST = 1e4
-"""Steps that a metre of depth weighs as much as."""
+"""Steps that a meter of depth weighs as much as."""
 FARTHEST = 1.2
 """How far the arm may reach along the floor in [m]; beyond, inverse kinematics is not asked."""
 OTHER_STARTS = (
@@ -39,7 +39,7 @@ FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
 FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
 FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 FINE_CHECKS = 600
-"""What is tried in a fridge, where centimetres decide, when none of those is free."""
+"""What is tried in a fridge, where centimeters decide, when none of those is free."""
 FAR_BACK = 0.6
 """How far the robot stands back, in [m], when nearer its arm would meet the edge of a shelf while it is raised."""
 CLOSE = 0.01
@@ -83,7 +83,7 @@ class ReachPlan:
 
     @property
     def cost(self) -> float:
-        """Steps; a centimetre inside something else weighs as much as a hundred."""
+        """Steps; a centimeter inside something else weighs as much as a hundred."""
         return self.steps + DEPTH_COST * self.depth
 
 
@@ -230,7 +230,7 @@ def around(
         point: What to face. Shape (2,) or more.
         best: Wanted distance from the point in [m].
         count: How many at most.
-        cost: What standing on each cell of the free space costs, in metres of distance. Shape (n,).
+        cost: What standing on each cell of the free space costs, in meters of distance. Shape (n,).
     """
     centers = space.centers[cells]
     away = np.hypot(*(centers - point[:2]).T)

@@ -77,7 +77,7 @@ class _Running:
 class Executor:
     """Runs episodes of one task.
 
-    Lanes take the next episode as soon as they are free; an episode's course does not depend on its neighbours.
+    Lanes take the next episode as soon as they are free; an episode's course does not depend on its neighbors.
     """
 
     def __init__(

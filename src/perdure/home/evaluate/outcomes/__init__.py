@@ -9,12 +9,12 @@ Contents:
     History                                     every pose at every step, for logs of other simulators
     latched, stabilizing, stages_stabilizing    both ways of counting, from a record
     placement_mechanism, label, outcome         why it failed; `mechanisms` holds the rules and thresholds
-    analyse, Analysis                           all tables
+    analyze, Analysis                           all tables
     paired_difference                           two release strategies on the same episodes
     find_overlaps, Overlap                      objects at rest that lie inside each other
 """
 
-from perdure.home.evaluate.outcomes.analysis import Analysis, analyse
+from perdure.home.evaluate.outcomes.analysis import Analysis, analyze
 from perdure.home.evaluate.outcomes.convert import episode_hash, record_of
 from perdure.home.evaluate.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
 from perdure.home.evaluate.outcomes.differences import paired_difference
@@ -58,7 +58,7 @@ __all__ = [
     "Run",
     "Target",
     "Track",
-    "analyse",
+    "analyze",
     "episode_hash",
     "find_overlaps",
     "label",

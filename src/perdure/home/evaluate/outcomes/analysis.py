@@ -58,8 +58,8 @@ class Analysis:
         }
 
 
-def analyse(logs: Sequence[EpisodeRecord], seed: int = 0) -> Analysis:
-    """Analyses logs of any tasks, splits, arms and seeds together. The order of the logs does not matter.
+def analyze(logs: Sequence[EpisodeRecord], seed: int = 0) -> Analysis:
+    """Analyzes logs of any tasks, splits, arms and seeds together. The order of the logs does not matter.
 
     Args:
         logs: Records, from `read_logs`, `record_of` or another simulator.

@@ -37,7 +37,7 @@ def write_page(
     """Write `report.html`, which needs no network, and each figure as a file beside it.
 
     Args:
-        analysis: From `analyse`; several tasks, splits and arms may be in it.
+        analysis: From `analyze`; several tasks, splits and arms may be in it.
         out: A folder; made if it is missing.
         command: What made the page; shown so that a reader can repeat it.
         cast: Who acted, from `read_cast`; the page says "not recorded" without it.

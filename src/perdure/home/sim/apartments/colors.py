@@ -1,4 +1,4 @@
-"""The muted colours of the apartments: name -> (red, green, blue, alpha), each in [0, 1]."""
+"""The muted colors of the apartments: name -> (red, green, blue, alpha), each in [0, 1]."""
 
 PALETTE: dict[str, tuple[float, float, float, float]] = {
     "floor": (0.80, 0.72, 0.62, 1.0),

@@ -1,7 +1,7 @@
 """The kitchen counter: two worktops, a sink between them, seven drawers that slide.
 
 Sizes are those of habitat-sim's copy of the ReplicaCAD counter
-(`data/test_assets/URDF/kitchen_counter/kitchen_counter.urdf`, commit 5d6076a), rounded to the millimetre; that file is
+(`data/test_assets/URDF/kitchen_counter/kitchen_counter.urdf`, commit 5d6076a), rounded to the millimeter; that file is
 y-up with z to the left of somebody facing the counter, ours is z-up with y to the counter's own left, so
 (x, y, z) there is (x, -z, y) here. The marker names and the handle at 0.3 m in front of the link are M3's
 (hab-mobile-manipulation, `habitat_extensions/tasks/rearrange/sim.py`). What the file does not say is marked OURS and

@@ -14,7 +14,7 @@ def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None
     """Makes the walls (and the pictures on them) between a camera and the room invisible, as in a doll's house.
 
     Args:
-        model: A compiled MuJoCo model of the apartment; colours are changed in place.
+        model: A compiled MuJoCo model of the apartment; colors are changed in place.
         apartment: The apartment it was built from.
         eye: Position of the camera in the room. Shape (3,).
     """

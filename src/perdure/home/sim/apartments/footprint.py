@@ -57,7 +57,7 @@ def static_footprints(apartment: Apartment) -> FloatArray:
 
 
 def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
-    """Footprints of drawers and doors that are open by at least a centimetre; closed ones are within their piece.
+    """Footprints of drawers and doors that are open by at least a centimeter; closed ones are within their piece.
 
     Args:
         apartment: The apartment.

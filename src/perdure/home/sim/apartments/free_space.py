@@ -1,7 +1,7 @@
 """Where a round robot can be, and how far it is from there to anywhere: a grid, its islands, geodesic distances.
 
 A cell of the grid is free when its middle keeps the robot's radius from every footprint and lies inside the room. That
-test is exact (distances to rectangles, no rasterised obstacles). Cells are joined to their eight neighbours, diagonally
+test is exact (distances to rectangles, no rasterised obstacles). Cells are joined to their eight neighbors, diagonally
 only when both cells beside the diagonal are free too.
 
 How good are the distances? Between two cells that see each other, with d the straight distance, the grid gives
@@ -134,7 +134,7 @@ class FreeSpace:
 
         Args:
             goals: Indices into `centers`. Shape (k,).
-            cost: What a metre costs at each free cell, 1 everywhere when None: distances are then costs. Shape (n,).
+            cost: What a meter costs at each free cell, 1 everywhere when None: distances are then costs. Shape (n,).
         """
         from scipy.sparse.csgraph import dijkstra
 

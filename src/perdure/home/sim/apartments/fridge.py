@@ -1,7 +1,7 @@
 """The fridge: a box with shelves and an upper door on a hinge.
 
 Sizes are those of habitat-sim's `data/test_assets/urdf/fridge/fridge.urdf` (commit 73fb07a), rounded to the
-millimetre. In that file the body's -z points up and y to the left of somebody facing the fridge; ours is z-up with y to
+millimeter. In that file the body's -z points up and y to the left of somebody facing the fridge; ours is z-up with y to
 the fridge's own left, so (x, y, z) there is (x, -y, 0.963 - z) here. The handle is M3's `fridge_push_point`, 0.62 m
 from the hinge. What the file does not say is marked OURS and listed in `docs/home/benchmark.md`.
 """

@@ -74,7 +74,7 @@ class Zone:
 
 @dataclass(frozen=True)
 class Receptacle:
-    """A horizontal surface that can hold objects: where their centres may be drawn, in the frame of its piece."""
+    """A horizontal surface that can hold objects: where their centers may be drawn, in the frame of its piece."""
 
     name: str
     """The benchmark's own name, such as `receptacle_aabb_Tbl1_Top1_frl_apartment_table_01`."""
@@ -211,7 +211,7 @@ class Apartment:
 
         Args:
             receptacle: One of this apartment's receptacles.
-            uv: Offsets from its centre along the piece's x and y in [m]. Shape (..., 2).
+            uv: Offsets from its center along the piece's x and y in [m]. Shape (..., 2).
             opened: Joint positions by link name, 0 where not given (a drawer carries its receptacle along).
 
         Returns:

@@ -79,8 +79,8 @@ class HeadCamera:
         mujoco.mjr_render(viewport, self._scene, drawing)
         mujoco.mjr_readPixels(None, depth, viewport, drawing)
         # MuJoCo's buffer runs from 1 at the near plane to 0 at the far one, linear in 1 / depth.
-        metres = NEAR * FAR / (NEAR + depth[::-1].astype(np.float64) * (FAR - NEAR))
-        return metres.astype(np.float32)
+        meters = NEAR * FAR / (NEAR + depth[::-1].astype(np.float64) * (FAR - NEAR))
+        return meters.astype(np.float32)
 
     def close(self) -> None:
         """Gives the graphics memory back."""
@@ -93,7 +93,7 @@ class HeadCamera:
         if self._scene is None or self._scene.maxgeom < model.ngeom:
             self._scene = mujoco.MjvScene(model, maxgeom=2 * model.ngeom)
             self._scene.flags[:] = 0
-            for flag in ("CULL_FACE", "SEGMENT", "IDCOLOR"):  # no light, no colours: 40 % less time
+            for flag in ("CULL_FACE", "SEGMENT", "IDCOLOR"):  # no light, no colors: 40 % less time
                 self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = 1
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera("head").id

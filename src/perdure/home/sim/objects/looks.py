@@ -1,4 +1,4 @@
-"""How the objects look: a coat of paint and a few labels by which a stranger recognises them."""
+"""How the objects look: a coat of paint and a few labels by which a stranger recognizes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COATS: dict[str, Color] = {
     "024_bowl": (0.74, 0.10, 0.09, 1.0),
     "013_apple": (0.74, 0.09, 0.10, 1.0),
 }
-"""Colour of a kind where it has no label: red, green, blue and alpha in [0, 1]."""
+"""Color of a kind where it has no label: red, green, blue and alpha in [0, 1]."""
 _TIN: Color = (0.74, 0.75, 0.77, 1.0)
 _WHITE: Color = (0.96, 0.95, 0.92, 1.0)
 _YELLOW: Color = (0.98, 0.80, 0.16, 1.0)

@@ -53,7 +53,7 @@ def plate(
         face: Axis of the faces, 0, 1 or 2.
         middle: Where on the face, in shares of its half sizes.
         half: Half sizes of the label in the same shares.
-        color: Its colour.
+        color: Its color.
         shape: `box`, or across the z axis `cylinder`: a disc as wide as the first half size.
         turn: About the face's axis in [rad].
         out: Lays one label over another.

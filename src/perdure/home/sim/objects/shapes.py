@@ -101,7 +101,7 @@ def moments(kind: Kind) -> Vec3:
     """Principal moments of inertia about the middle of the bounding box in [kg m^2].
 
     Boxes, cans and the apple are full; the bowl is a thin spherical cap, whose area is even in height (Archimedes), so
-    that every kind's centre of mass is at the middle.
+    that every kind's center of mass is at the middle.
     """
     x, y, z = kind.half
     if kind.shape == "sphere":

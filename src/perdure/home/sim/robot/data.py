@@ -32,7 +32,7 @@ OPEN, CLOSED = 0.04, 0.0
 
 REST_POSITION = (0.5, 0.0, 1.0)
 """Where the gripper rests in the base frame in [m] (M3 and habitat-lab: resting position)."""
-# M3's initial pose (-.268, -1.133, .367, 1.081, .06, 2.002, .067) brings `gripper_link` there to the millimetre and the
+# M3's initial pose (-.268, -1.133, .367, 1.081, .06, 2.002, .067) brings `gripper_link` there to the millimeter and the
 # gripper point 1 cm above; from it inverse kinematics found this one, with the same direction of the fingers.
 REST_ARM = (-0.270325, -1.141013, 0.369315, 1.122742, 0.061235, 1.968084, 0.065927)
 """Joint angles of the arm at rest in [rad]."""

@@ -24,7 +24,7 @@ CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
 LARGEST_STEP = 0.4
 """Of a joint in one iteration in [rad]: the linearised problem holds no farther."""
 TURN_COST, POSTURE_COST = 0.5, 1e-3
-"""Of a radian of the gripper and of a joint, against 1 for a metre: posture shifts a solution by a few micrometres."""
+"""Of a radian of the gripper and of a joint, against 1 for a meter: posture shifts a solution by a few micrometers."""
 OTHER_STARTS = (
     REST_ARM,
     (0.0, 0.6, 0.0, 0.8, 0.0, 0.4, 0.0),

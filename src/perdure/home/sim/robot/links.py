@@ -26,7 +26,7 @@ HEAD_TILT_ORIGIN: Vec3 = (0.195655, 0.0, 0.661)
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass in [kg], centre of mass in [m], moments about it (xx, yy, zz, xy, xz, yz) in [kg m^2]."""
+    """Mass in [kg], center of mass in [m], moments about it (xx, yy, zz, xy, xz, yz) in [kg m^2]."""
 
     mass: float
     center: Vec3
@@ -196,7 +196,7 @@ FINGERS = (_finger("l", -1.0), _finger("r", 1.0))
 
 
 def combined(parts: tuple[Inertial, ...]) -> Inertial:
-    """Mass, centre and moments of several rigidly joined parts (parallel axis theorem)."""
+    """Mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
     mass = sum(part.mass for part in parts)
     center: FloatArray = np.sum([part.mass * np.array(part.center) for part in parts], axis=0) / mass
     tensor = np.zeros((3, 3))

@@ -1,6 +1,6 @@
-"""How the Fetch looks: primitives that are only seen, in the colours of Fetch Robotics' URDF.
+"""How the Fetch looks: primitives that are only seen, in the colors of Fetch Robotics' URDF.
 
-The robot's marks are the grey drum of a base with its laser's slit, the white torso before a blue column, the
+The robot's marks are the gray drum of a base with its laser's slit, the white torso before a blue column, the
 arm in turns white and blue with dark joints, and the flat head with its camera bar. OURS: all shapes, drawn by eye to
 the sizes of the links.
 """
@@ -18,13 +18,13 @@ COLORS = {
     "white": (0.94, 0.94, 0.93, 1.0),
     "shell": (0.80, 0.81, 0.82, 1.0),
     "blue": (0.086, 0.506, 0.767, 1.0),
-    "grey": (0.356, 0.361, 0.376, 1.0),
+    "gray": (0.356, 0.361, 0.376, 1.0),
     "dark": (0.16, 0.165, 0.175, 1.0),
     "black": (0.04, 0.04, 0.045, 1.0),
     "glass": (0.10, 0.16, 0.24, 1.0),
     "red": (0.80, 0.05, 0.05, 1.0),
 }
-"""`blue`, `grey`, `red` are the URDF's."""
+"""`blue`, `gray`, `red` are the URDF's."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ def _face(kind: Literal["box", "cylinder", "capsule"], color: str, place: Vec3, 
 _BASE = (
     *(Look("robot", "cylinder", "black", (0.0013, y, 0.058), (0.058, 0.02, 0.0), "y") for y in (-0.187, 0.187)),
     _disc("robot", "dark", 0.035, 0.075, 0.268),
-    _disc("robot", "grey", 0.075, 0.225, 0.281),
+    _disc("robot", "gray", 0.075, 0.225, 0.281),
     _disc("robot", "black", 0.225, 0.285, 0.255),
-    _disc("robot", "grey", 0.285, 0.335, 0.281),
+    _disc("robot", "gray", 0.285, 0.335, 0.281),
     Look("robot", "ellipsoid", "shell", (0.0, 0.0, 0.335), (0.272, 0.272, 0.032)),
     _disc("robot", "glass", 0.235, 0.275, 0.035, x=0.225),
     Look("robot", "box", "blue", (-0.168, 0.0, 0.625), (0.062, 0.125, 0.285)),
@@ -102,8 +102,8 @@ _TORSO = (
     _disc("torso_lift_link", "dark", 0.53, 0.615, 0.055, x=0.053),
 )
 _HEAD = (
-    Look("torso_lift_link", "ellipsoid", "grey", (0.085, 0.0, 0.650), (0.105, 0.125, 0.052)),
-    *(Look("torso_lift_link", "capsule", "grey", (0.150, y, 0.656), (0.036, 0.045, 0.0), "x") for y in (-0.118, 0.118)),
+    Look("torso_lift_link", "ellipsoid", "gray", (0.085, 0.0, 0.650), (0.105, 0.125, 0.052)),
+    *(Look("torso_lift_link", "capsule", "gray", (0.150, y, 0.656), (0.036, 0.045, 0.0), "x") for y in (-0.118, 0.118)),
     _face("capsule", "blue", (0.0, 0.0, 0.005), (0.044, 0.075, 0.0), "y"),
     _face("box", "blue", (0.022, 0.0, 0.015), (0.026, 0.088, 0.032)),
     _face("box", "black", (0.047, 0.0, 0.0175), (0.006, 0.078, 0.021)),
@@ -137,7 +137,7 @@ _GRIPPER = (
         Look(f"{side}_gripper_finger_link", "box", color, center, half)
         for side, sign in (("l", 1.0), ("r", -1.0))
         for color, center, half in (
-            ("grey", (-0.002, sign * 0.0095, 0.0), (0.030, 0.0055, 0.0125)),
+            ("gray", (-0.002, sign * 0.0095, 0.0), (0.030, 0.0055, 0.0125)),
             ("black", (0.0, sign * 0.0028, 0.0), (0.028, 0.0024, 0.0115)),
         )
     ),

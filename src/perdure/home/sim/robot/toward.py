@@ -18,7 +18,7 @@ from perdure.home.sim.robot.links import FloatArray
 DAMPING = 0.01
 """OURS: d; the error it leaves is d^2 / s^2, under 1 % where the arm moves the gripper by s > 0.1 m per radian."""
 TURN_WEIGHT = 0.3
-"""OURS: a radian counts like so many metres where both cannot be had: the place matters more than the rotation."""
+"""OURS: a radian counts like so many meters where both cannot be had: the place matters more than the rotation."""
 LARGEST = 0.025
 """Of a joint's step in [rad]: the benchmark's largest command."""
 

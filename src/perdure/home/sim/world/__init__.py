@@ -25,7 +25,7 @@ from perdure.home.sim.world.actions import (
     TURN,
 )
 from perdure.home.sim.world.lane import Jaws, Lane
-from perdure.home.sim.world.rivals import NEIGHBOURHOOD, RIVALS
+from perdure.home.sim.world.rivals import NEIGHBORHOOD, RIVALS
 from perdure.home.sim.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
 from perdure.home.sim.world.scene import (
     CONTROL_HZ,
@@ -52,7 +52,7 @@ __all__ = [
     "GRIP",
     "LEAVE",
     "NAVIGATION_SPEED",
-    "NEIGHBOURHOOD",
+    "NEIGHBORHOOD",
     "PHYSICS_HZ",
     "RELEASE",
     "RIVALS",

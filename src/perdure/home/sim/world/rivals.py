@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 RIVALS = 2
 """So many of the nearest are told of."""
-NEIGHBOURHOOD = 0.5
+NEIGHBORHOOD = 0.5
 """How near the target an object must be to be told of, in [m]."""
 
 
@@ -82,7 +82,7 @@ class Surroundings:
         apart = middles - at[:, None]
         away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
         nearest = np.argsort(away, axis=1, kind="stable")[:, :RIVALS]
-        near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBOURHOOD
+        near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
         return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
 
     def _enter(self, number: int, scene: Scene) -> None:

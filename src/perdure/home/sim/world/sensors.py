@@ -91,7 +91,7 @@ class Sensors:
     way: FloatArray
     """Length of the way to the region in which navigation should end, 0 inside it or without one. Shape (n,)."""
     waypoint: FloatArray
-    """A point of that way half a metre ahead, on the floor; the base itself without one. Shape (n, 3)."""
+    """A point of that way half a meter ahead, on the floor; the base itself without one. Shape (n, 3)."""
     front: FloatArray
     """Which way the errand's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
     facing_error: FloatArray
@@ -99,7 +99,7 @@ class Sensors:
     scan: FloatArray
     """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
     rivals: FloatArray
-    """From the object to its nearest neighbours, in the room; 0 where nothing is near. Shape (n, RIVALS, 3)."""
+    """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, RIVALS, 3)."""
     rival_distance: FloatArray
     """From the gripper point to the nearest object that is not the errand's, inf without one. Shape (n,)."""
     handle_distance: FloatArray

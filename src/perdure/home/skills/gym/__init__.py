@@ -11,7 +11,7 @@ Contents:
 from typing import TYPE_CHECKING
 
 from perdure.home.skills.gym.options import LessonOptions
-from perdure.home.skills.gym.register import env_id, register
+from perdure.home.skills.gym.register import SUITE, env_id, register
 from perdure.home.skills.gym.single import HomeSkillEnv
 from perdure.home.skills.gym.vector import HomeSkillVectorEnv
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from perdure.home.skills.gym.depth import HeadDepth, VectorHeadDepth
 
 __all__ = [
+    "SUITE",
     "HeadDepth",
     "HomeSkillEnv",
     "HomeSkillVectorEnv",

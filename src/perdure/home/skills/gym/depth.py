@@ -27,7 +27,7 @@ class VectorHeadDepth(AnyVectorWrapper):
 
     `state` is the vector that was there before, shape (n, d). `head_depth` is planar depth in units of 10 m, 1 for
     everything farther, as in M3 (`configs/rearrange/tasks/__base__.py`: 128 x 128 pixels, 90 degrees, 0 to 10 m,
-    normalised); times 10 it is metres. float32, shape (n, side, side), the upper left pixel first. Where the camera is
+    normalized); times 10 it is meters. float32, shape (n, side, side), the upper left pixel first. Where the camera is
     and what it sees: `perdure.home.sim.camera.depth.HeadCamera`.
     """
 

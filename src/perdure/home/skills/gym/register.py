@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import gymnasium
 
+from perdure.envs.suites import VectorSuite
 from perdure.home.benchmark.tasks import TASKS, get_task
 from perdure.home.skills import get_skill
 from perdure.home.skills.starts import STARTS
+
+SUITE = VectorSuite("Home", "perdure.home.skills.gym", "perdure/Home")
+"""The suite of these environments, which `pyproject.toml` names as an entry point."""
 
 
 def env_id(skill: str) -> str:

@@ -33,24 +33,24 @@ _EVERYWHERE: Mapping[str, str] = {
     "success": f"+{SUCCESS_REWARD:g}",
 }
 _HANDLE: Mapping[str, str] = {
-    "approach": f"{articulated.DISTANCE_REWARD:g} per metre nearer to the handle, until it is held for the first time",
+    "approach": f"{articulated.DISTANCE_REWARD:g} per meter nearer to the handle, until it is held for the first time",
     "grasp": f"+{articulated.GRASP_REWARD:g} when the handle is held for the first time",
-    "move": f"{articulated.JOINT_REWARD:g} per metre or radian nearer to the wanted position while the handle is held",
+    "move": f"{articulated.JOINT_REWARD:g} per meter or radian nearer to the wanted position while the handle is held",
     "release": f"+{articulated.RELEASE_REWARD:g} for letting go where it should be",
-    "retract": f"{articulated.DISTANCE_REWARD:g} per metre nearer to rest after that",
+    "retract": f"{articulated.DISTANCE_REWARD:g} per meter nearer to rest after that",
 }
 REWARDS: Mapping[str, Mapping[str, str]] = {
     "pick": {
-        "approach": f"{pick.DISTANCE_REWARD:g} per metre nearer to the object while the hand is empty",
+        "approach": f"{pick.DISTANCE_REWARD:g} per meter nearer to the object while the hand is empty",
         "grasp": f"+{pick.GRASP_REWARD:g} when the object is held for the first time",
-        "retract": f"{pick.DISTANCE_REWARD:g} per metre nearer to rest while it is held",
+        "retract": f"{pick.DISTANCE_REWARD:g} per meter nearer to rest while it is held",
     },
     "place": {
-        "carry": f"{place.DISTANCE_REWARD:g} per metre nearer to the goal while it is held, up counted apart (OURS)",
+        "carry": f"{place.DISTANCE_REWARD:g} per meter nearer to the goal while it is held, up counted apart (OURS)",
         "release": f"+{place.RELEASE_REWARD:g} for the first release, if inside the goal region",
-        "retract": f"{place.DISTANCE_REWARD:g} per metre nearer to rest after it",
+        "retract": f"{place.DISTANCE_REWARD:g} per meter nearer to rest after it",
     },
-    "navigate": {"way": f"{navigate.DISTANCE_REWARD:g} per metre nearer to the region, the last 0.05 m not counted"},
+    "navigate": {"way": f"{navigate.DISTANCE_REWARD:g} per meter nearer to the region, the last 0.05 m not counted"},
     **dict.fromkeys(("open_drawer", "close_drawer", "open_fridge", "close_fridge"), _HANDLE),
 }
 """Terms of the reward by skill, without those that all skills have."""

@@ -1,6 +1,6 @@
 """The suites that task names come from, each able to list its tasks and to build one.
 
-EnvPool keeps its own registry; a family is a rule that picks tasks out of it, so a task that a newer EnvPool adds to a
+EnvPool keeps its own registry; a suite is a rule that picks tasks out of it, so a task that a newer EnvPool adds to a
 suite appears here by itself.
 """
 
@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import sys
 from ast import literal_eval
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from perdure.envs.checks import checked_seeds
@@ -26,13 +27,13 @@ class TaskListing:
 
     name: str
     """What `make_world` takes."""
-    family: str
+    suite: str
     """The suite."""
     default_horizon: int | None
     """Steps per episode in the suite itself; None where only building the environment would tell."""
 
 
-class Family(Protocol):
+class TaskSuite(Protocol):
     """A suite of tasks."""
 
     @property
@@ -50,71 +51,71 @@ class Family(Protocol):
 
 
 @dataclass(frozen=True)
-class EnvPoolFamily:
+class EnvPoolSuite:
     """The EnvPool tasks that one module registers."""
 
     name: str
-    """See `Family.name`."""
+    """See `TaskSuite.name`."""
     module: str
     """EnvPool's module, e.g. "envpool.mujoco.gym"."""
     prefix: str = ""
     """Only tasks whose name begins like this."""
 
     def owns(self, task: str) -> bool:
-        """See `Family.owns`."""
+        """See `TaskSuite.owns`."""
         registered = _envpool_registry().get(task)
         return registered is not None and registered[0] == self.module and task.startswith(self.prefix)
 
     def listings(self) -> list[TaskListing]:
-        """See `Family.listings`; in alphabetical order."""
+        """See `TaskSuite.listings`; in alphabetical order."""
         tasks = sorted(task for task in _envpool_registry() if self.owns(task))
         return [TaskListing(task, self.name, _envpool_registry()[task][2].get("max_episode_steps")) for task in tasks]
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
-        """See `Family.make`."""
+        """See `TaskSuite.make`."""
         from perdure.envs.envpool_world import EnvPoolWorld
 
         return EnvPoolWorld(task, self.name, seeds, threads)
 
 
 @dataclass(frozen=True)
-class GymnasiumFamily:
+class GymnasiumSuite:
     """Every environment that Gymnasium can make by its id, written `gymnasium:<id>`."""
 
     name: str = "Gymnasium"
-    """See `Family.name`."""
+    """See `TaskSuite.name`."""
 
     def owns(self, task: str) -> bool:
-        """See `Family.owns`."""
+        """See `TaskSuite.owns`."""
         return task.startswith(GYMNASIUM_PREFIX)
 
     def listings(self) -> list[TaskListing]:
-        """See `Family.listings`: one line, since most of Gymnasium's registry needs extra packages to build."""
+        """See `TaskSuite.listings`: one line, since most of Gymnasium's registry needs extra packages to build."""
         return [TaskListing(f"{GYMNASIUM_PREFIX}<id>", self.name, None)]
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
-        """See `Family.make`; `threads` is not used, the environments are stepped one after the other."""
+        """See `TaskSuite.make`; `threads` is not used, the environments are stepped one after the other."""
         from perdure.envs.gymnasium_world import GymnasiumWorld
 
         return GymnasiumWorld.from_id(task.removeprefix(GYMNASIUM_PREFIX), seeds)
 
 
 @dataclass(frozen=True)
-class VectorFamily:
+class VectorSuite:
     """Gymnasium ids that a module registers together with a vector environment of its own.
 
     A name may go on with options of the environment: `perdure/HomePlace-v0,task=set_table,delta=30`.
     """
 
     name: str
-    """See `Family.name`."""
+    """See `TaskSuite.name`."""
     module: str
     """Importing it registers the ids; it is imported when one of them is asked for."""
     prefix: str
     """How its ids begin."""
 
     def owns(self, task: str) -> bool:
-        """See `Family.owns`."""
+        """See `TaskSuite.owns`."""
         import gymnasium
 
         if not task.startswith(self.prefix):
@@ -123,7 +124,7 @@ class VectorFamily:
         return task.partition(",")[0] in gymnasium.registry
 
     def listings(self) -> list[TaskListing]:
-        """See `Family.listings`; in alphabetical order."""
+        """See `TaskSuite.listings`; in alphabetical order."""
         import gymnasium
 
         import_module(self.module)
@@ -131,7 +132,7 @@ class VectorFamily:
         return [TaskListing(spec.id, self.name, spec.max_episode_steps) for spec in specs]
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
-        """See `Family.make`."""
+        """See `TaskSuite.make`."""
         import gymnasium
 
         from perdure.envs.vector_env_world import VectorEnvWorld
@@ -143,13 +144,22 @@ class VectorFamily:
         return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
 
 
-FAMILIES: tuple[Family, ...] = (
-    EnvPoolFamily("EnvPool MuJoCo", "envpool.mujoco.gym"),
-    EnvPoolFamily("EnvPool dm_control", "envpool.mujoco.dmc"),
-    EnvPoolFamily("EnvPool Shadow hand", "envpool.mujoco.robotics", prefix="Hand"),
-    VectorFamily("Home", "perdure.home.skills.gym", "perdure/Home"),
-    GymnasiumFamily(),
+ENTRY_POINTS = "perdure.suites"
+"""Group of the entry points by which a package adds a suite: each names a `TaskSuite`."""
+
+BUILT_IN: tuple[TaskSuite, ...] = (
+    EnvPoolSuite("EnvPool MuJoCo", "envpool.mujoco.gym"),
+    EnvPoolSuite("EnvPool dm_control", "envpool.mujoco.dmc"),
+    EnvPoolSuite("EnvPool Shadow hand", "envpool.mujoco.robotics", prefix="Hand"),
+    GymnasiumSuite(),
 )
+
+
+def suites() -> Iterator[TaskSuite]:
+    """Yield every suite, the built-in ones first; an installed one is imported only when it is reached."""
+    yield from BUILT_IN
+    for entry in sorted(entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
+        yield entry.load()
 
 
 def module_of(task: str) -> str | None:
@@ -178,22 +188,22 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
         )
 
 
-def family_of(task: str) -> Family:
+def suite_of(task: str) -> TaskSuite:
     """The suite a task name belongs to.
 
     Args:
         task: A name as `list_tasks` shows it.
 
     Returns:
-        Its family.
+        Its suite.
 
     Raises:
         UnknownTask: If no suite owns the name.
     """
-    for family in FAMILIES:
-        if family.owns(task):
-            return family
-    raise UnknownTask(task, (listing.name for family in FAMILIES for listing in family.listings()))
+    for suite in suites():
+        if suite.owns(task):
+            return suite
+    raise UnknownTask(task, (listing.name for suite in suites() for listing in suite.listings()))
 
 
 def _options(text: str) -> dict[str, Any]:

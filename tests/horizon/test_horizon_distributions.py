@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from perdure.horizon import Fixed, HorizonError, Infinite, Uniform, law_from_json
+from perdure.horizon import Fixed, HorizonError, Infinite, Uniform, distribution_from_json
 
 
 def test_each_horizon_of_a_uniform_law_owns_an_equal_share_of_the_unit_interval():
@@ -17,9 +17,9 @@ def test_each_horizon_of_a_uniform_law_owns_an_equal_share_of_the_unit_interval(
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(("low", "high"), [(1, 1), (1, 2), (200, 1000), (1, 65_536), (3, 99_999)])
 def test_a_uniform_law_reaches_both_ends_and_never_beyond(low, high, dtype):
-    law = Uniform(low, high)
+    distribution = Uniform(low, high)
     ends = np.array([0, np.nextafter(dtype(1), dtype(0))], dtype)
-    assert law.from_uniform(ends).tolist() == [low, high]
+    assert distribution.from_uniform(ends).tolist() == [low, high]
 
 
 def test_uniform_draws_have_the_moments_of_the_discrete_uniform_distribution():
@@ -37,18 +37,18 @@ def test_a_fixed_law_is_always_the_same_and_an_infinite_one_never_ends():
     assert np.array_equal(Infinite().from_uniform(u), np.full((2, 3), np.inf))
 
 
-@pytest.mark.parametrize("law", [Fixed(1000), Uniform(200, 1000), Infinite()], ids=str)
+@pytest.mark.parametrize("distribution", [Fixed(1000), Uniform(200, 1000), Infinite()], ids=str)
 @pytest.mark.parametrize("x64", [False, True])
-def test_jax_draws_what_numpy_draws_under_jit(law, x64):
+def test_jax_draws_what_numpy_draws_under_jit(distribution, x64):
     with jax.enable_x64(x64):
         u = jax.random.uniform(jax.random.key(5), (2000,), jnp.float64 if x64 else jnp.float32)
-        traced = np.asarray(jax.jit(law.from_uniform)(u))
+        traced = np.asarray(jax.jit(distribution.from_uniform)(u))
         assert traced.dtype == u.dtype
-        assert np.array_equal(traced, law.from_uniform(np.asarray(u)))
+        assert np.array_equal(traced, distribution.from_uniform(np.asarray(u)))
 
 
 def test_the_longest_horizon_is_known():
-    assert [law.longest for law in (Fixed(30), Uniform(2, 9), Infinite())] == [30, 9, np.inf]
+    assert [distribution.longest for distribution in (Fixed(30), Uniform(2, 9), Infinite())] == [30, 9, np.inf]
 
 
 def test_a_shortest_horizon_above_the_longest_is_refused():
@@ -66,6 +66,6 @@ def test_horizons_that_are_no_whole_steps_are_refused(steps):
         Uniform(1, steps)
 
 
-@pytest.mark.parametrize("law", [Fixed(1000), Uniform(200, 1000), Infinite()], ids=str)
-def test_a_law_survives_json(law):
-    assert law_from_json(law.to_json()) == law
+@pytest.mark.parametrize("distribution", [Fixed(1000), Uniform(200, 1000), Infinite()], ids=str)
+def test_a_law_survives_json(distribution):
+    assert distribution_from_json(distribution.to_json()) == distribution

@@ -63,7 +63,7 @@ def task_rate(task: str) -> float:
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class ScoreScale:
     """What a policy's rewards are compared with; rates are rewards per step."""
 
     idle: float
@@ -89,7 +89,7 @@ class Yardstick:
         return (self.reference - self.idle) / (self.task - self.idle)
 
 
-def make_yardstick(reference: Reference, idle: Idle, task: float) -> Yardstick:
+def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
     """Compare reference episodes with an idle robot.
 
     Args:
@@ -109,8 +109,8 @@ def make_yardstick(reference: Reference, idle: Idle, task: float) -> Yardstick:
     )
     if not gain - error > least:
         state: State = "never worked" if gain + error <= least or gain <= least else "cannot tell"
-        return Yardstick(idle.rate, rate, task, 0, state, note)
-    return Yardstick(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
+        return ScoreScale(idle.rate, rate, task, 0, state, note)
+    return ScoreScale(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

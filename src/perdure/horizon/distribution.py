@@ -1,4 +1,4 @@
-"""The abstract idea of a law of the training horizon: how long the next episode may last."""
+"""The abstract idea of a distribution of the training horizon: how long the next episode may last."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from perdure.horizon.errors import HorizonError
 from perdure.horizon.registry import from_json, to_json
 
 
-class HorizonLaw(ABC):
+class HorizonDistribution(ABC):
     """A distribution over horizons. Subclasses are frozen dataclasses and use array operators only."""
 
     name: ClassVar[str]
@@ -25,20 +25,20 @@ class HorizonLaw(ABC):
         """Horizons in steps, same shape as ``u``, from numbers drawn uniformly in [0, 1)."""
 
     def to_json(self) -> dict[str, Any]:
-        """The law as plain JSON values."""
+        """The distribution as plain JSON values."""
         return to_json(self)
 
 
-def law_from_json(values: Any) -> HorizonLaw:
-    """The law that :meth:`HorizonLaw.to_json` described.
+def distribution_from_json(values: Any) -> HorizonDistribution:
+    """The distribution that :meth:`HorizonDistribution.to_json` described.
 
     Args:
         values: ``{"name": ..., field: value, ...}``.
 
     Raises:
-        HorizonError: If there is no such law or a field is unknown or out of range.
+        HorizonError: If there is no such distribution or a field is unknown or out of range.
     """
-    return from_json(HorizonLaw, values)  # type: ignore[type-abstract]
+    return from_json(HorizonDistribution, values)  # type: ignore[type-abstract]
 
 
 def check_steps(name: str, steps: float) -> None:

@@ -1,4 +1,4 @@
-"""``perdure home analyse``."""
+"""``perdure home analyze``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
-class HomeAnalyse:
+class HomeAnalyze:
     """Say what became of executed episodes: success per stage, failure modes, placements by kind of object."""
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
@@ -25,19 +25,19 @@ class HomeAnalyse:
 
 
 def main(args: list[str]) -> None:
-    """``perdure home analyse``."""
-    flags = parse(HomeAnalyse, args, "home analyse")
-    from perdure.home.evaluate.outcomes import analyse
+    """``perdure home analyze``."""
+    flags = parse(HomeAnalyze, args, "home analyze")
+    from perdure.home.evaluate.outcomes import analyze
     from perdure.home.evaluate.page import read_cast, write_page
 
     paths = log_files(flags.logs)
     if flags.out is not None:
         check_folder(flags.out)
     records, cast = read_cast(paths)
-    analysis = analyse(records)
+    analysis = analyze(records)
     page = None
     if flags.out is not None:
-        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyse", *args]), cast, flags.formats)
+        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), cast, flags.formats)
     print(analysis.summary())
     if page is not None:
         print(f"\nReport: {page.resolve()}")
