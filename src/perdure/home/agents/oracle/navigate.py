@@ -13,7 +13,7 @@ from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.motions import Motion, View, follow, turn_to
 from perdure.home.agents.oracle.pick import plan_pick
 from perdure.home.agents.oracle.place import plan_place
-from perdure.home.agents.oracle.placing import ReachPlan, ahead, around
+from perdure.home.agents.oracle.reach_plan import ReachPlan, ahead, around
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
 from perdure.home.sim.world import SkillGoal

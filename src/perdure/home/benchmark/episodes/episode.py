@@ -5,6 +5,8 @@ The robot's start pose is not part of it: the evaluation seed draws it, see `sta
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -103,3 +105,10 @@ class EpisodeSet:
         if not 0 <= index < len(self.episodes):
             raise HomeError(f"{self.task} {self.split} has episodes 0 to {len(self) - 1}, not {index}")
         return self.episodes[index]
+
+
+def episode_hash(episode: Episode) -> str:
+    """Return the SHA-256 of an episode's apartment, starts and goals, in hexadecimal."""
+    places = [[p.kind, p.position, p.quaternion, p.receptacle] for p in (*episode.objects, *episode.goals)]
+    content = [episode.task, episode.apartment_fingerprint, dict(episode.opened), places]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

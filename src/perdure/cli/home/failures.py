@@ -9,52 +9,59 @@ from typing import Literal
 
 import tyro
 
-from perdure.cli.parse import check_folder, log_files, parse, policies
+from perdure.cli.home.flags import log_files, parse_home, policies
+from perdure.cli.parse import check_folder
 
 
 @dataclass(frozen=True)
 class HomeFailures:
-    """Run failed episodes again, drawn at random, and show in eight pictures each what its label is about.
+    """Replay failed episodes, drawn at random, and show the cause of each failure in eight pictures.
 
-    The policies that the logs name act again. An episode whose label comes out otherwise (other code, other policies)
+    The policies that the logs name act again. Where the replay gets another label (other code, other policies) the line
     says "replayed: ..."; the command then ends with code 1.
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """Files of logs, or folders that hold some."""
+    """Log files, or folders that hold some."""
     count: int = 10
-    """How many episodes; all when fewer have failed."""
+    """Number of episodes; all when fewer have failed."""
     seed: int = 0
-    """Of the draw."""
+    """Seed of the draw."""
     counting: Literal["latched", "stabilizing"] = "stabilizing"
-    """What counts as failed: latched (the benchmark's way), stabilizing (placements must last)."""
+    """Definition of failure: latched (the benchmark's), stabilizing (placements must also last)."""
     policies: tuple[str, ...] = ()
-    """SKILL=FILE or SKILL=oracle, as for `perdure home run`: in place of the policy that the logs name."""
+    """SKILL=FILE or SKILL=oracle, as for `perdure home run`, in place of the policies that the logs name."""
     out: Path = Path("failures")
     """Folder for the pictures."""
 
 
 def main(args: list[str]) -> None:
-    """``perdure home failures``."""
-    flags = parse(HomeFailures, args, "home failures")
+    """Run ``perdure home failures``."""
+    flags = parse_home(HomeFailures, args, "failures")
     from perdure.home.sim.camera.gl import open_context
-    from perdure.home.video import draw, failure_sheet, read_failures, run_again, save_picture, take_again
+    from perdure.home.video import (
+        failure_sheet,
+        logged_agent,
+        read_failures,
+        replay_failure,
+        sample_failures,
+        save_picture,
+    )
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
-    paths = log_files(flags.logs)
-    drawn = draw(read_failures(paths, flags.counting), flags.count, flags.seed)
+    drawn = sample_failures(read_failures(log_files(flags.logs), flags.counting), flags.count, flags.seed)
     if not drawn:
         print(f"no episode of these logs failed ({flags.counting})")
         return
-    # Whatever is wrong is found out before anything runs: policies, other episodes, a machine that cannot draw.
-    casts = {failure.assignment: failure for failure in drawn}
-    takes = {assignment: take_again(failure, chosen) for assignment, failure in casts.items()}
+    # Errors are found before anything runs: missing policies, changed episodes, a machine that cannot render.
+    assigned = {failure.assignment: failure for failure in drawn}
+    agents = {assignment: logged_agent(failure, chosen) for assignment, failure in assigned.items()}
     _ = [failure.episode for failure in drawn]
     open_context(16, 16).free()
     others = 0
     for failure in drawn:
-        replay = run_again(failure, takes[failure.assignment])
+        replay = replay_failure(failure, agents[failure.assignment])
         path = save_picture(failure_sheet(failure, replay), flags.out / failure.file_name)
         differs = replay.label != failure.label
         others += differs

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
-from perdure.home.agents.oracle.inverse_many import reach_many
 from perdure.home.sim.apartments import FreeSpace, Pose
+from perdure.home.sim.robot import reach_many
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
 from perdure.home.sim.world.state import wrap

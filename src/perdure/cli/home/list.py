@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
-from perdure.cli.parse import parse
+from perdure.cli.home.flags import parse_home
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class HomeList:
 
 def main(args: list[str]) -> None:
     """``perdure home list``."""
-    parse(HomeList, args, "home list")
+    parse_home(HomeList, args, "list")
     from rich.console import Console
     from rich.table import Table
 
@@ -30,10 +31,9 @@ def main(args: list[str]) -> None:
         objects = len(task.targets) + sum(number for number, _ in task.clutter)
         stages = " ".join(stage.name for stage in task.stages)
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
-    skills = Table("skill", "steps", "numbers seen", "what it is", title="Skills")
+    skills = Table("skill", "steps", "observation size", "description", title="Skills")
     for name, kind in SKILLS.items():
-        first = (import_doc(kind) or "").split(":")[0]
-        skills.add_row(name, str(LIMITS[kind.name]), str(len(kind().elements)), first)
+        skills.add_row(name, str(LIMITS[kind.name]), str(len(kind().elements)), _description(kind))
     kinds = Table("object", "size [mm]", "mass [g]", "shape", title="Objects")
     for each in KINDS.values():
         size = " x ".join(f"{1000 * side:.0f}" for side in each.size)
@@ -44,8 +44,6 @@ def main(args: list[str]) -> None:
         console.print(table)
 
 
-def import_doc(kind: type) -> str | None:
-    """The docstring of the module that a skill is in."""
-    import sys
-
-    return sys.modules[kind.__module__].__doc__
+def _description(kind: type) -> str:
+    """Return the first words of the module that a skill is in."""
+    return (sys.modules[kind.__module__].__doc__ or "").split(":")[0]

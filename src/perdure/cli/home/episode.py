@@ -7,23 +7,25 @@ from pathlib import Path
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.home.flags import parse_home
+
+RENAMED = {"--seed": "--eval-seed"}
 
 
 @dataclass(frozen=True)
 class HomeEpisode:
-    """Show what lies where at the start of an episode, and where it belongs."""
+    """Show where the objects of an episode start, and the goals of its targets."""
 
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
     split: str = "val"
     """val (new arrangements of known apartments) or eval (new apartments)."""
     index: int = 0
-    """Which of the split's episodes."""
-    seed: int = 0
-    """Evaluation seed: draws where the robot starts."""
+    """Number of the episode in its split."""
+    eval_seed: int = 0
+    """Draws the robot's start pose."""
     render: Path | None = None
-    """Also draw it, as this PNG."""
+    """Also render it into this PNG file."""
     camera: str = "doll_house"
     """doll_house, plan, follow, head or hand."""
     size: tuple[int, int] = (900, 600)
@@ -31,19 +33,18 @@ class HomeEpisode:
 
 
 def main(args: list[str]) -> None:
-    """``perdure home episode``."""
-    flags = parse(HomeEpisode, args, "home episode")
+    """Run ``perdure home episode``."""
+    flags = parse_home(HomeEpisode, args, "episode", RENAMED)
     from rich.console import Console
     from rich.table import Table
 
-    from perdure.home.benchmark.episodes import load_episodes, start_pose
-    from perdure.home.evaluate.outcomes import episode_hash
+    from perdure.home.benchmark.episodes import episode_hash, load_episodes, start_pose
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     apartment = episode.apartment()
-    pose = start_pose(apartment, episode, flags.seed)
+    pose = start_pose(apartment, episode, flags.eval_seed)
     print(f"{episode.name} in {apartment.name}, hash {episode_hash(episode)}")
-    print(f"robot at ({pose.x:.2f}, {pose.y:.2f}) m, heading {pose.yaw:.2f} rad (evaluation seed {flags.seed})")
+    print(f"robot at ({pose.x:.2f}, {pose.y:.2f}) m, heading {pose.yaw:.2f} rad (evaluation seed {flags.eval_seed})")
     opened = ", ".join(f"{link} {value:.2f}" for link, value in episode.opened.items())
     print(f"open at the start: {opened or 'nothing'}")
     table = Table("", "object", "lies on", "in", "at [m]", "belongs on", "at [m]", box=None, pad_edge=False)

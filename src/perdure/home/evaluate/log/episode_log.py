@@ -1,7 +1,8 @@
-"""What is kept of an episode: who ran it, what happened when, and where objects went after they were let go.
+"""The log of an episode: what was run, what happened when, and where objects went after their release.
 
-A step is a row of the world's history: step 0 is the state after the first control step. A run that begins at 10 and
-ends at 25 has acted in steps 10 to 24. The state at a release is that of the last step in which the object was held.
+The executor's recorder makes it, `perdure.home.evaluate.outcomes` writes, reads and analyzes it. Step 0 is the state
+after the first control step. A skill run that begins at 10 and ends at 25 has acted in steps 10 to 24. The state at a
+release is that of the last step in which the object was held.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +19,18 @@ from numpy.typing import NDArray
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.errors import HomeError
 
+if TYPE_CHECKING:
+    from perdure.home.evaluate.log.history import History
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Vec3 = tuple[float, float, float]
 
 UNTRAINED = -1
-"""Training seed of an arm in which nothing was trained."""
-ENDINGS = ("stopped", "timed out", "task limit")
+"""Training seed where no policy was trained."""
+Ending = Literal["stopped", "timed out", "task limit"]
+"""Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
+ENDINGS: tuple[Ending, ...] = get_args(Ending)
 CONTAINERS = ("", "drawer", "fridge")
 """Where a target lies at the start: in the open, in a drawer, in the fridge."""
 
@@ -47,23 +54,25 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Run:
-    """One skill of the plan as it went."""
+class SkillRun:
+    """One skill of the plan, as it was executed."""
 
     number: int
     """Position in the plan, from 0."""
     skill: str
     target: int
     begin: int
+    """Control steps of the episode before it."""
     end: int
-    ending: str
-    """One of `ENDINGS`."""
+    """Control steps of the episode at its end."""
+    ending: Ending
     success: bool
+    """Whether the skill's own success condition held in its last step."""
     forced_release: bool
-    """Whether the hand was opened by force at its end."""
-    force: float
+    """Whether the executor opened the hand after a time-out."""
+    force: float = math.nan
     """Largest normal contact force at the robot during it in [N]; nan if unknown."""
-    reach: float
+    reach: float = math.nan
     """Smallest distance of the gripper point from the target's middle during it in [m]; nan if unknown."""
 
 
@@ -108,7 +117,7 @@ class Track:
     def thin(self) -> Track:
         """Without the steps at which the object had hardly moved.
 
-        Mechanisms look at nothing else, so that logs which keep every step are judged alike.
+        Causes look at nothing else, so that logs which keep every step are judged alike.
         """
         rows = kept_steps(self.position, self.up)
         return Track(self.step[rows], self.position[rows], self.up[rows], self.gripper[rows], self.base[rows])
@@ -154,10 +163,10 @@ class FinalObject:
 
 
 @dataclass(frozen=True, eq=False)
-class EpisodeRecord:
-    """An episode as logs keep it. Stages and placements are counted from the events, see `counting`.
+class EpisodeLog:
+    """The log of one executed episode. Stages and placements are counted from the events, see `outcomes.counting`.
 
-    Two records are equal only if they are the same object: what was counted of one is remembered with it.
+    Two logs are equal only if they are the same object, so that counts can be cached with a log.
     """
 
     task: str
@@ -165,8 +174,8 @@ class EpisodeRecord:
     index: int
     episode_hash: str
     """SHA-256 of what the episode starts from: equal hashes are equal starts and goals."""
-    arm: str
-    """What was run, such as "TP+SRL"."""
+    strategy: str
+    """Name of what was run, see `protocol.strategy_name`; of other simulators any text, such as "TP+SRL"."""
     train_seed: int
     """`UNTRAINED` where nothing was trained."""
     eval_seed: int
@@ -178,17 +187,20 @@ class EpisodeRecord:
     diverged: bool
     """Whether the simulation blew up; nothing after the last step counts."""
     targets: tuple[Target, ...]
-    runs: tuple[Run, ...]
+    runs: tuple[SkillRun, ...]
     events: tuple[Event, ...]
     """Of rising steps, the first at step 0."""
     releases: tuple[Release, ...] = field(default=())
     final_objects: tuple[FinalObject, ...] = field(default=())
     """All objects after the last step, targets first; empty where the writer did not keep them."""
+    history: History | None = field(default=None, repr=False)
+    """Every pose at every step; files do not keep it."""
 
     def __post_init__(self) -> None:
-        """A record that contradicts itself raises HomeError with its name."""
+        """A log that contradicts itself raises HomeError with its name."""
         about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
         for wrong, sentence in (
+            (not self.strategy, "no strategy: it must name what was run"),
             (len(self.targets) != len(get_task(self.task).targets), f"{len(self.targets)} targets"),
             (self.steps < 1 or self.length < self.steps, f"{self.steps} steps of {self.length}"),
             (not self.diverged and self.length == self.steps, "no settling time after its last step"),
@@ -209,28 +221,37 @@ class EpisodeRecord:
     def name(self) -> str:
         """Such as `TP+SRL, training seed 100, set_table/val/003, evaluation seed 0`."""
         episode = f"{self.task}/{self.split}/{self.index:03d}"
-        return f"{self.arm}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
+        return f"{self.strategy}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
 
     @property
     def key(self) -> tuple[str, str, str, int, int, int]:
         """What no two episodes of one analysis may share."""
-        return self.task, self.split, self.arm, self.train_seed, self.eval_seed, self.index
+        return self.task, self.split, self.strategy, self.train_seed, self.eval_seed, self.index
 
     @property
     def home_task(self) -> HomeTask:
         """The task it belongs to."""
         return get_task(self.task)
 
+    @property
+    def active(self) -> IntArray:
+        """Number of the plan's step that acted at each step; the plan's length while settling. Shape (length,)."""
+        active = np.zeros(self.length, dtype=np.int64)
+        for run in self.runs:
+            active[run.begin : run.end], active[run.end :] = run.number, run.number + 1
+        active[self.steps :] = len(self.home_task.skills)
+        return active
+
     @cached_property
     def _event_steps(self) -> IntArray:
         return np.array([event.step for event in self.events])
 
     def at(self, step: int) -> Event:
-        """The state at a step."""
+        """Return the state at a step."""
         return self.events[int(np.searchsorted(self._event_steps, step, side="right")) - 1]
 
-    def run(self, skill: str, target: int) -> Run | None:
-        """The first run of a skill (or of any whose name begins so) for a target, None if it never ended."""
+    def run(self, skill: str, target: int) -> SkillRun | None:
+        """Return the first run of a skill (or of any whose name begins so) for a target, None if it never ended."""
         return next((r for r in self.runs if r.skill.startswith(skill) and r.target == target), None)
 
 

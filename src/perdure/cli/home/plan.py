@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.home.flags import parse_home
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class HomePlan:
 
 
 def main(args: list[str]) -> None:
-    """``perdure home plan``."""
-    flags = parse(HomePlan, args, "home plan")
+    """Run ``perdure home plan``."""
+    flags = parse_home(HomePlan, args, "plan")
     from perdure.home.benchmark.plan import print_plan
 
     print_plan(flags.task)

@@ -7,35 +7,37 @@ from functools import partial
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.home.flags import parse_home
+
+RENAMED = {"--seed": "--eval-seed"}
 
 
 @dataclass(frozen=True)
 class HomeView:
-    """Watch the oracle at an episode in a browser. Interrupt it to end."""
+    """Show the oracle in an episode live in a browser. Interrupt it to end."""
 
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
     split: str = "val"
     """val or eval."""
     index: int = 0
-    """Which of the split's episodes."""
+    """Number of the episode in its split."""
     port: int = 8080
-    """Of the page's server on this machine."""
+    """Port of the server on this machine."""
     speed: float = 1.0
-    """How much faster than life it runs."""
-    seed: int = 0
-    """Evaluation seed: draws where the robot starts."""
+    """Playback speed relative to real time."""
+    eval_seed: int = 0
+    """Draws the robot's start pose."""
 
 
 def main(args: list[str]) -> None:
-    """``perdure home view``."""
-    flags = parse(HomeView, args, "home view")
+    """Run ``perdure home view``."""
+    flags = parse_home(HomeView, args, "view", RENAMED)
     from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.video import serve_episode
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     try:
-        serve_episode(episode, flags.port, flags.speed, flags.seed, tell=partial(print, flush=True))
+        serve_episode(episode, flags.port, flags.speed, flags.eval_seed, report=partial(print, flush=True))
     except KeyboardInterrupt:
         print()

@@ -8,25 +8,26 @@ from pathlib import Path
 
 import tyro
 
-from perdure.cli.parse import check_folder, log_files, parse
+from perdure.cli.home.flags import log_files, parse_home
+from perdure.cli.parse import check_folder
 from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
 class HomeAnalyze:
-    """Say what became of executed episodes: success per stage, failure modes, placements by kind of object."""
+    """Print success per stage, failure causes and placements by kind of object, from logs."""
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """Files of logs, or folders that hold some; of several tasks and placing arms if you like."""
+    """Log files, or folders that hold some, of any tasks and release strategies."""
     out: Path | None = None
-    """Folder for report.html, which sets the arms side by side, and its figures."""
+    """Folder for report.html, which compares the release strategies, and its figures."""
     formats: tuple[Format, ...] = ("png",)
-    """What each figure is written as, beside the page."""
+    """File formats of the figures beside the page."""
 
 
 def main(args: list[str]) -> None:
-    """``perdure home analyze``."""
-    flags = parse(HomeAnalyze, args, "home analyze")
+    """Run ``perdure home analyze``."""
+    flags = parse_home(HomeAnalyze, args, "analyze")
     from perdure.home.evaluate.outcomes import analyze
     from perdure.home.evaluate.page import read_assignment, write_page
 

@@ -1,6 +1,6 @@
-"""Sheets of eight pictures that show what the label of a failed episode is about, so that it can be checked by eye.
+"""Sheets of eight pictures that show the cause of a failure, so that its label can be checked by eye.
 
-The pictures are taken of a double, put into the states that a replay went through.
+The pictures are rendered from a copy of the scene, set to the states of a replay.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import Predicate
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import stage_steps
@@ -19,10 +20,10 @@ from perdure.home.evaluate.outcomes.failure_causes import in_goal_since, release
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.cameras import Shot
 from perdure.home.video.film import tile
-from perdure.home.video.follow import Follower
+from perdure.home.video.follow import Follower, direction_of
 from perdure.home.video.marks import goal_marks
-from perdure.home.video.moments import condition_of, failed_run, moments
-from perdure.home.video.narrate import Narrator, Told
+from perdure.home.video.narrate import Caption, Narrator
+from perdure.home.video.picture_steps import condition_of, failed_run, picture_steps
 from perdure.home.video.render_scene import RenderScene
 from perdure.home.video.replay import Failure, Replay
 from perdure.home.video.studio import Studio
@@ -43,11 +44,11 @@ NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
 
 
 def failure_sheet(failure: Failure, replay: Replay) -> Picture:
-    """The pictures of an episode that was run again, two rows of four, under a title.
+    """Return the pictures of a replay, two rows of four, under a title.
 
     Args:
-        failure: What was logged.
-        replay: What it came to when it was run again; its own label is shown where it has one.
+        failure: The logged failure.
+        replay: Its replay; the replay's own label is shown where it has one.
 
     Returns:
         Shape (height, width, 3).
@@ -55,28 +56,30 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     Raises:
         HomeError: If no picture can be drawn on this machine.
     """
-    record, found = (failure.record, failure.label) if replay.label is None else (replay.record, replay.label)
-    condition, episode = condition_of(record, found), replay.log.episode
-    taken = moments(replay, found, condition)
-    views = [_view(replay, found, condition, step) for step in taken]
+    log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
+    condition, episode = condition_of(log, found), failure.episode
+    taken = picture_steps(replay, found, condition)
+    views = [_view(episode, replay, found, condition, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     mark = goal_marks(episode)[found.target]
-    with RenderScene(episode, failure.record.eval_seed) as double, Studio(double.lane, SIZE) as studio:
-        shots = _Camera(double).shots(states, [points for points, _ in views], found.target)
+    with RenderScene(episode, failure.log.eval_seed) as scene, Studio(scene.lane, SIZE) as studio:
+        shots = _Camera(scene).shots(states, [points for points, _ in views], found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
-            double.put(state)
-            told = _tell(replay, step, note or measure)
-            pictures.append(write_strip(studio.take(shot, [mark]), told, 1.0))
-    title = f"{record.task} {record.split} {record.index:03d}, {record.arm}: {failure.words(replay.label)}"
-    caption = _caption(replay, found, condition)
+            scene.put(state)
+            caption = _step_caption(episode, replay, step, note or measure)
+            pictures.append(write_strip(studio.take(shot, [mark]), caption, 1.0))
+    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
+    numbers = _numbers(replay, found, condition)
     if replay.label != failure.label:
-        caption = f"the logs have another label for it: {failure.words(failure.label)}"
-    return write_title(tile(pictures, COLUMNS), title, caption)
+        numbers = f"the logs have another label for it: {failure.words(failure.label)}"
+    return write_title(tile(pictures, COLUMNS), title, numbers)
 
 
-def _view(replay: Replay, found: Label, condition: Predicate | None, step: int) -> tuple[FloatArray, str]:
-    """What a picture is about: two points of the room in [m], shape (2, 3), and how things stand between them."""
-    episode, facts, gripper = replay.log.episode, replay.log.facts, replay.log.gripper[step]
+def _view(
+    episode: Episode, replay: Replay, found: Label, condition: Predicate | None, step: int
+) -> tuple[FloatArray, str]:
+    """Return two points to show in [m], shape (2, 3), and the measure between them as text."""
+    facts, gripper = replay.history.facts, replay.history.gripper[step]
     thing, name = facts.object_positions[step, found.target], found.stage if condition is None else condition.name
     if name.startswith(("at", "place", "not_holding")):
         goal = episode.goal_positions[found.target]
@@ -96,31 +99,31 @@ def _view(replay: Replay, found: Label, condition: Predicate | None, step: int) 
     return np.stack([handle, gripper]), f"{words}, hand {hand:.2f} m"
 
 
-def _tell(replay: Replay, step: int, words: str) -> Told:
-    """What the strip below a picture says."""
-    log, plan = replay.log, replay.log.episode.home_task.skills
-    narrator, number = Narrator(log.episode), min(int(log.active[step]) + 1, len(plan))
+def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Caption:
+    """Return the text of the strip below a picture."""
+    log, plan = replay.log, episode.home_task.skills
+    narrator, number = Narrator(episode), min(int(log.active[min(step, log.length - 1)]) + 1, len(plan))
     for _ in range(number):
-        narrator.begins()
-    told, stages = narrator.tell(), zip(log.episode.home_task.stages, stage_steps(replay.record), strict=True)
-    skill = told.words if step < replay.record.steps else "settling"
+        narrator.begin_skill()
+    caption, stages = narrator.caption(), zip(episode.home_task.stages, stage_steps(log), strict=True)
+    skill = caption.words if step < log.steps else "settling"
     reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
-    return replace(told, seconds=(step + 1) / CONTROL_HZ, words=f"{skill}: {words}", stages=reached)
+    return replace(caption, seconds=(step + 1) / CONTROL_HZ, words=f"{skill}: {words}", stages=reached)
 
 
-def _caption(replay: Replay, found: Label, condition: Predicate | None) -> str:
-    """The numbers that the label was given for."""
-    record = replay.record
-    release = placement(record, found.target) if condition is not None and condition.name == "at" else None
+def _numbers(replay: Replay, found: Label, condition: Predicate | None) -> str:
+    """Return the measurements behind the label as text."""
+    log = replay.log
+    release = placement(log, found.target) if condition is not None and condition.name == "at" else None
     if release is not None:
-        away, above = release_offset(record, release)
-        lean, inside = float(tilt(release.track.up[0])), in_goal_since(record, release)
+        away, above = release_offset(log, release)
+        lean, inside = float(tilt(release.track.up[0])), in_goal_since(log, release)
         stay = f"{inside.sum() / CONTROL_HZ:.1f} of {len(inside) / CONTROL_HZ:.1f} s"
         return (
-            f"let go {above:.3f} m above and {away:.3f} m beside its place at {release.object_speed:.2f} m/s, "
+            f"released {above:.3f} m above and {away:.3f} m beside its goal at {release.object_speed:.2f} m/s, "
             f"tilted by {lean:.0f} deg; in its goal {stay} after"
         )
-    run = failed_run(record, found)
+    run = failed_run(log, found)
     if run is None:
         return "no skill ended"
     span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
@@ -129,14 +132,14 @@ def _caption(replay: Replay, found: Label, condition: Predicate | None) -> str:
 
 
 class _Camera(Follower):
-    """Looks from one direction in all pictures of a sheet, the one from which most is seen."""
+    """A camera with one direction for all pictures of a sheet, the one with the fewest occlusions."""
 
-    def __init__(self, double: RenderScene) -> None:
-        super().__init__(double.lane)
-        self._double = double
+    def __init__(self, scene: RenderScene) -> None:
+        super().__init__(scene.lane)
+        self._scene = scene
 
     def shots(self, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
-        """One for each state.
+        """Return a shot for each state.
 
         Args:
             states: `qpos` of each picture. Shape (nq,).
@@ -146,15 +149,10 @@ class _Camera(Follower):
         scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
         framings = []
         for state, pair in zip(states, points, strict=True):
-            self._double.put(state)
+            self._scene.put(state)
             middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
             framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
-            eyes = [middle + framings[-1][1] * unit(*direction) for direction in DIRECTIONS]
+            eyes = [middle + framings[-1][1] * direction_of(*direction) for direction in DIRECTIONS]
             scores += [2.0 * self._sees(pair[0], eye, exclude) + self._sees(pair[1], eye, exclude) for eye in eyes]
-        best = unit(*DIRECTIONS[int(np.argmax(scores))])
+        best = direction_of(*DIRECTIONS[int(np.argmax(scores))])
         return [Shot(middle + distance * best, middle) for middle, distance in framings]
-
-
-def unit(azimuth: float, elevation: float) -> FloatArray:
-    """The direction of angles in [rad]. Shape (3,)."""
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

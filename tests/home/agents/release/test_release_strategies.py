@@ -1,9 +1,9 @@
-"""The placing arms: what each does between the gripper_goal to let go and the opening of the hand."""
+"""The release strategies: what each does between the gripper_goal to let go and the opening of the hand."""
 
 import numpy as np
 import pytest
 
-from perdure.home.agents.release import ARMS, Ik, make_arm
+from perdure.home.agents.release import STRATEGIES, Ik, make_strategy
 from perdure.home.agents.release.ik_plus import upright
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose, make_apartment
@@ -90,7 +90,7 @@ def play(world, actor, steps=250):
 def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
     speed = {}
     for name in ("rl", "stop"):
-        seen = play(start(table), make_arm(name, Hasty()))
+        seen = play(start(table), make_strategy(name, Hasty()))
         speed[name] = float(np.linalg.norm(seen[-2].gripper_velocity[0]))
     assert speed["rl"] > 0.2  # the control: without it a stop would prove nothing
     assert speed["stop"] < 0.03
@@ -99,7 +99,7 @@ def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
 @pytest.mark.parametrize("name", ["stop", "ik", "ik+"])
 def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table, name):
     """At 0.75 m/s backwards the base rolls on; M3's stops at once."""
-    actor = make_arm(name, Hasty(at=8, forward=-0.5))
+    actor = make_strategy(name, Hasty(at=8, forward=-0.5))
     seen = play(start(table), actor)
     frozen = 9  # the policy acted in eight steps; it asked to let go after the eighth
     away = [float(np.hypot(*(each.base[0, :2] - seen[frozen - 1].base[0, :2]))) for each in seen]
@@ -114,27 +114,27 @@ def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
     world = start(table)
     goal = np.add(world.skill_goal(0).goal, (0.2, 0.0, 0.0))
     world.assign(0, SkillGoal(0, tuple(map(float, goal))))
-    actor = make_arm(name, Hasty(at=0))
+    actor = make_strategy(name, Hasty(at=0))
     seen = play(world, actor)
     assert actor.outcomes == ["not above the goal"]
     assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.01
 
 
 def test_ik_goes_straight_down_by_epsilon_with_the_base_still(table):
-    arm = Ik(Hasty(at=0), epsilon=0.06)
-    seen = play(start(table), arm)
+    strategy = Ik(Hasty(at=0), epsilon=0.06)
+    seen = play(start(table), strategy)
     way = seen[-2].gripper[0] - seen[1].gripper[0]
     assert way[2] == pytest.approx(-0.06, abs=0.006)
     assert np.hypot(*way[:2]) < 0.01
     assert np.abs(seen[-2].base - seen[1].base).max() < 0.01
     assert np.abs(seen[-2].gripper_rotation - seen[1].gripper_rotation).max() < 0.06
-    assert arm.outcomes == ["done"]
+    assert strategy.outcomes == ["done"]
 
 
 def test_ik_plus_sets_the_object_down_before_it_lets_go(table):
-    arm = make_arm("ik+", Hasty(at=0))
-    seen = play(start(table, clearance=0.12), arm)
-    assert arm.outcomes == ["done"]
+    strategy = make_strategy("ik+", Hasty(at=0))
+    seen = play(start(table, clearance=0.12), strategy)
+    assert strategy.outcomes == ["done"]
     bottom = seen[-2].object[0, 2] - 0.088 - table[2][2]
     assert abs(bottom) < 0.012
     assert seen[-2].object_up[0, 2] > 0.99
@@ -148,32 +148,32 @@ def lying_low(table):
 
 
 def test_ik_plus_turns_back_what_it_cannot_set_upright(table, monkeypatch):
-    seen = play(lying_low(table), make_arm("ik+", Hasty(at=0)))
+    seen = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))
     before, after = seen[1].object_up[0], seen[-2].object_up[0]
     assert np.degrees(np.arccos(before @ after)) < 10.0
     monkeypatch.setattr("perdure.home.agents.release.ik_plus.UPRIGHT", -1.0)
-    half = play(lying_low(table), make_arm("ik+", Hasty(at=0)))[-2].object_up[0]
+    half = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))[-2].object_up[0]
     assert 20.0 < np.degrees(np.arccos(half[2])) < 65.0, "the control: it would be let go half turned"
 
 
 def test_a_target_out_of_reach_is_a_labeled_fall_back(table):
-    arm = Ik(Hasty(at=0), epsilon=0.9)
-    seen = play(start(table), arm)
-    assert arm.outcomes == ["out of reach"]
+    strategy = Ik(Hasty(at=0), epsilon=0.9)
+    seen = play(start(table), strategy)
+    assert strategy.outcomes == ["out of reach"]
     assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.02
 
 
 def test_the_policy_is_not_asked_while_the_hand_over_runs(table):
     inner = Hasty(at=0)
-    seen = play(start(table), make_arm("ik", inner))
+    seen = play(start(table), make_strategy("ik", inner))
     assert inner.asked == 1
     assert len(seen) > 10
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_at_the_time_out_the_object_goes_through_the_arm(table, name):
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_at_the_time_out_the_release_strategy_runs(table, name):
     """The executor gives a hand-over the time it needs; the policy alone gets none."""
-    actor = make_arm(name, Hasty(at=10**6))
+    actor = make_strategy(name, Hasty(at=10**6))
     assert actor.overtime(0) == (name != "rl")
     if name == "rl":
         return
@@ -205,6 +205,6 @@ def test_upright_keeps_upright_rotations_and_mends_tilted_ones():
         assert np.allclose(upright(level), level, atol=1e-6)
 
 
-def test_unknown_arms_are_refused():
+def test_unknown_strategies_are_refused():
     with pytest.raises(HomeError, match="ik\\+"):
-        make_arm("gentle", Hasty())
+        make_strategy("gentle", Hasty())

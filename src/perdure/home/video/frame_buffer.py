@@ -1,4 +1,4 @@
-"""A film that is kept aside, until those it is shown with are ready."""
+"""Frames of a film that wait on disk until the films beside them are complete."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Picture = NDArray[np.uint8]
 QUALITY = 95
 
 
-class Reel:
-    """Pictures in a nameless file, compressed: a whole task would fill the memory. Use it in a `with`."""
+class FrameBuffer:
+    """A context manager that keeps compressed frames in a temporary file; a whole task would not fit into memory."""
 
     def __init__(self, pace: float) -> None:
-        """An empty reel.
+        """Open an empty buffer.
 
         Args:
             pace: Seconds that each picture stays.
@@ -27,7 +27,7 @@ class Reel:
         self._ends = [0]
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -35,7 +35,7 @@ class Reel:
         self.stop()
 
     def __len__(self) -> int:
-        """How many pictures."""
+        """Return the number of frames."""
         return len(self._ends) - 1
 
     def add(self, picture: Picture) -> None:
@@ -52,11 +52,11 @@ class Reel:
         """See `Film.end`."""
 
     def stop(self) -> None:
-        """The pictures are gone."""
+        """Discard the frames."""
         self._file.close()
 
     def picture(self, number: int) -> Picture:
-        """The picture of that number, the last one for whatever is beyond it. Shape (height, width, 3)."""
+        """Return the frame of a number, the last one for any number beyond it. Shape (height, width, 3)."""
         from PIL import Image
 
         number = min(number, len(self) - 1)

@@ -7,26 +7,26 @@ from pathlib import Path
 
 import tyro
 
-from perdure.cli.parse import log_files, parse
+from perdure.cli.home.flags import log_files, parse_home
 
 
 @dataclass(frozen=True)
 class HomeOverlaps:
     """List pairs of objects at rest that overlap after the last step of logged episodes; exit code 1 if there are any.
 
-    A check of the simulated world: solid objects cannot lie inside each other. The depths are computed from the poses
-    in the logs.
+    This checks the simulation: solid objects cannot lie inside each other. Depths are computed from the poses in the
+    logs.
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """Files of logs, or folders that hold some."""
+    """Log files, or folders that hold some."""
     deeper_than: float = 0.005
     """Depth in [m] up to which an overlap is not listed: contacts are slightly soft."""
 
 
 def main(args: list[str]) -> None:
-    """``perdure home overlaps``."""
-    flags = parse(HomeOverlaps, args, "home overlaps")
+    """Run ``perdure home overlaps``."""
+    flags = parse_home(HomeOverlaps, args, "overlaps")
     from perdure.home.evaluate.outcomes import find_overlaps, read_logs
 
     episodes = unknown = found = 0

@@ -8,31 +8,31 @@ from typing import Literal
 
 import tyro
 
-from perdure.cli.parse import parse
+from perdure.cli.home.flags import parse_home
 
 
 @dataclass(frozen=True)
 class HomeTrain:
-    """Learn a skill with its recipe and say how often it succeeds on val starts. Interrupt it any time."""
+    """Train a skill with its recipe and print its success rate on val starts. Interrupt it any time."""
 
     skill: tyro.conf.Positional[str]
     """pick, place, open_drawer, close_drawer, open_fridge, close_fridge or navigate."""
     task: str = "set_table"
-    """The task whose objects and places it is learned on."""
+    """The task whose objects and receptacles it is trained on."""
     delta: int = 1
-    """For place: how many steps the object must stay."""
+    """For place: number of steps the object must stay."""
     limited_to: int | None = None
-    """For place: control steps it may last; 200, with delta 200 + delta, by default."""
+    """For place: step limit; 200 by default, 200 + delta with --delta."""
     rolling: Literal["friction", "drag"] = "friction"
-    """What stops objects that roll, as for `perdure home run`."""
+    """Rolling resistance, as for `perdure home run`."""
     seeds: tuple[int, ...] = (0,)
-    """Training seeds."""
+    """Training seeds, trained side by side."""
     steps: int | None = None
-    """Environment steps in place of the recipe's."""
+    """Environment steps; the recipe's by default."""
     test_episodes: int = 200
     """Episodes on val starts after training."""
     out: Path = Path("runs")
-    """Where runs are kept."""
+    """Folder of the runs."""
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
@@ -40,8 +40,8 @@ class HomeTrain:
 
 
 def main(args: list[str]) -> None:
-    """``perdure home train``."""
-    flags = parse(HomeTrain, args, "home train")
+    """Run ``perdure home train``."""
+    flags = parse_home(HomeTrain, args, "train")
     from perdure.home.skills.training import FLAGS, evaluate_skill, train_skill
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress

@@ -1,4 +1,4 @@
-"""Figures of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x mechanism."""
+"""Figures of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x cause."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from perdure.home.evaluate.outcomes import MECHANISMS, Counting
+from perdure.home.evaluate.outcomes import FAILURE_CAUSES, Counting
 from perdure.home.evaluate.page import words
 from perdure.home.evaluate.page.comparison import Comparison
 from perdure.report import theme, wording
@@ -18,17 +18,17 @@ _COLUMNS = ("outcome", "count", "of_all", "of_failed")
 
 
 def outcome_figure(comparison: Comparison) -> Figure:
-    """A row for each outcome, a bar for each arm."""
+    """A row for each outcome, a bar for each strategy."""
     names = [
         name
-        for number, name in enumerate(comparison.outcomes[comparison.arms[0]]["outcome"])
-        if any(comparison.outcomes[arm]["count"][number] for arm in comparison.arms)
+        for number, name in enumerate(comparison.outcomes[comparison.strategies[0]]["outcome"])
+        if any(comparison.outcomes[strategy]["count"][number] for strategy in comparison.strategies)
     ]
     bars = []
-    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
-        found = {name: shares for name, *shares in comparison.outcomes[arm].select(*_COLUMNS).iter_rows()}
+    for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
+        found = {name: shares for name, *shares in comparison.outcomes[strategy].select(*_COLUMNS).iter_rows()}
         rows = [(names.index(name), *found[name]) for name in names]
-        total = len(comparison.episodes[arm])
+        total = len(comparison.episodes[strategy])
         bars.append(_shares(label, style, rows, total))
     return Figure(
         name="outcomes",
@@ -52,23 +52,23 @@ def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float
 
 
 def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
-    """First unmet stage and mechanism of every failed episode, a bar for each arm; None when nothing failed.
+    """First unmet stage and cause of every failed episode, a bar for each strategy; None when nothing failed.
 
     Args:
-        comparison: The arms.
+        comparison: The strategies.
         counting: By which way of counting they failed.
     """
     labels = mode_labels(comparison, counting)
     if not labels:
         return None
     bars = []
-    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
-        counts = mode_counts(comparison, counting, arm)
+    for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
+        counts = mode_counts(comparison, counting, strategy)
         rows = [(row, *counts[each]) for row, each in enumerate(labels) if each in counts]
-        bars.append(_shares(label, style, rows, len(comparison.episodes[arm])))
+        bars.append(_shares(label, style, rows, len(comparison.episodes[strategy])))
     task = comparison.home_task
     way = "latched" if counting == "latched" else "goal-stabilizing"
-    names = [f"{words.stage(task.stage(stage), unmet=True)}: {mechanism}" for stage, mechanism in labels]
+    names = [f"{words.stage(task.stage(stage), unmet=True)}: {cause}" for stage, cause in labels]
     return Figure(
         name=f"modes-{counting}",
         title=f"Why episodes failed, {way} counting",
@@ -79,16 +79,16 @@ def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
 
 
 def mode_labels(comparison: Comparison, counting: Counting) -> list[tuple[str, str]]:
-    """Every (stage, mechanism) that any arm has, in the task's order."""
+    """Every (stage, cause) that any strategy has, in the task's order."""
     stages = [stage.name for stage in comparison.home_task.stages]
-    found = {label for arm in comparison.arms for label in mode_counts(comparison, counting, arm)}
-    return sorted(found, key=lambda label: (stages.index(label[0]), MECHANISMS.index(label[1])))
+    found = {label for strategy in comparison.strategies for label in mode_counts(comparison, counting, strategy)}
+    return sorted(found, key=lambda label: (stages.index(label[0]), FAILURE_CAUSES.index(label[1])))
 
 
 def mode_counts(
-    comparison: Comparison, counting: Counting, arm: str
+    comparison: Comparison, counting: Counting, strategy: str
 ) -> dict[tuple[str, str], tuple[int, float, float]]:
-    """For each (stage, mechanism) of an arm: the count, its share of all episodes, and of the failed ones."""
-    table = comparison.modes[arm].filter(counting=counting)
-    rows = table.select("stage", "mechanism", "count", "of_all", "of_failed").iter_rows()
-    return {(stage, mechanism): (count, a, b) for stage, mechanism, count, a, b in rows}
+    """For each (stage, cause) of a strategy: the count, its share of all episodes, and of the failed ones."""
+    table = comparison.modes[strategy].filter(counting=counting)
+    rows = table.select("stage", "cause", "count", "of_all", "of_failed").iter_rows()
+    return {(stage, cause): (count, a, b) for stage, cause, count, a, b in rows}

@@ -1,4 +1,4 @@
-"""Every failed episode has one label: its first unmet stage and one mechanism. How often, with both denominators.
+"""Every failed episode has one label: its first unmet stage and one cause. How often, with both denominators.
 
 Episodes are counted twice, each way for itself: *latched*, as the benchmark counts success, and *goal-stabilizing*, as
 the thesis counts placements.
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from perdure.home.benchmark.tasks import Predicate, get_task
+from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import blamed, latched, stages_stabilizing
-from perdure.home.evaluate.outcomes.failure_causes import MECHANISMS, Mechanism, failure_mechanism
+from perdure.home.evaluate.outcomes.failure_causes import FAILURE_CAUSES, FailureCause, failure_cause
 from perdure.home.evaluate.outcomes.placements import GROUP, IDENTITY
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,12 +30,12 @@ class Label:
 
     stage: str
     """First unmet stage."""
-    mechanism: Mechanism
+    cause: FailureCause
     target: int
     """The object it is about: the one that does not lie in its goal, else that of the stage."""
 
 
-def label(record: EpisodeRecord, counting: Counting) -> Label | None:
+def label(record: EpisodeLog, counting: Counting) -> Label | None:
     """The label of an episode, None when it succeeded.
 
     Args:
@@ -52,10 +52,10 @@ def label(record: EpisodeRecord, counting: Counting) -> Label | None:
     target = int(stage.name.partition("_")[2])
     if condition is not None and condition.name == "at" and condition.target is not None:
         target = condition.target
-    return Label(stage.name, failure_mechanism(record, number, condition), target)
+    return Label(stage.name, failure_cause(record, number, condition), target)
 
 
-def outcome(record: EpisodeRecord) -> str:
+def outcome(record: EpisodeLog) -> str:
     """What became of an episode, as figures 2-1 and 2-3 of the thesis break it down.
 
     `success`, or `success that did not last`: the benchmark counts it, but a placement is not goal-stabilizing. Of the
@@ -68,8 +68,8 @@ def outcome(record: EpisodeRecord) -> str:
     return OTHER if stage.placed is None else stage.name
 
 
-def failure_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
-    """One row per way of counting and episode that fails by it: identity, counting, stage, mechanism, target."""
+def failure_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
+    """One row per way of counting and episode that fails by it: identity, counting, stage, cause, target."""
     import polars as pl
 
     rows = []
@@ -79,7 +79,7 @@ def failure_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
             if found is not None:
                 rows.append({**{n: getattr(record, n) for n in IDENTITY}, "counting": counting, **vars(found)})
     kinds = (pl.String, pl.String, pl.String, pl.Int64, pl.Int64, pl.Int64)
-    extra = {"counting": pl.String, "stage": pl.String, "mechanism": pl.String, "target": pl.Int64}
+    extra = {"counting": pl.String, "stage": pl.String, "cause": pl.String, "target": pl.Int64}
     return pl.DataFrame(rows, schema={**dict(zip(IDENTITY, kinds, strict=True)), **extra})
 
 
@@ -93,13 +93,13 @@ def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
     import polars as pl
 
     keys = [*GROUP, "counting"]
-    counted = failures.group_by([*keys, "stage", "mechanism"]).agg(count=pl.len().cast(pl.Int64))
+    counted = failures.group_by([*keys, "stage", "cause"]).agg(count=pl.len().cast(pl.Int64))
     everything = episodes.group_by(GROUP).agg(episodes=pl.len().cast(pl.Int64))
     shares = counted.join(everything, on=GROUP).with_columns(
         of_all=pl.col("count") / pl.col("episodes"), of_failed=pl.col("count") / pl.col("count").sum().over(keys)
     )
     place = [_stage_number(task, stage) for task, stage in shares.select("task", "stage").iter_rows()]
-    word = [MECHANISMS.index(mechanism) for mechanism in shares["mechanism"]]
+    word = [FAILURE_CAUSES.index(cause) for cause in shares["cause"]]
     order = [pl.Series("_stage", place, pl.Int64), pl.Series("_word", word, pl.Int64)]
     return shares.with_columns(order).sort([*keys, "_stage", "_word"]).drop("_stage", "_word", "episodes")
 

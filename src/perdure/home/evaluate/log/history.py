@@ -1,9 +1,8 @@
-"""Every pose at every step, of any simulator, and what of it is kept: events, releases with their tracks, runs."""
+"""Every pose at every step, from any simulator, and what a log keeps of it: events, releases, skill runs."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from perdure.home.benchmark.tasks import WorldFacts, predicate
 from perdure.home.benchmark.tasks.predicates import PREDICATES, at
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes.records import Event, Release, Run, Track, kept_steps
+from perdure.home.evaluate.log.episode_log import Event, Release, SkillRun, Track, kept_steps
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ class History:
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """The first step, and each at which something changes that a condition of a stage looks at."""
+        """The state at the first step, and at each step at which a condition of a stage may change."""
         facts, inside = self.facts, at(self.facts)
         state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in _DOORS)]).astype(np.int64)
         changes = np.concatenate([[0], 1 + np.flatnonzero((state[1:] != state[:-1]).any(axis=1))])
@@ -63,19 +62,18 @@ class History:
 
     @property
     def releases(self) -> tuple[Release, ...]:
-        """Each time the hand let go of a target."""
+        """Every release of a target, in order."""
         held = np.asarray(self.facts.held)
         let_go = np.flatnonzero((held[:-1] >= 0) & (held[1:] != held[:-1]))
         return tuple(self._release(int(step), int(held[step])) for step in let_go)
 
-    def run(self, number: int, skill: str, target: int, begin: int, end: int, ending: str) -> Run:
-        """A skill that acted in steps `begin` to `end` - 1, with the force and the reach there were."""
-        away = np.linalg.norm(self.gripper[begin:end] - self.facts.object_positions[begin:end, target], axis=1)
-        force = float(self.force[begin:end].max()) if end > begin else math.nan
-        reach = float(away.min()) if end > begin else math.nan
-        return Run(
-            number, skill, target, begin, end, ending, success=False, forced_release=False, force=force, reach=reach
-        )
+    def measured(self, run: SkillRun) -> SkillRun:
+        """Return a skill run with the largest force and the smallest reach of its steps."""
+        if run.end <= run.begin:
+            return run
+        steps = slice(run.begin, run.end)
+        away = np.linalg.norm(self.gripper[steps] - self.facts.object_positions[steps, run.target], axis=1)
+        return replace(run, force=float(self.force[steps].max()), reach=float(away.min()))
 
     def _release(self, step: int, target: int) -> Release:
         again = np.flatnonzero(self.facts.held[step + 1 :] == target)
