@@ -20,8 +20,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute.log import Ending, EpisodeLog, Recorder, SkillRun
 from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
 from perdure.home.sim.world.state import norm
-from perdure.home.skills import Progress, Skill
-from perdure.home.skills.skill_goals import make_skill_goal
+from perdure.home.skills import Progress, Skill, make_skill_goal
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
