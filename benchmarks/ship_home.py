@@ -27,7 +27,8 @@ from marks import put
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.evaluate.protocol import read_release
 from perdure.home.evaluate.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
-from perdure.home.skills.training import RECIPES, evaluate_skill
+from perdure.home.skills import learned_skills
+from perdure.home.skills.training import evaluate_skill
 from perdure.policy import Policy, load_policy, save_policy
 from perdure.report import theme
 from perdure.report.axes import Axis
@@ -56,7 +57,7 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
     found: dict[tuple[str, str, int], tuple[bool, Path]] = {}
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
         named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
-        if named is None or path.parent.name not in RECIPES:
+        if named is None or path.parent.name not in learned_skills():
             continue
         options = dict(pair.split("=", 1) for pair in named[1].split(","))
         name = path.parent.name

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from perdure.__main__ import main
-from perdure.home.benchmark.tasks import LIMITS
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.outcomes import read_logs, write_logs
@@ -29,7 +28,7 @@ def record(tmp_path_factory):
     options = ExecutorOptions(lanes=1, settle_steps=2)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
-            patch.setitem(LIMITS, skill, 3)
+            patch.setattr(SKILLS[skill], "step_limit", 3)
         protocol = Protocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
         (path,) = run_protocol(protocol, tmp_path_factory.mktemp("runs"))
         yield read_logs(path)[0]

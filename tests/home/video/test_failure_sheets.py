@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perdure.home.benchmark.episodes import episode_scene, start_pose
-from perdure.home.benchmark.tasks import LIMITS, SOMETHING_ELSE
+from perdure.home.benchmark.tasks import SOMETHING_ELSE
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.outcomes import label, read_logs, write_logs
@@ -161,7 +161,7 @@ def hurried(tmp_path_factory):
     options = ExecutorOptions(lanes=1, jaws="apart", scene=scene, settle_steps=7, eval_seed=0)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
-            patch.setitem(LIMITS, skill, 3)
+            patch.setattr(SKILLS[skill], "step_limit", 3)
         protocol = Protocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
         yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
 

@@ -20,7 +20,7 @@ def main(args: list[str]) -> None:
     from rich.table import Table
 
     from perdure.home.benchmark.episodes import load_episodes
-    from perdure.home.benchmark.tasks import LIMITS, TASKS
+    from perdure.home.benchmark.tasks import TASKS
     from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
 
@@ -33,7 +33,7 @@ def main(args: list[str]) -> None:
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
     skills = Table("skill", "steps", "observation size", "description", title="Skills")
     for name, kind in SKILLS.items():
-        skills.add_row(name, str(LIMITS[kind.name]), str(len(kind().elements)), _description(kind))
+        skills.add_row(name, str(kind().limit), str(len(kind().elements)), _description(kind))
     kinds = Table("object", "size [mm]", "mass [g]", "shape", title="Objects")
     for each in KINDS.values():
         size = " x ".join(f"{1000 * side:.0f}" for side in each.size)

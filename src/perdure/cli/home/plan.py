@@ -21,5 +21,6 @@ def main(args: list[str]) -> None:
     """Run ``perdure home plan``."""
     flags = parse_home(HomePlan, args, "plan")
     from perdure.home.benchmark.plan import print_plan
+    from perdure.home.skills import SKILLS, get_skill
 
-    print_plan(flags.task)
+    print_plan(flags.task, {name: get_skill(name).limit for name in SKILLS})

@@ -6,7 +6,7 @@ import pytest
 from perdure.home.agents import Scripted
 from perdure.home.agents.oracle import Oracle
 from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import LIMITS, goal_stabilizing, handling_of, latched_stages
+from perdure.home.benchmark.tasks import goal_stabilizing, handling_of, latched_stages
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched
@@ -53,7 +53,7 @@ def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table):
     for done, step in zip(log.runs[:-1], plan, strict=False):
         assert (done.skill, done.target) == (step.skill, step.target)
         # Reset-arm and, with an empty hand at rest, place are over at once by their own stop rules.
-        assert done.end - done.begin == (1 if step.skill in ("reset_arm", "place") else LIMITS[step.skill])
+        assert done.end - done.begin == (1 if step.skill in ("reset_arm", "place") else get_skill(step.skill).limit)
         assert done.ending == ("stopped" if step.skill in ("reset_arm", "place") else "timed out")
     assert not any(latched(log))
 

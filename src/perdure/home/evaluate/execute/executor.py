@@ -20,8 +20,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute.recorder import Recorder, final_objects, record_table
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, SkillRun
 from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
-from perdure.home.skills import Progress, Skill
-from perdure.home.skills.skill_goals import make_skill_goal
+from perdure.home.skills import Progress, Skill, make_skill_goal
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

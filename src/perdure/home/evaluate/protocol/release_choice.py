@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from perdure.home.agents.release import STRATEGIES
 from perdure.home.errors import HomeError
-from perdure.home.skills import Place
+from perdure.home.skills import get_skill
 
 
 @dataclass(frozen=True)
@@ -55,5 +55,5 @@ def read_release(text: str) -> ReleaseChoice:
     if steps is not None and not steps.isdigit():
         raise HomeError(f"the M in delta-N-in-M must be a number of steps, not {steps!r}")
     wanted = ReleaseChoice(text, "rl", int(delta), None if steps is None else int(steps))
-    Place(**wanted.options)  # refuses a limit that is too short
+    get_skill("place", **wanted.options)  # refuses a limit that is too short
     return wanted
