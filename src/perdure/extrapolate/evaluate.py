@@ -89,7 +89,7 @@ class _Recorder:
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._observation = loop.observations.copy()
         self._divergence = DivergenceDetector(
-            self._observation, np.stack([_scale(each.policy) for each in lane_policies])
+            self._observation, np.stack([each.policy.observation_std for each in lane_policies])
         )
         self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
 
@@ -146,8 +146,3 @@ class _Recorder:
             component = self._movement.left_component[lane]
             parts.append(f"observation[{component}] left its training range at step {step:,}")
         return "; ".join(parts)
-
-
-def _scale(policy: Policy) -> NDArray[np.float64]:
-    std: NDArray[np.float64] = np.sqrt(policy.normalizer.var[: policy.task.observation_size])
-    return std

@@ -22,7 +22,7 @@ class MovementRecorder:
     def __init__(self, policies: list[Policy], steps: int) -> None:
         """Start before the first step; `policies`: one for each lane."""
         lanes, size = len(policies), policies[0].task.observation_size
-        std = np.stack([np.sqrt(policy.normalizer.var[:size]) for policy in policies])
+        std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
         self._low, self._high = np.full((lanes, size), -np.inf), np.full((lanes, size), np.inf)
         for lane, policy in enumerate(policies):
