@@ -68,4 +68,4 @@ def main(args: list[str]) -> None:
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
         )
-    write_and_show(result.path, flags.out)
+    write_and_show(result.path or flags.out, flags.out)

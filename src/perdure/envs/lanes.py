@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -121,6 +122,17 @@ class LaneTracker:
             self._running[chosen[ended]] = False
         return elapsed, horizon_end
 
+    def abandon(self, lanes: IntArray) -> None:
+        """Notes that these lanes are not stepped on.
+
+        Args:
+            lanes: Lane numbers, shape (n,).
+
+        Raises:
+            WorldError: If a lane does not exist or is named twice.
+        """
+        self._running[self._chosen(lanes)] = False
+
     def _chosen(self, lanes: IntArray | None) -> IntArray:
         if self.closed:
             raise WorldError("This world is closed; build a new one with make_world.")
@@ -138,11 +150,18 @@ class TrackedWorld:
 
     _spec: TaskSpec
     _tracker: LaneTracker
+    _space: Any = None
+    _action_space: Any = None
 
     @property
     def spec(self) -> TaskSpec:
         """See `World.spec`."""
         return self._spec
+
+    @property
+    def spaces(self) -> tuple[Any, Any]:
+        """See `World.spaces`."""
+        return self._space, self._action_space
 
     @property
     def num_lanes(self) -> int:
@@ -158,3 +177,7 @@ class TrackedWorld:
     def elapsed(self) -> IntArray:
         """See `World.elapsed`."""
         return self._tracker.elapsed
+
+    def abandon(self, lanes: IntArray) -> None:
+        """See `World.abandon`."""
+        self._tracker.abandon(lanes)
