@@ -10,12 +10,13 @@ from typing import Any
 from perdure.envs.errors import WorldError
 from perdure.envs.foreign import call
 from perdure.envs.gymnasium_world import GymnasiumWorld
-from perdure.envs.lanes import NEVER
 from perdure.envs.registry import is_task, make_world
 from perdure.envs.suites import GYMNASIUM_PREFIX
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import World
 
+NEVER = 2**62
+"""A step limit that is never reached."""
 KINDS = (
     "env must be a task (`perdure list`), a Gymnasium id, a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
