@@ -158,7 +158,6 @@ def test_an_episode_does_not_remember_how_the_one_before_it_went(case: Case) -> 
 
 
 @every_sample
-@pytest.mark.parametrize("case", [case for case in SAMPLE_CASES if "Place" not in case.id], indirect=True)
 def test_an_abandoned_lane_is_refused_until_it_is_reset_and_the_others_go_on(case: Case, world: World) -> None:
     actions = plan(world)
     world.reset()
@@ -176,6 +175,7 @@ def test_an_abandoned_lane_is_refused_until_it_is_reset_and_the_others_go_on(cas
     assert world.step(actions[2]).elapsed.tolist() == [3, 1, 3]
 
 
+@every_sample
 def test_impossible_lanes_are_refused(world: World) -> None:
     world.reset()
     for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1, [[0], [1, 2]]):

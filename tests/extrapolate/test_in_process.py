@@ -167,9 +167,9 @@ class TestEnvironments:
     @pytest.mark.parametrize(
         ("env", "error", "message"),
         [
-            ("Pendulum-v11", UnknownTask, "Did you mean gymnasium:Pendulum-v1"),
+            ("Pendulum-v11", UnknownTask, "Did you mean Pendulum-v1"),
             (gymnasium.make("Pendulum-v1"), WorldError, "give the function that builds it"),
-            (3, WorldError, "a Gymnasium id, a factory.*not int"),
+            (3, WorldError, "a Gymnasium id, a task.*a factory.*not int"),
             (lambda: 3, WorldError, "this function returned int"),
             (None, ExtrapolationError, "env is missing"),
             (gymnasium.make_vec("CartPole-v1", 2, "vector_entry_point"), WorldError, "ends episodes after 500 steps"),

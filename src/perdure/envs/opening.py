@@ -7,18 +7,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from perdure.envs.environment_id import task_of_environment
 from perdure.envs.errors import WorldError
 from perdure.envs.foreign import call
 from perdure.envs.gymnasium_world import GymnasiumWorld
-from perdure.envs.registry import is_task, make_world
-from perdure.envs.suites import GYMNASIUM_PREFIX
+from perdure.envs.registry import make_world
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import World
 
 NEVER = 2**62
 """A step limit that is never reached."""
 KINDS = (
-    "env must be a task (`perdure list`), a Gymnasium id, a factory (a function that returns a gymnasium.Env) or a "
+    "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
 )
 
@@ -56,8 +56,8 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
     """Open an environment for the time of a block. Step limits of its own are lifted.
 
     Args:
-        env: A task of `list_tasks`; a Gymnasium id, "module:Id" included; a factory, called once for each lane; or a
-            VectorEnv, whose lanes are used as they are, and which is neither closed nor left without its limit.
+        env: A name as `task_of_environment` reads it ("Hopper-v5", "envpool:Hopper-v5"); a factory, called once for
+            each lane; or a VectorEnv, whose lanes are used as they are. It is not closed, and gets its limit back.
         name: Of the task, in tables; by default the environment's own id.
 
     Raises:
@@ -67,7 +67,7 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
     from gymnasium.vector import VectorEnv
 
     if isinstance(env, str):
-        task = env if is_task(env) else f"{GYMNASIUM_PREFIX}{env}"
+        task = task_of_environment(env)
         yield OpenEnv(lambda seeds: make_world(task, seeds))
     elif any("envpool" in each.__module__ for each in type(env).__mro__):
         raise WorldError(f"{KINDS}; of EnvPool give the task's name, such as 'Hopper-v4', for a pool keeps its seeds")

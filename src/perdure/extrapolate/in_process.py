@@ -45,8 +45,8 @@ def extrapolate_policy(
 
     Args:
         policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, or its file.
-        env: A task of `perdure.list_tasks`, a Gymnasium id, a factory or a VectorEnv (`perdure.envs.open_env`); step
-            limits of its own are lifted. None: the task of a `Policy`.
+        env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
+            its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
         steps: How long each episode is asked to last.
         clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
             ``elapsed`` and ``horizon``.

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from perdure.policy.errors import PolicyError
 from perdure.policy.network import Perceptron, Weights
 from perdure.policy.policy_lanes import PolicyLanes
 from perdure.policy.reference import Reference
+from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +53,7 @@ class Normalizer:
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: the mean of the trained Gaussian, cut to the action box.
+    """A deterministic policy: the mean of the trained Gaussian, cut to the action box or squashed into it.
 
     Raises:
         PolicyError: If weights, normalizer and protocol do not fit together.
@@ -62,7 +64,7 @@ class Policy:
     """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value`` (unless it was left
     out, see :meth:`without_critic`), and ``log_std``."""
     activation: str
-    """"relu" or "tanh"."""
+    """Between layers; a name of `perdure.policy.activations.ACTIVATIONS`, such as "relu" or "tanh"."""
     normalizer: Normalizer
     protocol: HorizonProtocol
     clock: Clock | None = None
@@ -74,6 +76,8 @@ class Policy:
     end), so the critic's output times it is in reward units. None where it is not known."""
     reference: Reference | None = None
     """What the policy does within its training horizon; None where that was not measured."""
+    squash: TanhSquash | None = None
+    """How the network's output becomes an action: None cuts it to the action box."""
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit together."""
@@ -99,11 +103,29 @@ class Policy:
         scale = self.return_scale
         if scale is not None and not (isinstance(scale, int | float) and 0 < scale < math.inf):
             raise PolicyError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
+        if self.squash is not None and not np.isfinite(self._box).all():
+            raise PolicyError(f"{self.task.name}: a squashed output needs an action box with finite bounds")
         if self.reference is not None and len(self.reference.observation_low) != self.task.observation_size:
             raise PolicyError(
                 f"{self.task.name}: the reference has {len(self.reference.observation_low)} observation components, "
                 f"the task {self.task.observation_size}"
             )
+
+    @classmethod
+    def from_sb3(
+        cls,
+        path: str | Path,
+        env: str,
+        *,
+        normalizer: str | Path | None = None,
+        time_feature: str | None = None,
+        trust: bool = False,
+        measure: bool = True,
+    ) -> Policy:
+        """Return the policy in a Stable-Baselines3 zip; see `perdure.policy.readers.import_sb3`."""
+        from perdure.policy.readers import import_sb3
+
+        return import_sb3(path, env, normalizer=normalizer, time_feature=time_feature, trust=trust, measure=measure)
 
     @cached_property
     def _actor(self) -> Perceptron:
@@ -144,8 +166,8 @@ class Policy:
 
     def act_with(self, observations: ArrayLike, phi: FloatArray) -> FloatArray:
         """As :meth:`act`, with phi computed already (by :meth:`embed`), shape (n, embedding_size)."""
-        actions = self._actor(self.inputs(observations, phi)).astype(np.float64)
-        low, high = self._box
+        outputs, (low, high) = self._actor(self.inputs(observations, phi)), self._box
+        actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
         np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
 
