@@ -18,6 +18,7 @@ from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
 from perdure.policy import Actor, FunctionPolicy, Policy, TaskInfo, load_policy
+from perdure.policy.onnx import OnnxModel
 
 if TYPE_CHECKING:
     import polars as pl
@@ -44,7 +45,8 @@ def extrapolate_policy(
     has no identity that a later process could check; policy files go through `Extrapolation`, which resumes.
 
     Args:
-        policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, or its file.
+        policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, its file, or an
+            ONNX model, which needs an env.
         env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
             its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
         steps: How long each episode is asked to last.
@@ -66,7 +68,7 @@ def extrapolate_policy(
         PolicyError: If the policy does not fit the environment, or returns what is no action.
     """
     options = _Options(steps, clocks, eval_seeds, first_eval_seed, training_horizon, recurrent, name)
-    subject = load_policy(policy) if isinstance(policy, str | Path) else policy
+    subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(options.env_of(subject, env)) as source:
         actor = measured_actor(options.actor(subject, source), source)
         idle = idle_of(source)
@@ -76,6 +78,10 @@ def extrapolate_policy(
         return result
     result.write(out, command)
     return replace(result, path=Path(out) / TABLE)
+
+
+def _loaded(path: str | Path) -> Policy | OnnxModel:
+    return OnnxModel.load(path) if Path(path).suffix.lower() == ".onnx" else load_policy(path)
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,8 @@ class _Options:
             if self.recurrent or self.training_horizon is not None:
                 raise ExtrapolationError("recurrent and training_horizon are for functions; a Policy knows its own")
             return subject
+        if isinstance(subject, OnnxModel):
+            self.check_times(subject)
         if not callable(subject):
             raise ExtrapolationError(
                 f"policy must be a function of observations, a Policy or its file, not {type(subject).__name__}"
@@ -133,6 +141,15 @@ class _Options:
             float(self.training_horizon or spec.default_horizon),
             {"method": label, "seed": 0},
         )
+
+    def check_times(self, model: OnnxModel) -> None:
+        if model.times == ("elapsed",):
+            raise ExtrapolationError(
+                f"{model.__name__} has a running clock of its own; export it with a constant clock, or with none"
+            )
+        if bool(model.times) != (self.clocks is not None):
+            has = "a time-to-go input, so name clocks" if model.times else "no time-to-go input, so it takes no clocks"
+            raise ExtrapolationError(f"{model.__name__} has {has}")
 
     def label(self, subject: Any) -> str:
         if self.name is not None:

@@ -11,6 +11,7 @@
 | `closed_loop.py` | policies acting in a world, lane by lane |
 | `reference.py`, `measure.py` | what a policy does within its training horizon, and measuring it |
 | `files.py` | `save_policy`, `load_policy`: one safetensors file, refused when damaged |
+| `onnx/` | policies as ONNX models, and back |
 | `shipped.py` | policies that come with the package, by name |
 | `errors.py` | `PolicyError`, `PolicyFileError` |
 """
