@@ -11,6 +11,7 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
   perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
   perdure extrapolate POLICY...              run policies far beyond their training horizon, and report
   perdure import MODEL.zip --env ID          make a policy file of a Stable-Baselines3 model
+  perdure export POLICY policy.onnx          write a policy as an ONNX model
   perdure report TABLE                       make the report of an evaluation again
   perdure list tasks|methods|policies        what there is
   perdure inspect POLICY                     what is in a policy file
@@ -23,6 +24,7 @@ COMMANDS = {
     "train": "train",
     "extrapolate": "extrapolate",
     "import": "importing",
+    "export": "export",
     "report": "report",
     "list": "listing",
     "inspect": "inspect",

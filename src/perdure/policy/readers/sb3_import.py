@@ -18,11 +18,12 @@ from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.errors import PolicyError, PolicyFileError, PolicyWarning
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.measure import measure_reference
-from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
 from perdure.policy.readers.sb3_data import DOOR
 from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
 from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""
