@@ -30,6 +30,7 @@ autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
+napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 copybutton_prompt_text = "$ "
 
@@ -55,4 +56,5 @@ def setup(app: Any) -> None:
     reference = ROOT / "docs" / "reference"
     api_pages.write(reference / "api")
     cli_page.write(reference / "cli.md")
-    app.connect("autodoc-process-docstring", docstrings.process)
+    app.connect("autodoc-process-docstring", docstrings.plain_attribute, priority=400)  # before Napoleon
+    app.connect("autodoc-process-docstring", docstrings.process, priority=600)

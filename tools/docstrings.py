@@ -5,14 +5,23 @@ from __future__ import annotations
 import re
 from typing import Any
 
-SPAN = re.compile(r"(``.+?``|`[^`]+`)")
+SPAN = re.compile(r"(``(?:[^`]|`(?!`))+``|`[^`]+`)")
 NAME = re.compile(r"`(?:[A-Z]\w+|(?:\w+\.)+\w+)`")
 """A span that may be the name of something documented: a class, or a dotted path."""
+
+HIDDEN_COLON = "\ue000"
+"""Stands for a colon while Napoleon reads a text; a character for private use."""
 
 
 def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Rewrite the lines of one docstring in place; a handler of Sphinx's `autodoc-process-docstring`."""
-    lines[:] = spans(tables(lines))
+    lines[:] = spans(tables([line.replace(HIDDEN_COLON, ":") for line in lines]))
+
+
+def plain_attribute(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Keep Napoleon from reading the words before a colon as the type of an attribute."""
+    if what in ("attribute", "data", "property"):
+        lines[:] = [line.replace(":", HIDDEN_COLON) for line in lines]
 
 
 def spans(lines: list[str]) -> list[str]:
