@@ -58,3 +58,5 @@ def setup(app: Any) -> None:
     cli_page.write(reference / "cli.md")
     app.connect("autodoc-process-docstring", docstrings.plain_attribute, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", docstrings.process, priority=600)
+    app.connect("autodoc-process-signature", docstrings.signature)
+    app.connect("html-page-context", docstrings.short_arrays)

@@ -75,7 +75,11 @@ class Html(HTMLParser):
 
 def dead_links(folder):
     """Links and loaded files of a built site that are not there, or that need a network to load."""
-    pages = {path.resolve(): Html(path.read_text(errors="replace")) for path in sorted(folder.rglob("*.html"))}
+    pages = {
+        path.resolve(): Html(path.read_text(errors="replace"))
+        for path in sorted(folder.rglob("*.html"))
+        if "_static" not in path.parts
+    }
     for path, page in pages.items():
         where = path.relative_to(folder.resolve())
         yield from (f"{where} loads {each}" for each in page.loaded if re.match(r"(https?:)?//", each))

@@ -16,6 +16,21 @@ import docstrings
 
 import perdure
 
+FIRST = ("perdure", "horizon", "envs", "policy", "ppo", "extrapolate", "report", "runs")
+"""Parts of the package in the order of their pages; the others follow."""
+
+INDEX = """# Python API
+
+Each public name is documented once, on the page of the package that defines it. The names that most programs need can
+be imported from `perdure` itself.
+
+```{{toctree}}
+:maxdepth: 1
+
+{pages}
+```
+"""
+
 
 def public_packages() -> list[str]:
     """Return the names of all packages that have `__all__`, parents first."""
@@ -23,17 +38,18 @@ def public_packages() -> list[str]:
     return [name for name in found if hasattr(importlib.import_module(name), "__all__")]
 
 
-def owners(packages: list[str]) -> dict[int, str]:
-    """Return the package that documents each public object, by the object's id.
+def owners(packages: list[str]) -> dict[tuple[str, int], str]:
+    """Return the package that documents each public object, by its name and id: equal numbers share an id.
 
     That is the deepest package that offers it, or for a class or function the one that is nearest to its definition.
     """
-    owner: dict[int, str] = {}
+    owner: dict[tuple[str, int], str] = {}
     for package in packages:
         for name in importlib.import_module(package).__all__:
             value = getattr(importlib.import_module(package), name)
-            if id(value) not in owner or _nearness(value, package) >= _nearness(value, owner[id(value)]):
-                owner[id(value)] = package
+            key = name, id(value)
+            if key not in owner or _nearness(value, package) >= _nearness(value, owner[key]):
+                owner[key] = package
     return owner
 
 
@@ -42,14 +58,19 @@ def _nearness(value: Any, package: str) -> tuple[bool, int]:
     return home == package or home.startswith(f"{package}."), package.count(".")
 
 
-def page(package: str, owner: dict[int, str]) -> str:
+def _place(package: str) -> tuple[int, str]:
+    part = package.split(".")[:2][-1]
+    return (FIRST.index(part) if part in FIRST else len(FIRST)), package
+
+
+def page(package: str, owner: dict[tuple[str, int], str]) -> str:
     """Return the page of a package in Markdown, with its directives in reStructuredText."""
     module = importlib.import_module(package)
-    own = [name for name in module.__all__ if owner[id(getattr(module, name))] == package]
+    own = [name for name in module.__all__ if owner[name, id(getattr(module, name))] == package]
     others = [name for name in module.__all__ if name not in own]
     parts = [f".. automodule:: {package}\n   :no-members:\n"]
     if others:
-        links = [f"* :py:obj:`{name} <{owner[id(getattr(module, name))]}.{name}>`" for name in others]
+        links = [f"* :py:obj:`{name} <{owner[name, id(getattr(module, name))]}.{name}>`" for name in others]
         parts.append("Names documented with the package that defines them:\n\n" + "\n".join(links) + "\n")
     parts += [_entry(module, name) for name in own]
     return f"# {package}\n\n```{{eval-rst}}\n" + "\n".join(parts) + "```\n"
@@ -59,7 +80,8 @@ def _entry(module: ModuleType, name: str) -> str:
     value, target = getattr(module, name), f"{module.__name__}.{name}"
     if inspect.isclass(value) and value.__name__ == name:
         kind = "autoexception" if issubclass(value, BaseException) else "autoclass"
-        return f".. {kind}:: {target}\n   :members:\n   :show-inheritance:\n"
+        bases = "   :show-inheritance:\n" if value.__bases__ != (object,) else ""
+        return f".. {kind}:: {target}\n   :members:\n{bases}"
     if inspect.isroutine(value):
         return f".. autofunction:: {target}\n"
     text = constant_text(module, name) or "A constant."
@@ -95,6 +117,7 @@ def write(folder: Path) -> None:
     packages = public_packages()
     owner = owners(packages)
     pages = {f"{package}.md": page(package, owner) for package in packages}
+    pages["index.md"] = INDEX.format(pages="\n".join(sorted(packages, key=_place)))
     for path in folder.glob("*.md"):
         if path.name not in pages:
             path.unlink()

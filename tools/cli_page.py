@@ -34,6 +34,11 @@ def section(command: str, module: str) -> str:
     rows = [_row(action) for action in parser._actions if action.dest != "help"]
     usage = " ".join(["perdure", command, *(name for name, is_flag, *_ in rows if not is_flag), "[flags]"])
     lines = [f"## perdure {command}", "", _text(kind.__doc__ or ""), "", f"`{usage}`", ""]
+    if command == "train":
+        lines += [
+            "Task, method and preset decide the defaults of `--ppo.*`; `perdure train TASK --help` shows them.",
+            "",
+        ]
     if rows:
         lines += ["| argument | value | default | meaning |", "|---|---|---|---|"]
         lines += [

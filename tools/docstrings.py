@@ -6,9 +6,11 @@ import re
 from typing import Any
 
 SPAN = re.compile(r"(``(?:[^`]|`(?!`))+``|`[^`]+`)")
-NAME = re.compile(r"`(?:[A-Z]\w+|(?:\w+\.)+\w+)`")
-"""A span that may be the name of something documented: a class, or a dotted path."""
+NAME = re.compile(r"`(?:[A-Z]\w+|[a-z]+_\w+|(?:\w+\.)+\w+)`")
+"""A span that may be the name of something documented: a class, a function, or a dotted path."""
 
+ROLE = re.compile(r":\w+:$")
+"""What stands before a span that is reStructuredText already."""
 HIDDEN_COLON = "\ue000"
 """Stands for a colon while Napoleon reads a text; a character for private use."""
 
@@ -29,13 +31,34 @@ def spans(lines: list[str]) -> list[str]:
     text = "\n".join(lines)
     parts = SPAN.split(text)
     for number, part in enumerate(parts):
-        if number % 2:
+        if number % 2 and not ROLE.search(parts[number - 1]):
             after = parts[number + 1][:1]
             code = part if part.startswith("``") or NAME.fullmatch(part) else f"`{part}`"
             parts[number] = code + ("\\ " if after.isalnum() else "")
-        else:
+        elif number % 2 == 0:
             parts[number] = re.sub(r"(\*+)(?=\S)", lambda stars: "\\*" * len(stars[1]), part)
     return "".join(parts).split("\n")
+
+
+def signature(app: Any, what: str, name: str, obj: Any, options: Any, text: str | None, result: str | None) -> Any:
+    """Give a signature whose defaults are Python: `...` for what prints as `<factory>`.
+
+    A handler of Sphinx's `autodoc-process-signature`.
+    """
+    return text and re.sub(r"= ?<[^<>]*>", "=...", text), result
+
+
+_GAP = r"(?:<[^>]+>|\s)*"
+_ARRAY = re.compile(
+    _GAP.join(["ndarray", r"\[", "tuple", r"\[", "Any", ",", r"\.\.\.", r"\]", ",", "dtype", ""])
+    + rf"\[((?:[^][]|\[[^][]*\])+)\]{_GAP}\]"
+)
+
+
+def short_arrays(app: Any, page: str, template: str, context: dict[str, Any], tree: Any) -> None:
+    """Write `NDArray[...]` for an array of any shape, as the source does; a handler of `html-page-context`."""
+    if page.startswith("reference/api/") and "body" in context:
+        context["body"] = _ARRAY.sub(r'NDArray</span><span class="p"><span class="pre">[\1]', context["body"])
 
 
 def tables(lines: list[str]) -> list[str]:
