@@ -21,7 +21,7 @@ from home_tables import GROUPS
 from marks import put
 
 from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_cast
+from perdure.home.evaluate.page import read_assignment
 from perdure.home.evaluate.protocol import placing
 from perdure.home.evaluate.protocol.naming import read_arm
 from perdure.home.sim.objects import KINDS
@@ -42,7 +42,7 @@ SHAPES = ("apples", "cans", "bowls", "boxes")
 
 def placements(folder: Path) -> pl.DataFrame:
     """One row for each: its group of objects, its speed's interval, who let go, whether it stayed."""
-    records, _ = read_cast(sorted(folder.rglob("logs.parquet")))
+    records, _ = read_assignment(sorted(folder.rglob("logs.parquet")))
     found = analyze(records).placements.filter(split="eval")
     alone = {}
     for label in found["arm"].unique():

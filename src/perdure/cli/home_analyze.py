@@ -28,16 +28,18 @@ def main(args: list[str]) -> None:
     """``perdure home analyze``."""
     flags = parse(HomeAnalyze, args, "home analyze")
     from perdure.home.evaluate.outcomes import analyze
-    from perdure.home.evaluate.page import read_cast, write_page
+    from perdure.home.evaluate.page import read_assignment, write_page
 
     paths = log_files(flags.logs)
     if flags.out is not None:
         check_folder(flags.out)
-    records, cast = read_cast(paths)
+    records, assignment = read_assignment(paths)
     analysis = analyze(records)
     page = None
     if flags.out is not None:
-        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), cast, flags.formats)
+        page = write_page(
+            analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), assignment, flags.formats
+        )
     print(analysis.summary())
     if page is not None:
         print(f"\nReport: {page.resolve()}")

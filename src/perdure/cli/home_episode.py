@@ -63,7 +63,7 @@ def main(args: list[str]) -> None:
         from perdure.home.video import goal_marks, render_lane, save_picture
 
         world = World(1)
-        world.reset(0, episode_scene(episode, SceneOptions(looks=True)), pose)
+        world.reset(0, episode_scene(episode, SceneOptions(visuals=True)), pose)
         print(save_picture(render_lane(world.lane(0), flags.camera, flags.size, goal_marks(episode)), flags.render))
 
 

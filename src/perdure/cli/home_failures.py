@@ -48,13 +48,13 @@ def main(args: list[str]) -> None:
         print(f"no episode of these logs failed ({flags.counting})")
         return
     # Whatever is wrong is found out before anything runs: policies, other episodes, a machine that cannot draw.
-    casts = {failure.cast: failure for failure in drawn}
-    takes = {cast: take_again(failure, chosen) for cast, failure in casts.items()}
+    casts = {failure.assignment: failure for failure in drawn}
+    takes = {assignment: take_again(failure, chosen) for assignment, failure in casts.items()}
     _ = [failure.episode for failure in drawn]
     open_context(16, 16).free()
     others = 0
     for failure in drawn:
-        replay = run_again(failure, takes[failure.cast])
+        replay = run_again(failure, takes[failure.assignment])
         path = save_picture(failure_sheet(failure, replay), flags.out / failure.file_name)
         differs = replay.label != failure.label
         others += differs

@@ -81,19 +81,19 @@ def main(args: list[str]) -> None:
     """``perdure home run``."""
     flags = parse(HomeRun, args, "home run")
     from perdure.home.evaluate.outcomes import analyze
-    from perdure.home.evaluate.page import read_cast, write_page
+    from perdure.home.evaluate.page import read_assignment, write_page
     from perdure.home.evaluate.protocol import run_protocol
     from perdure.runs.progress import show_progress
 
     check_folder(flags.out)
     protocol = make_protocol(flags)
     for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
-        protocol.cast(train_seed)
+        protocol.assignment(train_seed)
     command = shlex.join(["perdure", "home", "run", *args])
     with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
         paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
-    records, cast = read_cast(paths)
+    records, assignment = read_assignment(paths)
     analysis = analyze(records)
-    page = write_page(analysis, flags.out / protocol.folder, command, cast)
+    page = write_page(analysis, flags.out / protocol.folder, command, assignment)
     print(analysis.summary())
     print(f"\nlogs: {flags.out}\nReport: {page.resolve()}")

@@ -48,37 +48,6 @@ def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
     return chosen
 
 
-def checked_horizons(horizons: npt.ArrayLike, chosen: IntArray) -> FloatArray:
-    """Horizons as one number per lane, or a sentence about what is wrong with them.
-
-    Args:
-        horizons: One number or shape (n,): whole and at least 1, or infinite.
-        chosen: Lane numbers, shape (n,).
-
-    Returns:
-        Shape (n,).
-
-    Raises:
-        WorldError: If they are not that.
-    """
-    try:
-        values = np.asarray(horizons, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise WorldError(f"horizons must be numbers of steps, got {horizons!r}.") from None
-    if values.ndim and values.shape != chosen.shape:
-        raise WorldError(
-            f"horizons must be one number or one per lane, shape {chosen.shape}, got shape {values.shape}."
-        )
-    values = np.broadcast_to(values, chosen.shape)
-    legal = (values >= 1) & (values == np.floor(values))  # NaN fails both, infinity passes both
-    if not legal.all():
-        worst = int(np.flatnonzero(~legal)[0])
-        raise WorldError(
-            f"A horizon is a whole number of steps, at least 1, or infinite; lane {chosen[worst]} got {values[worst]}."
-        )
-    return values
-
-
 def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) -> FloatArray:
     """Actions clipped to the task's box, in an array of our own.
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, sensors, succeeds
+from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, state, succeeds
 
 from perdure.home import HomeError
 from perdure.home.sim.world import ACTION_SIZE, FORWARD, STOP, TURN
 from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
 
-HELD = sensors(held=BOWL, object=[1.0, 0.0, 0.8])
+HELD = state(held=BOWL, object=[1.0, 0.0, 0.8])
 PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))
 """0.149 m from its goal, let go, the gripper 0.049 m from rest."""
 
@@ -86,18 +86,18 @@ def test_a_place_that_must_last_longer_may_take_longer():
     assert (Place().limit, Place(delta=30).limit) == (200, 230)
 
 
-PICKED = sensors(held=BOWL, **gripper_off(0.049))
+PICKED = state(held=BOWL, **gripper_off(0.049))
 
 
 def test_pick_succeeds_with_the_target_held_at_rest():
-    assert succeeds(Pick(), sensors(), PICKED)
+    assert succeeds(Pick(), state(), PICKED)
 
 
 @pytest.mark.parametrize(
     "off", [{"held": -1}, {"held": OTHER}, gripper_off(0.051)], ids=["empty", "another object", "not at rest"]
 )
 def test_pick_does_not_succeed_when_one_condition_is_off(off):
-    assert not succeeds(Pick(), sensors(), change(PICKED, **off))
+    assert not succeeds(Pick(), state(), change(PICKED, **off))
 
 
 HALF_PI = np.pi / 2.0
@@ -113,8 +113,8 @@ RANGES = [
 @pytest.mark.parametrize(("skill", "first", "last", "outside"), RANGES)
 def test_opening_and_closing_succeed_in_their_range_of_the_joint_only(skill, first, last, outside):
     for q in (first, last):
-        assert succeeds(skill(), sensors(link_position=q, **gripper_off(0.149)))
-    assert not succeeds(skill(), sensors(link_position=outside, **gripper_off(0.149)))
+        assert succeeds(skill(), state(link_position=q, **gripper_off(0.149)))
+    assert not succeeds(skill(), state(link_position=outside, **gripper_off(0.149)))
 
 
 @pytest.mark.parametrize(("skill", "q"), [(each[0], each[1]) for each in RANGES[1:]])
@@ -122,10 +122,10 @@ def test_opening_and_closing_succeed_in_their_range_of_the_joint_only(skill, fir
     "off", [{"held_link": DRAWER}, {"held": OTHER}, gripper_off(0.151)], ids=["handle", "object", "not at rest"]
 )
 def test_opening_and_closing_do_not_succeed_when_one_condition_is_off(skill, q, off):
-    assert not succeeds(skill(), sensors(link_position=q, **{**gripper_off(0.149), **off}))
+    assert not succeeds(skill(), state(link_position=q, **{**gripper_off(0.149), **off}))
 
 
-ARRIVED = sensors(way=0.099, facing_error=-0.249, stopped=True)
+ARRIVED = state(way=0.099, facing_error=-0.249, stopped=True)
 
 
 def test_navigate_succeeds_when_it_stops_near_the_region_turned_to_the_aim():
@@ -166,13 +166,13 @@ def test_the_executor_stops_place_without_looking_at_the_object():
 
 def test_the_executor_stops_pick_with_whatever_it_holds():
     wrong = change(PICKED, held=OTHER)
-    assert Pick().stop(wrong, course(Pick(), sensors(), wrong))[0]
+    assert Pick().stop(wrong, course(Pick(), state(), wrong))[0]
 
 
 def test_the_executor_stops_opening_only_after_the_gripper_was_away():
-    skill, done, away = OpenDrawer(), sensors(link_position=0.45), sensors(**gripper_off(0.31))
+    skill, done, away = OpenDrawer(), state(link_position=0.45), state(**gripper_off(0.31))
     assert not skill.stop(done, course(skill, done))[0]
-    assert not skill.stop(done, course(skill, sensors(**gripper_off(0.29)), done))[0]
+    assert not skill.stop(done, course(skill, state(**gripper_off(0.29)), done))[0]
     assert skill.stop(done, course(skill, away, done))[0]
 
 

@@ -164,8 +164,8 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     (failure,) = read_failures(hurried, "latched")
     options = failure.options
     assert (options.jaws, options.scene.rolling, options.scene.physics_hz) == ("apart", "drag", 240)
-    assert (options.settle_steps, *failure.cast[:3]) == (7, "set_table", "stop", -1)
-    assert set(dict(failure.cast[3]).values()) == {"oracle"}
+    assert (options.settle_steps, *failure.assignment[:3]) == (7, "set_table", "stop", -1)
+    assert set(dict(failure.assignment[3]).values()) == {"oracle"}
     replay = run_again(failure, take_again(failure, {}))
     assert replay.label == failure.label
     assert replay.record.events == failure.record.events

@@ -41,12 +41,12 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
         def __init__(self, episode, options, film, stack, watch):
             self.after_step = film
 
-    def perform(episode, film, seed, actors, skills):
+    def render_episode(episode, film, seed, actors, skills):
         for value in shown[actors]:
             film.add(flat(value))
 
     monkeypatch.setattr(beside, "Crew", Crew)
-    monkeypatch.setattr(beside, "perform", perform)
+    monkeypatch.setattr(beside, "render_episode", render_episode)
     takes = [Take(f"{side} title", "caption", side, {}) for side in shown]
     film_beside(episode, tmp_path / "film.gif", takes, FilmOptions(size=SIZE))
     film = Image.open(tmp_path / "film.gif")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.home.skills.actions import used, whole
 from perdure.policy import Policy
@@ -37,9 +37,11 @@ class Learned:
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
-        actions = self.policy.act(skill.observe(sensors, progress), progress.elapsed)
+        actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
         return whole(np.asarray(actions, dtype=np.float64), used(skill))
 
     def overtime(self, lane: int) -> bool:

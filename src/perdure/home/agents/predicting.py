@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.home.skills.actions import used, whole
 
@@ -37,9 +37,11 @@ class Predicting:
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """Nothing to remember."""
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`. HomeError if the function gives another shape than it must."""
-        actions = np.asarray(self.predict(skill.observe(sensors, progress)), dtype=np.float64)
+        actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
         columns = used(skill)
         shape = len(lanes), len(columns)
         if actions.shape != shape:

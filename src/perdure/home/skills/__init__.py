@@ -1,4 +1,4 @@
-"""The skills of the benchmark as pure functions over `Sensors`, one file each, and where a robot may stand for them.
+"""The skills of the benchmark as pure functions over `PrivilegedState`, one file each.
 
 Contents:
     get_skill, SKILLS        by name

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import Sensors
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world import PrivilegedState
+from perdure.home.sim.world.state import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
@@ -32,7 +32,7 @@ RETRACTED = 0.15
 """How near the gripper point must be to rest in [m] (M3: looser than after pick and place)."""
 
 
-_FACE = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axes {a}", "1", -1.0, 1.0) for a in "xy")
+_FACE = tuple(Element(f"face_{a}", f"which way the handle's face visuals, base axes {a}", "1", -1.0, 1.0) for a in "xy")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Articulated(Skill):
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
     knows_front: ClassVar[bool] = False
-    """Whether it is told which way the handle's face looks."""
+    """Whether it is told which way the handle's face visuals."""
 
     @property
     def elements(self) -> tuple[Element, ...]:
@@ -70,29 +70,31 @@ class Articulated(Skill):
             *(_FACE if self.knows_front else ()),
         )
 
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         columns = [
-            *proprioception(sensors),
-            closeness(sensors),
-            *point(sensors, sensors.handle),
-            (self.wanted - sensors.link_position)[:, None],
-            sensors.link_velocity[:, None],
-            holds_handle(sensors).astype(np.float64)[:, None],
+            *proprioception(state),
+            closeness(state),
+            *point(state, state.handle),
+            (self.wanted - state.link_position)[:, None],
+            state.link_velocity[:, None],
+            holds_handle(state).astype(np.float64)[:, None],
         ]
         if self.knows_front:
-            columns.append(facing(sensors, self.front(sensors)))
+            columns.append(facing(state, self.front(state)))
         return np.concatenate(columns, axis=1)
 
-    def front(self, sensors: Sensors) -> FloatArray:
-        """Which way the handle's face looks, in the room. Shape (n, 3)."""
-        return sensors.front
+    def front(self, state: PrivilegedState) -> FloatArray:
+        """Which way the handle's face visuals, in the room. Shape (n, 3)."""
+        return state.front
 
     def there(self, position: FloatArray) -> BoolArray:
         """Whether the drawer or door is where it should be. Shape (n,)."""
         raise NotImplementedError
 
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+    def terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
         approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
         moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
@@ -106,41 +108,41 @@ class Articulated(Skill):
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """It is where it should be, the hand is empty and within 0.15 m of rest."""
-        retracted = rest_distance(sensors) <= RETRACTED
-        done: BoolArray = self.there(sensors.link_position) & sensors.empty_hand & retracted
+        retracted = rest_distance(state) <= RETRACTED
+        done: BoolArray = self.there(state.link_position) & state.empty_hand & retracted
         return done
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
         """See `Skill.failure`."""
-        there = self.there(sensors.link_position)
+        there = self.there(state.link_position)
         return first_of(
-            ~sensors.empty_hand & ~holds_handle(sensors),
+            ~state.empty_hand & ~holds_handle(state),
             progress.released & ~progress.reached,
             progress.released & progress.reached & ~there,
-            invalid_grasp(sensors),
+            invalid_grasp(state),
             progress.force_sum > self.force_limit,
         )
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """The hand is empty and back near rest after it was more than 0.3 m away; M3 does not look at the joint."""
-        done: BoolArray = sensors.empty_hand & (rest_distance(sensors) <= RETRACTED) & progress.away
+        done: BoolArray = state.empty_hand & (rest_distance(state) <= RETRACTED) & progress.away
         return done
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        progress = super()._remember(progress, sensors)
-        holds = holds_handle(sensors)
+    def _remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+        progress = super()._remember(progress, state)
+        holds = holds_handle(state)
         grasped = progress.grasped | holds
         return replace(
             progress,
             grasped=grasped,
             released=progress.released | (grasped & ~holds),
-            reached=progress.reached | self.there(sensors.link_position),
+            reached=progress.reached | self.there(state.link_position),
         )
 
 
-def holds_handle(sensors: Sensors) -> BoolArray:
-    """Whether the errand's handle is held. Shape (n,)."""
-    holds: BoolArray = (sensors.link >= 0) & (sensors.held_link == sensors.link)
+def holds_handle(state: PrivilegedState) -> BoolArray:
+    """Whether the skill_goal's handle is held. Shape (n,)."""
+    holds: BoolArray = (state.link >= 0) & (state.held_link == state.link)
     return holds

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import Sensors
-from perdure.home.sim.world.sensors import turn
+from perdure.home.sim.world import PrivilegedState
+from perdure.home.sim.world.state import turn
 from perdure.home.skills.articulated import Articulated
 
 FloatArray = NDArray[np.float64]
@@ -19,7 +19,7 @@ BoolArray = NDArray[np.bool_]
 class CloseFridge(Articulated):
     """M3's success condition and reward.
 
-    An open door hides its handle from a robot in front of the fridge, so it is told which way the door looks.
+    An open door hides its handle from a robot in front of the fridge, so it is told which way the door visuals.
     """
 
     name = "close_fridge"
@@ -31,6 +31,6 @@ class CloseFridge(Articulated):
         there: BoolArray = np.abs(position - self.wanted) <= 0.15
         return there
 
-    def front(self, sensors: Sensors) -> FloatArray:
+    def front(self, state: PrivilegedState) -> FloatArray:
         """See `Articulated.front`: the hinge turns to the right as the door opens."""
-        return turn(super().front(sensors), -sensors.link_position)
+        return turn(super().front(state), -state.link_position)

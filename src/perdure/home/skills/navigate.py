@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, Sensors
+from perdure.home.sim.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, PrivilegedState
 from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill, first_of
 
@@ -53,47 +53,49 @@ class Navigate(Skill):
             *SCAN,
         )
 
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
-        aim = sensors.in_base(sensors.aim)
+        aim = state.in_base(state.aim)
         far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
         safe = np.maximum(far, 1e-9)
-        holding = (sensors.held >= 0).astype(np.float64)
-        ahead = sensors.in_base(sensors.waypoint)
+        holding = (state.held >= 0).astype(np.float64)
+        ahead = state.in_base(state.waypoint)
         columns = [aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe, holding]
-        columns += [ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)]
-        return np.concatenate([*proprioception(sensors), np.stack(columns, axis=1), sensors.scan], axis=1)
+        columns += [ahead[:, 0], ahead[:, 1], np.minimum(state.way, FAR)]
+        return np.concatenate([*proprioception(state), np.stack(columns, axis=1), state.scan], axis=1)
 
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+    def terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
         return {"way": DISTANCE_REWARD * (counted_way(before) - counted_way(after))}
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """The robot stops within 0.1 m of the region, turned to within 0.25 rad of what it should face (M3)."""
-        return sensors.stopped & _arrived(sensors)
+        return state.stopped & _arrived(state)
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
         """It stopped elsewhere, or slid on."""
-        return first_of(sensors.stopped & ~_arrived(sensors))
+        return first_of(state.stopped & ~_arrived(state))
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """It stopped, wherever that is."""
-        return sensors.stopped
+        return state.stopped
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Arm and gripper stay as they are; the map says that it has arrived where the action leaves that open."""
         masked = actions.copy()
         masked[:, ARM] = 0.0
         masked[:, GRIP] = 0.0
-        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(sensors), 1.0, actions[:, STOP])
+        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(state), 1.0, actions[:, STOP])
         return masked
 
 
-def _arrived(sensors: Sensors) -> BoolArray:
-    there: BoolArray = (sensors.way <= NEAR) & (np.abs(sensors.facing_error) <= FACING)
+def _arrived(state: PrivilegedState) -> BoolArray:
+    there: BoolArray = (state.way <= NEAR) & (np.abs(state.facing_error) <= FACING)
     return there
 
 
-def counted_way(sensors: Sensors) -> FloatArray:
+def counted_way(state: PrivilegedState) -> FloatArray:
     """The way to the region, as far as it counts: up to 0.05 m are none (M3). Shape (n,)."""
-    return np.where(sensors.way <= 0.05, 0.0, sensors.way)
+    return np.where(state.way <= 0.05, 0.0, state.way)

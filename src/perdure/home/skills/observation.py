@@ -6,20 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
-from perdure.home.sim.world import BEAMS, SCAN_RANGE, Sensors
+from perdure.home.sim.world import BEAMS, SCAN_RANGE, PrivilegedState
 from perdure.home.skills.skill import SECTOR_DEPTH, Element, Progress, rest_distance
 
 FloatArray = NDArray[np.float64]
 
 
-def proprioception(sensors: Sensors) -> list[FloatArray]:
+def proprioception(state: PrivilegedState) -> list[FloatArray]:
     """Arm, gripper and base as the robot's own encoders tell. 26 columns."""
-    lag = sensors.arm_target - sensors.arm
-    speed = sensors.base_velocity[:, [0, 2]]
-    to_rest = np.asarray(REST_POSITION) - sensors.gripper_in_base
-    rotation = unit(sensors.gripper_rotation)
+    lag = state.arm_target - state.arm
+    speed = state.base_velocity[:, [0, 2]]
+    to_rest = np.asarray(REST_POSITION) - state.gripper_in_base
+    rotation = unit(state.gripper_rotation)
     axes = [rotation[:, :, 0], rotation[:, :, 2]]
-    return [wound(sensors.arm), lag, speed, to_rest, rest_distance(sensors)[:, None], *axes]
+    return [wound(state.arm), lag, speed, to_rest, rest_distance(state)[:, None], *axes]
 
 
 def unit(axes: FloatArray) -> FloatArray:
@@ -69,12 +69,12 @@ CLOSENESS: tuple[Element, ...] = tuple(
 )
 
 
-def closeness(sensors: Sensors) -> FloatArray:
+def closeness(state: PrivilegedState) -> FloatArray:
     """1 where the base's rim touches something, 0 where nothing is within 1 m of it. Shape (n, SECTORS).
 
     A sector is 45 degrees wide, its neighbors overlap it by 15.
     """
-    ranges = sensors.scan
+    ranges = state.scan
     before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)
     nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
     felt: FloatArray = np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)
@@ -91,21 +91,21 @@ REACHING: tuple[Element, ...] = (
 )
 
 
-def reaching(sensors: Sensors, progress: Progress, force_limit: float) -> list[FloatArray]:
+def reaching(state: PrivilegedState, progress: Progress, force_limit: float) -> list[FloatArray]:
     """What reaching into furniture takes: how hard the arm pushes, and where the furniture is open. Shape (n, 4)."""
-    contact = np.log1p(sensors.contact_force / CONTACT_SCALE)
+    contact = np.log1p(state.contact_force / CONTACT_SCALE)
     spent = np.minimum(progress.force_sum / force_limit, 1.0)
-    return [contact[:, None], spent[:, None], facing(sensors, sensors.front)]
+    return [contact[:, None], spent[:, None], facing(state, state.front)]
 
 
-def facing(sensors: Sensors, directions: FloatArray) -> FloatArray:
+def facing(state: PrivilegedState, directions: FloatArray) -> FloatArray:
     """Horizontal unit vectors of the room along the base's x and y. Shape (n, 3) -> (n, 2)."""
-    return unit(sensors.turned_to_base(directions)[:, :2])
+    return unit(state.turned_to_base(directions)[:, :2])
 
 
-def seen_from_gripper(sensors: Sensors, points: FloatArray) -> FloatArray:
+def seen_from_gripper(state: PrivilegedState, points: FloatArray) -> FloatArray:
     """From the gripper point to points of the room, along the axes of the base. Shape (n, 3)."""
-    return sensors.turned_to_base(points - sensors.gripper)
+    return state.turned_to_base(points - state.gripper)
 
 
 def point_elements(name: str, what: str) -> tuple[Element, ...]:
@@ -116,6 +116,6 @@ def point_elements(name: str, what: str) -> tuple[Element, ...]:
     )
 
 
-def point(sensors: Sensors, points: FloatArray) -> list[FloatArray]:
+def point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
     """The columns of `point_elements`."""
-    return [seen_from_gripper(sensors, points), sensors.in_base(points)]
+    return [seen_from_gripper(state, points), state.in_base(points)]

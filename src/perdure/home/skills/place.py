@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import LIMITS
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import GRIP, Sensors
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world import GRIP, PrivilegedState
+from perdure.home.sim.world.state import norm
 from perdure.home.skills.observation import (
     CLOSENESS,
     PROPRIOCEPTION,
@@ -82,22 +82,24 @@ class Place(Skill):
             *((lasting,) if self.delta > 1 else ()),
         )
 
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
         columns = [
-            *proprioception(sensors),
-            closeness(sensors),
-            *point(sensors, sensors.goal),
-            sensors.turned_to_base(sensors.object - sensors.goal),
-            sensors.object_to_goal[:, None],
-            unit(sensors.turned_to_base(sensors.object_up)),
-            sensors.holds_target.astype(np.float64)[:, None],
+            *proprioception(state),
+            closeness(state),
+            *point(state, state.goal),
+            state.turned_to_base(state.object - state.goal),
+            state.object_to_goal[:, None],
+            unit(state.turned_to_base(state.object_up)),
+            state.holds_target.astype(np.float64)[:, None],
         ]
         if self.delta > 1:
             columns.append(np.minimum(progress.lasting / self.delta, 1.0)[:, None])
         return np.concatenate(columns, axis=1)
 
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+    def terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
         nearer = left_to_carry(before) - left_to_carry(after)
         retract = rest_distance(before) - rest_distance(after)
@@ -109,59 +111,59 @@ class Place(Skill):
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See the class."""
-        reached: BoolArray = (progress.lasting >= self.delta) & (rest_distance(sensors) <= RETRACTED)
+        reached: BoolArray = (progress.lasting >= self.delta) & (rest_distance(state) <= RETRACTED)
         return reached
 
-    def lacks(self, sensors: Sensors, progress: Progress) -> Mapping[str, BoolArray]:
+    def lacks(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `Skill.lacks`."""
         return {
             "not let go": ~progress.released,
             "object not in its goal": progress.lasting < 1,
             "object not long enough in its goal": progress.lasting < self.delta,
-            "gripper not at rest": rest_distance(sensors) > RETRACTED,
+            "gripper not at rest": rest_distance(state) > RETRACTED,
         }
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
         """A wrong drop is a first release outside the goal region."""
         just = progress.released & (progress.lasting == 0) & ~progress.reached
-        return first_of(just, invalid_grasp(sensors), progress.force_sum > self.force_limit)
+        return first_of(just, invalid_grasp(state), progress.force_sum > self.force_limit)
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """The hand is empty and back at rest, whatever the object does (M3); with Delta > 1 the count must run out."""
-        done = sensors.empty_hand & (rest_distance(sensors) < RETRACTED)
+        done = state.empty_hand & (rest_distance(state) < RETRACTED)
         if self.delta > 1:
             done &= progress.lasting >= self.delta
         return np.asarray(done)
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Place never grasps."""
         masked = actions.copy()
         masked[:, GRIP] = np.minimum(masked[:, GRIP], 0.0)
         return masked
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        progress = super()._remember(progress, sensors)
-        there = (sensors.object_to_goal <= GOAL_RADIUS) & (sensors.held != sensors.target)
-        grasped = progress.grasped | sensors.holds_target
+    def _remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+        progress = super()._remember(progress, state)
+        there = (state.object_to_goal <= GOAL_RADIUS) & (state.held != state.target)
+        grasped = progress.grasped | state.holds_target
         return replace(
             progress,
             grasped=grasped,
-            released=progress.released | (grasped & ~sensors.holds_target),
+            released=progress.released | (grasped & ~state.holds_target),
             lasting=np.where(there, progress.lasting + 1, 0),
             reached=progress.reached | there,
         )
 
 
-def left_to_carry(sensors: Sensors) -> FloatArray:
+def left_to_carry(state: PrivilegedState) -> FloatArray:
     """What the object still has to be carried in [m], shape (n,).
 
     The straight way to a goal below it; what a goal is above it counts apart, so that the object is lifted at once and
     not led against the edge of a shelf. With d = goal - object: |(d_x, d_y, min(d_z, 0))| + max(d_z, 0). OURS, M3 has
     |d|.
     """
-    to_goal = sensors.goal - sensors.object
+    to_goal = state.goal - state.object
     ahead = to_goal.copy()
     ahead[:, 2] = np.minimum(ahead[:, 2], 0.0)
     return np.asarray(norm(ahead) + np.maximum(to_goal[:, 2], 0.0))

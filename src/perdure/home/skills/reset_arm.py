@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
-from perdure.home.sim.world import ACTION_SIZE, ARM, Sensors
+from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
 from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
 from perdure.home.skills.skill import Element, Progress, Skill
 
@@ -36,27 +36,29 @@ class ResetArm(Skill):
         """See `Skill.elements`."""
         return PROPRIOCEPTION
 
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
         """See `Skill.observe`."""
-        return np.concatenate(proprioception(sensors), axis=1)
+        return np.concatenate(proprioception(state), axis=1)
 
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+    def terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
         """See `Skill.terms`."""
         return {}
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """All joints are within 0.05 rad of rest."""
-        done: BoolArray = np.abs(rest_error(sensors.arm)).max(axis=1) < DONE
+        done: BoolArray = np.abs(rest_error(state.arm)).max(axis=1) < DONE
         return done
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """The same."""
-        return self.success(sensors, progress)
+        return self.success(state, progress)
 
-    def act(self, sensors: Sensors) -> FloatArray:
+    def act(self, state: PrivilegedState) -> FloatArray:
         """Every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
-        actions = np.zeros((len(sensors), ACTION_SIZE))
-        actions[:, ARM] = np.clip(rest_error(sensors.arm_target) / FASTEST, -1.0, 1.0)
+        actions = np.zeros((len(state), ACTION_SIZE))
+        actions[:, ARM] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
         return actions
 
 

@@ -1,4 +1,4 @@
-"""What a skill is: pure functions over `Sensors` and `Progress`. The learner's environment and the executor drive them.
+"""What a skill is: pure functions over `PrivilegedState` and `Progress`. Environments and executor drive them.
 
 Nothing here keeps state: what a skill must remember is in `Progress`, which `begin` makes and `advance` renews. All
 functions work row by row, so a lane's result does not depend on its neighbors.
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import LIMITS, SkillName
 from perdure.home.sim.robot.data import BASE_RADIUS, REST_POSITION
-from perdure.home.sim.world import ARM_STEP, BASE_SPEED, Sensors
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world import ARM_STEP, BASE_SPEED, PrivilegedState
+from perdure.home.sim.world.state import norm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -100,7 +100,7 @@ class Skill(ABC):
     scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
     """How far its observation looks around the base in [m]; 0 for not at all. What is farther must not change the
     observation: an executor scans once for all skills, as far as the one that looks farthest."""
-    needs_rivals: ClassVar[bool] = False
+    needs_neighbors: ClassVar[bool] = False
     slack: ClassVar[float] = SLACK
     """What every step costs."""
     failures: ClassVar[tuple[str, ...]] = ("none", "invalid grasp", "excess force")
@@ -119,32 +119,34 @@ class Skill(ABC):
         """What the numbers of an observation are, in order."""
 
     @abstractmethod
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
         """Observations. Shape (n, len(elements))."""
 
     @abstractmethod
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
+    def terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
         """The reward of a step, term by term, without success, slack, force and failure. Each of shape (n,)."""
 
     @abstractmethod
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Whether the skill has reached its end. Shape (n,)."""
 
-    def lacks(self, sensors: Sensors, progress: Progress) -> Mapping[str, BoolArray]:
+    def lacks(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """What success still lacks, in words, most basic first; some is true where `success` is false. Each of (n,)."""
         return {}
 
     @abstractmethod
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Whether the executor goes on to the next skill: M3's stop rules, time-outs are its own affair. Shape (n,)."""
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Actions with what the skill forbids taken out. Shape (n, 11)."""
         return actions
 
-    def begin(self, sensors: Sensors) -> Progress:
+    def begin(self, state: PrivilegedState) -> Progress:
         """What is remembered at the first step."""
-        n, empty = len(sensors), np.zeros(len(sensors), dtype=bool)
+        n, empty = len(state), np.zeros(len(state), dtype=bool)
         fresh = Progress(
             elapsed=np.zeros(n, dtype=np.int64),
             grasped=empty,
@@ -152,24 +154,24 @@ class Skill(ABC):
             lasting=np.zeros(n, dtype=np.int64),
             reached=empty,
             away=empty,
-            force=counted_force(sensors),
+            force=counted_force(state),
             force_sum=np.zeros(n),
         )
-        return self._remember(fresh, sensors)
+        return self._remember(fresh, state)
 
-    def advance(self, progress: Progress, sensors: Sensors) -> Progress:
+    def advance(self, progress: Progress, state: PrivilegedState) -> Progress:
         """What is remembered one control step later."""
-        force = counted_force(sensors)
+        force = counted_force(state)
         rise = np.maximum(force - progress.force, 0.0)
         later = replace(progress, elapsed=progress.elapsed + 1, force=force, force_sum=progress.force_sum + rise)
-        return self._remember(later, sensors)
+        return self._remember(later, state)
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
+    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
         """Which failure ends the skill, 0 for none; the first of several in the order of `failures`. Shape (n,)."""
-        return first_of(invalid_grasp(sensors), progress.force_sum > self.force_limit)
+        return first_of(invalid_grasp(state), progress.force_sum > self.force_limit)
 
     def reward(
-        self, before: Sensors, after: Sensors, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
     ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
         """Reward of a step and its terms. Shape (n,) each."""
         terms = dict(self.terms(before, after, was, now))
@@ -183,9 +185,9 @@ class Skill(ABC):
             total = total + value
         return total, terms
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
+    def _remember(self, progress: Progress, state: PrivilegedState) -> Progress:
         """Skills renew their own part of the memory here."""
-        return replace(progress, away=progress.away | (rest_distance(sensors) > 0.3))
+        return replace(progress, away=progress.away | (rest_distance(state) > 0.3))
 
 
 def first_of(*conditions: BoolArray) -> IntArray:
@@ -196,18 +198,18 @@ def first_of(*conditions: BoolArray) -> IntArray:
     return result
 
 
-def rest_distance(sensors: Sensors) -> FloatArray:
+def rest_distance(state: PrivilegedState) -> FloatArray:
     """d_ee^r: distance of the gripper point from its rest position in [m]. Shape (n,)."""
-    return norm(sensors.gripper_in_base - np.asarray(REST_POSITION))
+    return norm(state.gripper_in_base - np.asarray(REST_POSITION))
 
 
-def invalid_grasp(sensors: Sensors) -> BoolArray:
+def invalid_grasp(state: PrivilegedState) -> BoolArray:
     """Whether what is held has been torn too far from the gripper. Shape (n,)."""
-    limit = np.where(sensors.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
-    invalid: BoolArray = ~sensors.empty_hand & (sensors.hold_error > limit)
+    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
+    invalid: BoolArray = ~state.empty_hand & (state.hold_error > limit)
     return invalid
 
 
-def counted_force(sensors: Sensors) -> FloatArray:
+def counted_force(state: PrivilegedState) -> FloatArray:
     """The contact force as far as it counts in [N]. Shape (n,)."""
-    return np.where(sensors.contact_force > FORCE_MARGIN, sensors.contact_force, 0.0)
+    return np.where(state.contact_force > FORCE_MARGIN, state.contact_force, 0.0)

@@ -20,8 +20,8 @@ from perdure.home.evaluate.protocol.protocol import Vary
 from perdure.home.skills import Skill
 from perdure.home.video.files import open_film
 from perdure.home.video.film import Crew, FilmOptions, Watch
-from perdure.home.video.perform import perform
 from perdure.home.video.reel import Reel
+from perdure.home.video.render_episode import render_episode
 from perdure.home.video.words import write_title
 
 Picture = NDArray[np.uint8]
@@ -64,7 +64,7 @@ def make_take(
         HomeError: If the arm, a skill or a file is none.
     """
     protocol = Protocol(task, place, episodes=1, vary=vary, policies=policies or {})
-    chosen = protocol.cast(train_seed)
+    chosen = protocol.assignment(train_seed)
     words = WORDS.get(place, f"trained to make objects stay for {protocol.placing.delta} steps")
     return Take(f"{place}: {words}", caption(chosen), make_actors(chosen, protocol.placing.arm), protocol.skills())
 
@@ -104,7 +104,7 @@ def film_beside(
         for take, reel in zip(takes, reels, strict=True):
             with ExitStack() as studio:
                 crew = Crew(episode, options, reel, studio, watch)
-                logs.append(perform(episode, crew.after_step, options.executor, take.actors, take.skills))
+                logs.append(render_episode(episode, crew.after_step, options.executor, take.actors, take.skills))
         for number in range(max(map(len, reels))):
             film.add(_side_by_side([_half(*each, number) for each in zip(takes, reels, strict=True)]))
     return logs

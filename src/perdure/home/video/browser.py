@@ -11,7 +11,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.sim.world import CONTROL_HZ, Lane, World
 from perdure.home.video.narrate import Narrator
-from perdure.home.video.perform import perform
+from perdure.home.video.render_episode import render_episode
 
 
 def serve_episode(
@@ -48,7 +48,7 @@ def serve_episode(
         shown = 0
         while rounds is None or shown < rounds:
             server.scene.reset()
-            perform(episode, _Broadcast(mjviser, server, speed, tell), ExecutorOptions(eval_seed=seed))
+            render_episode(episode, _Broadcast(mjviser, server, speed, tell), ExecutorOptions(eval_seed=seed))
             shown += 1
     finally:
         server.stop()

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from perdure.home.benchmark.tasks import Predicate
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import stage_steps
-from perdure.home.evaluate.outcomes.mechanisms import in_goal_since, release_offset, tilt
+from perdure.home.evaluate.outcomes.failure_causes import in_goal_since, release_offset, tilt
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.cameras import Shot
-from perdure.home.video.double import Double
 from perdure.home.video.film import tile
 from perdure.home.video.follow import Follower
 from perdure.home.video.marks import goal_marks
 from perdure.home.video.moments import condition_of, failed_run, moments
 from perdure.home.video.narrate import Narrator, Told
+from perdure.home.video.render_scene import RenderScene
 from perdure.home.video.replay import Failure, Replay
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip, write_title
@@ -61,7 +61,7 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     views = [_view(replay, found, condition, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     mark = goal_marks(episode)[found.target]
-    with Double(episode, failure.record.eval_seed) as double, Studio(double.lane, SIZE) as studio:
+    with RenderScene(episode, failure.record.eval_seed) as double, Studio(double.lane, SIZE) as studio:
         shots = _Camera(double).shots(states, [points for points, _ in views], found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
             double.put(state)
@@ -131,7 +131,7 @@ def _caption(replay: Replay, found: Label, condition: Predicate | None) -> str:
 class _Camera(Follower):
     """Looks from one direction in all pictures of a sheet, the one from which most is seen."""
 
-    def __init__(self, double: Double) -> None:
+    def __init__(self, double: RenderScene) -> None:
         super().__init__(double.lane)
         self._double = double
 

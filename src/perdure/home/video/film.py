@@ -20,7 +20,7 @@ from perdure.home.video.files import Film, open_film
 from perdure.home.video.follow import Follower
 from perdure.home.video.marks import goal_marks
 from perdure.home.video.narrate import Narrator
-from perdure.home.video.perform import focus, perform
+from perdure.home.video.render_episode import focus, render_episode
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip
 
@@ -78,7 +78,7 @@ def film_episode(
     options = options or FilmOptions()
     with open_film(path) as film, ExitStack() as stack:
         crew = Crew(episode, options, film, stack, watch)
-        return perform(episode, crew.after_step, options.executor)
+        return render_episode(episode, crew.after_step, options.executor)
 
 
 class Crew:
@@ -149,7 +149,7 @@ def contact_sheet(
                 pictures.append(operators[0].picture(world, narrator, math.inf))
             return told.seconds < options.seconds
 
-        log = perform(episode, after_step, options.executor)
+        log = render_episode(episode, after_step, options.executor)
     if not pictures:
         raise HomeError(f"the oracle reached no stage of {episode.name}: there is nothing to show")
     return tile(pictures, columns), log

@@ -1,4 +1,4 @@
-"""A camera that goes with the robot and looks from where robot, hand and target are best seen."""
+"""A camera that goes with the robot and visuals from where robot, hand and target are best seen."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REACH = 2.4
 STAY = 1.5
 """Score that a direction loses for each radian it is away from the present one."""
 PATIENCE = 0.5
-"""How long the camera keeps a wish before it looks around for a better one, in [s]."""
+"""How long the camera keeps a gripper_goal before it looks around for a better one, in [s]."""
 INERTIA = 0.6
 """Time constant in [s] of its way around what it looks at ..."""
 TRACKING = 0.12
@@ -38,7 +38,7 @@ class Follower:
         self._lane = lane
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
-        self._wish, self._age = np.zeros(2), np.inf
+        self._gripper_goal, self._age = np.zeros(2), np.inf
         self._partitions = _partition_geoms(lane)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
@@ -61,9 +61,9 @@ class Follower:
             points = [gripper, robot + np.array([0.0, 0.0, 0.3])]
             if focus is not None and near:
                 points.insert(0, focus)
-            self._wish, self._age = self._best(middle, distance, points, exclude), 0.0
+            self._gripper_goal, self._age = self._best(middle, distance, points, exclude), 0.0
         self._age += seconds
-        aim = np.array([*self._wish, distance])
+        aim = np.array([*self._gripper_goal, distance])
         if self._now is None:
             self._now, self._middle = aim, middle
         share = 1.0 - np.exp(-seconds / INERTIA)

@@ -11,7 +11,7 @@ from perdure.home.benchmark.tasks import AT, NOTHING, Predicate
 from perdure.home.evaluate.execute import EpisodeLog
 from perdure.home.evaluate.outcomes import EpisodeRecord, Label, placement
 from perdure.home.evaluate.outcomes.counting import blamed, latched
-from perdure.home.evaluate.outcomes.mechanisms import REST_MOVE, in_goal_since
+from perdure.home.evaluate.outcomes.failure_causes import REST_MOVE, in_goal_since
 from perdure.home.evaluate.outcomes.records import Release, Run
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.replay import Replay

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
-from perdure.home.sim.world import CONTROL_HZ, Sensors, World
+from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.home.video.marks import short_name
 
@@ -101,9 +101,11 @@ class _Heard:
         self._narrator.begins()
         self._actor.begin(world, lane, skill)
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
-        return self._actor.act(world, lanes, skill, sensors, progress)
+        return self._actor.act(world, lanes, skill, state, progress)
 
 
 def _facts(world: World, episode: Episode) -> WorldFacts:

@@ -53,7 +53,7 @@ class Failure:
         return episode
 
     @property
-    def cast(self) -> tuple[str, str, int, tuple[tuple[str, str], ...]]:
+    def assignment(self) -> tuple[str, str, int, tuple[tuple[str, str], ...]]:
         """Task, `place`, training seed and `policies`: failures of one cast share a `Take`, see `take_again`."""
         return self.record.task, read_arm(self.record.arm)[0], self.record.train_seed, self.policies
 
@@ -134,7 +134,7 @@ def take_again(failure: Failure, policies: Mapping[str, str]) -> Take:
     Raises:
         HomeError: If it is another simulator's arm, or a policy that is named is missing or another one now.
     """
-    task, place, train_seed, noted = failure.cast
+    task, place, train_seed, noted = failure.assignment
     return make_take(task, place, train_seed, {**logged_policies(dict(noted), policies), **policies})
 
 

@@ -1,4 +1,4 @@
-"""The placing arms: what each does between the wish to let go and the opening of the hand."""
+"""The placing arms: what each does between the gripper_goal to let go and the opening of the hand."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from perdure.home.sim.apartments import Pose, make_apartment
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.world import ACTION_SIZE, ARM, Errand, World, build_scene
+from perdure.home.sim.world import ACTION_SIZE, ARM, SkillGoal, World, build_scene
 from perdure.home.skills import Place
 
 GRIP = 9
@@ -28,7 +28,7 @@ class Hasty:
     def begin(self, world, lane, skill):
         pass
 
-    def act(self, world, lanes, skill, sensors, progress):
+    def act(self, world, lanes, skill, state, progress):
         self.asked += 1
         actions = np.zeros((len(lanes), ACTION_SIZE))
         actions[:, 0] = self.forward
@@ -65,23 +65,23 @@ def start(table, clearance=0.10, rotation=None):
     assert found.ok
     world = World(1)
     goal = tuple(float(v) for v in surface + np.array([0.0, 0.0, 0.088]))
-    world.reset(0, scene, base, found.arm, held=0, errand=Errand(0, goal))
+    world.reset(0, scene, base, found.arm, held=0, skill_goal=SkillGoal(0, goal))
     return world
 
 
 def play(world, actor, steps=250):
-    """Runs place with an actor until the hand is open; the sensors of every step."""
+    """Runs place with an actor until the hand is open; the state of every step."""
     skill = Place()
     lanes = np.array([0])
-    sensors = world.sense()
-    progress, seen = skill.begin(sensors), [sensors]
+    state = world.sense()
+    progress, seen = skill.begin(state), [state]
     actor.begin(world, 0, skill)
     for _ in range(steps):
-        action = skill.mask(actor.act(world, lanes, skill, sensors, progress), sensors)
+        action = skill.mask(actor.act(world, lanes, skill, state, progress), state)
         world.step(action)
-        sensors = world.sense()
-        progress = skill.advance(progress, sensors)
-        seen.append(sensors)
+        state = world.sense()
+        progress = skill.advance(progress, state)
+        seen.append(state)
         if progress.released[0]:
             return seen
     raise AssertionError("the hand never opened")
@@ -112,8 +112,8 @@ def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table,
 def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
     """The thesis assumes that the hand is right above the goal region."""
     world = start(table)
-    goal = np.add(world.errand(0).goal, (0.2, 0.0, 0.0))
-    world.assign(0, Errand(0, tuple(map(float, goal))))
+    goal = np.add(world.skill_goal(0).goal, (0.2, 0.0, 0.0))
+    world.assign(0, SkillGoal(0, tuple(map(float, goal))))
     actor = make_arm(name, Hasty(at=0))
     seen = play(world, actor)
     assert actor.outcomes == ["not above the goal"]
@@ -179,16 +179,16 @@ def test_at_the_time_out_the_object_goes_through_the_arm(table, name):
         return
     world = start(table)
     skill, lanes = Place(limited_to=5), np.array([0])
-    sensors = world.sense()
-    progress = skill.begin(sensors)
+    state = world.sense()
+    progress = skill.begin(state)
     actor.begin(world, 0, skill)
     for _ in range(200):
-        world.step(skill.mask(actor.act(world, lanes, skill, sensors, progress), sensors))
-        sensors = world.sense()
-        progress = skill.advance(progress, sensors)
-        if sensors.held[0] < 0:
+        world.step(skill.mask(actor.act(world, lanes, skill, state, progress), state))
+        state = world.sense()
+        progress = skill.advance(progress, state)
+        if state.held[0] < 0:
             break
-    assert sensors.held[0] < 0
+    assert state.held[0] < 0
     assert actor.outcomes
 
 

@@ -21,7 +21,7 @@ class Idle:
     def begin(self, world, lane, skill):
         pass
 
-    def act(self, world, lanes, skill, sensors, progress):
+    def act(self, world, lanes, skill, state, progress):
         return np.zeros((len(lanes), ACTION_SIZE))
 
     def overtime(self, lane):

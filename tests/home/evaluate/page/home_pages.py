@@ -40,8 +40,8 @@ def two_arms():
     return records("rl", four()) + records("ik", [good(index) for index in range(4)])
 
 
-def page_of(logs, folder, command="perdure home analyze logs", cast=None):
-    return write_page(analyze(logs), folder, command, cast).read_text()
+def page_of(logs, folder, command="perdure home analyze logs", assignment=None):
+    return write_page(analyze(logs), folder, command, assignment).read_text()
 
 
 def table(page, title):

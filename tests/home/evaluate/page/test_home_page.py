@@ -13,7 +13,7 @@ from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes import analyze, write_records
-from perdure.home.evaluate.page import PAGE, Cast, read_cast, words, write_page
+from perdure.home.evaluate.page import PAGE, PolicyAssignment, read_assignment, words, write_page
 from perdure.home.sim.objects import KINDS
 from perdure.runs import Store
 
@@ -210,8 +210,8 @@ class TestWhoActed:
             "command": "go 1",
         }
         path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), run)
-        logs, cast = read_cast([path])
-        page = page_of(logs, tmp_path, "go 2", cast)
+        logs, assignment = read_assignment([path])
+        page = page_of(logs, tmp_path, "go 2", assignment)
         acted = {each["skill"]: each["rl"] for each in table(page, "Who acted")}
         assert acted == {"place": "shipped x (SHA-256 12345678)", "pick": "scripted oracle"}
         assert "<pre>go 1</pre>" in page
@@ -222,19 +222,19 @@ class TestWhoActed:
             "here/unit", {"policies": {"place": "0123456789abcdef", "pick": "oracle"}}
         ) as work:
             write_records(work.folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
-        _, cast = read_cast([tmp_path / "here" / "unit" / "logs.parquet"])
-        (skills,) = cast.acting.values()
+        _, assignment = read_assignment([tmp_path / "here" / "unit" / "logs.parquet"])
+        (skills,) = assignment.acting.values()
         assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}
 
     @pytest.mark.parametrize("note", ["free text", "7", "[]"])
     def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):
         path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
         with pytest.raises(HomeError, match="must be a JSON object"):
-            read_cast([path])
+            read_assignment([path])
 
     def test_nothing_is_made_up(self, tmp_path, page):
         path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})
-        assert read_cast([path])[1] == Cast()
+        assert read_assignment([path])[1] == PolicyAssignment()
         assert row(page, "Who acted", "every skill")["rl"] == "not recorded"
 
 

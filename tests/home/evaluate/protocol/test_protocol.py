@@ -107,7 +107,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path = tmp_path / "place.safetensors"
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
     protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
-    unit = Job(protocol, next(parts(protocol)), protocol.cast(0), "").unit
+    unit = Job(protocol, next(parts(protocol)), protocol.assignment(0), "").unit
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
     with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
         run_part(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
@@ -178,7 +178,7 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     for seed in (0, 1):
         (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
     mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
-    first, second = (Protocol("set_table", vary="place", policies=mine).cast(seed) for seed in (0, 1))
+    first, second = (Protocol("set_table", vary="place", policies=mine).assignment(seed) for seed in (0, 1))
     assert (first.pop("place").source, second.pop("place").source) == tuple(
         str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
     )
@@ -187,9 +187,9 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     }
     assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
     with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
-        Protocol("set_table", vary="place").cast(9999)
+        Protocol("set_table", vary="place").assignment(9999)
     with pytest.raises(HomeError, match="training seed 9999"):
-        Protocol("set_table", policies=mine).cast(9999)
+        Protocol("set_table", policies=mine).assignment(9999)
 
 
 def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):

@@ -41,13 +41,13 @@ def drive(env, seeds, actions):
 
 def begin_at(env, *starts):
     """Lets the env's lanes begin at given starts, made from its first episode and the skill's first target."""
-    real, target = env.lessons, env.options.chosen_targets[0]
+    real, target = env.sampler, env.options.chosen_targets[0]
 
     def begin(world, lane, rng):
         put(world, lane, real.scene(0, target), starts[lane])
         return real.episodes[0]
 
-    env.lessons = SimpleNamespace(begin=begin, episodes=real.episodes, scene=real.scene)
+    env.sampler = SimpleNamespace(begin=begin, episodes=real.episodes, scene=real.scene)
     return env
 
 

@@ -23,7 +23,7 @@ def test_no_element_of_an_observation_is_constant(skill):
         oracle.begin(env.world, int(lane), env.skill)
     for _ in range(STEPS.get(skill, 90)):
         actions = rng.uniform(-1.0, 1.0, env.action_space.shape)
-        planned = oracle.act(env.world, clever, env.skill, env.sensors[clever], env.progress[clever])
+        planned = oracle.act(env.world, clever, env.skill, env.state[clever], env.progress[clever])
         actions[clever] = planned[:, : actions.shape[1]]
         observations, _, terminated, truncated, _ = env.step(actions)
         seen.append(observations)
@@ -42,7 +42,7 @@ def test_what_a_skill_does_not_look_at_does_not_change_what_it_sees(skill):
     """The executor scans once for all skills, as far as the one that looks farthest."""
     env = make(skill, "set_table", lanes=6, episodes=64)
     seen, _ = env.reset(seed=0)
-    known = env.world.sense(None, SCAN_RANGE, env.skill.needs_rivals)
+    known = env.world.sense(None, SCAN_RANGE, env.skill.needs_neighbors)
     np.testing.assert_array_equal(env.skill.observe(known, env.progress), seen)
     assert known.scan.max() == SCAN_RANGE
     assert (known.scan > 2.0).any()

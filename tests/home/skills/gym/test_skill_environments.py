@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 from lanes import LESSONS, drive, make, random_actions, rows
 
 from perdure.home import HomeError
-from perdure.home.skills.gym import HomeSkillEnv, LessonOptions, env_id, register
+from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id, register
 from perdure.home.skills.starts import STARTS
 
 STEPS, SEEDS = 25, (5, 6, 7)
@@ -209,7 +209,7 @@ class TestNames:
 )
 def test_options_that_make_no_sense_are_refused(options, word):
     with pytest.raises(HomeError, match=word):
-        LessonOptions(**options)
+        SkillEnvOptions(**options)
 
 
 def test_an_unknown_option_is_named():

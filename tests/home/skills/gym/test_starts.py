@@ -11,7 +11,7 @@ from perdure.home.sim.apartments import free_space
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import REST_POSITION, TORSO_HEIGHT
 from perdure.home.sim.world import ACTION_SIZE, SceneOptions, World
-from perdure.home.skills.gym.options import LessonOptions
+from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import STARTS, begin, touching
 from perdure.home.skills.starts.containers import goal_container, handle
 
@@ -66,7 +66,7 @@ def test_pick_and_place_begin_within_2_m_of_what_they_are_about_and_face_it(skil
 
 
 def test_half_the_robots_face_any_way_where_that_is_asked():
-    usual, wider = LessonOptions("place", "set_table"), LessonOptions("place", "set_table", any_heading=True)
+    usual, wider = SkillEnvOptions("place", "set_table"), SkillEnvOptions("place", "set_table", any_heading=True)
     assert usual.draw is STARTS["place"]
     turns = []
     for episode, target, _ in draws("place", "set_table", count=300):
@@ -75,7 +75,7 @@ def test_half_the_robots_face_any_way_where_that_is_asked():
     past = np.array([np.mean(np.array(turns) > limit) for limit in (0.5, np.pi / 2, 0.9 * np.pi)])
     np.testing.assert_allclose(past, 0.5 * (1.0 - np.array([0.5, np.pi / 2, 0.9 * np.pi]) / np.pi), atol=0.08)
     with pytest.raises(HomeError, match="any_heading is about place; pick"):
-        LessonOptions("pick", "set_table", any_heading=True)
+        SkillEnvOptions("pick", "set_table", any_heading=True)
 
 
 @pytest.mark.parametrize(("skill", "task"), LESSONS)
@@ -145,7 +145,7 @@ def test_drawers_are_opened_and_closed_from_in_front_of_the_handle(skill, x, y):
         assert x[0] - 0.2 <= ahead <= x[1] + 0.2
         assert abs(aside) <= y + 0.2
         assert abs(heading_error(start.base, point)) <= 0.5
-        np.testing.assert_allclose(start.errand.aim, point)
+        np.testing.assert_allclose(start.skill_goal.aim, point)
 
 
 def test_the_fridge_is_opened_and_closed_from_in_front_of_it():
@@ -175,19 +175,19 @@ def test_what_was_placed_lies_at_its_goal_when_its_container_is_closed():
 def test_navigation_begins_anywhere_and_carries_what_is_placed_next():
     seen = set()
     for episode, _, start in draws("navigate", "set_table", count=60):
-        seen.add(start.errand.toward)
-        assert start.held == (0 if start.errand.toward == "place" else -1)
+        seen.add(start.skill_goal.toward)
+        assert start.held == (0 if start.skill_goal.toward == "place" else -1)
         space = free_space(episode.apartment(), start.opened)
         assert space.is_free(np.array([[start.base.x, start.base.y]]))[0]
-        assert np.isfinite(start.errand.route.at(np.array([[start.base.x, start.base.y]]))).all()
+        assert np.isfinite(start.skill_goal.route.at(np.array([[start.base.x, start.base.y]]))).all()
     assert seen == {"open_drawer", "place", "close_drawer", "open_fridge", "pick", "close_fridge"}
 
 
 def test_navigation_finds_open_what_the_plan_opened_before():
     for episode, _, start in draws("navigate", "set_table", count=60):
         drawer = episode.container(0)
-        toward = start.errand.toward
-        bowl = start.errand.goal == episode.goals[0].position
+        toward = start.skill_goal.toward
+        bowl = start.skill_goal.goal == episode.goals[0].position
         expected = {
             "open_drawer": set(),
             "close_drawer": {drawer},
@@ -198,4 +198,4 @@ def test_navigation_finds_open_what_the_plan_opened_before():
         }[toward]
         assert set(start.opened) == expected
         if toward == "close_drawer":
-            np.testing.assert_allclose(start.errand.aim, handle(episode.apartment(), drawer, start.opened[drawer]))
+            np.testing.assert_allclose(start.skill_goal.aim, handle(episode.apartment(), drawer, start.opened[drawer]))

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.inverse_many import reach_many
 from perdure.home.sim.apartments import FreeSpace, Pose
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
-from perdure.home.sim.world.sensors import wrap
+from perdure.home.sim.world.state import wrap
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ CLOSE = 0.01
 
 
 @dataclass(frozen=True)
-class Wish:
+class GripperGoal:
     """A gripper pose that would do."""
 
     point: FloatArray
@@ -64,7 +64,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class ReachPlan:
-    """Where to stand, and arm poses from rest to the wish."""
+    """Where to stand, and arm poses from rest to the gripper_goal."""
 
     entry: Pose
     """Where the arm is brought from rest to its poses."""
@@ -88,21 +88,25 @@ class ReachPlan:
 
 
 def plan_reach(
-    ghost: Ghost, stands: Iterable[Pose], wishes: Sequence[Wish], firm: int = -1, checks: int = 200
+    query: CollisionQuery,
+    stands: Iterable[Pose],
+    gripper_goals: Sequence[GripperGoal],
+    firm: int = -1,
+    checks: int = 200,
 ) -> ReachPlan | None:
-    """The quickest way to fulfil a wish without touching anything; else the one that touches least.
+    """The quickest way to fulfil a gripper_goal without touching anything; else the one that touches least.
 
     Args:
-        ghost: The world.
+        query: The world.
         stands: Standing places.
-        wishes: Gripper poses, all upright or none.
+        gripper_goals: Gripper poses, all upright or none.
         firm: An object that must not be pushed aside (the one to be grasped).
         checks: Plans that are tested for touching, the quickest first.
 
     Returns:
         A plan, None when no standing place lets the arm reach.
     """
-    candidates = _reachable(ghost, list(stands), wishes)
+    candidates = _reachable(query, list(stands), gripper_goals)
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
     rest = np.array(REST_ARM)
@@ -115,18 +119,18 @@ def plan_reach(
             break
         entry = _behind(stand, back)
         if entry not in blocked:
-            blocked[entry] = ghost.depth(entry, rest, firm=firm)
-        worst = max(blocked[entry], ghost.depth(stand, end, firm=firm))
+            blocked[entry] = query.depth(entry, rest, firm=firm)
+        worst = max(blocked[entry], query.depth(stand, end, firm=firm))
         if best is not None and steps + DEPTH_COST * worst >= best.cost:
             continue
         if back > 0.0:
-            drive = [ghost.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
+            drive = [query.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
             worst = max(worst, *drive)
-        worst = max(worst, ghost.path_depth(entry, via, end, firm=firm, points=4))
+        worst = max(worst, query.path_depth(entry, via, end, firm=firm, points=4))
         if best is None or steps + DEPTH_COST * worst < best.cost:
-            worst = max(worst, ghost.path_depth(entry, rest, via, firm=firm, points=7))
+            worst = max(worst, query.path_depth(entry, rest, via, firm=firm, points=7))
         if worst == 0.0:  # between seven points there is room for a shelf
-            worst = ghost.path_depth(entry, rest, via, firm=firm, points=FINE)
+            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE)
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
@@ -136,32 +140,32 @@ def plan_reach(
 
 
 def plan_from_here(
-    ghost: Ghost,
+    query: CollisionQuery,
     base: Pose,
-    wishes: Sequence[Wish],
+    gripper_goals: Sequence[GripperGoal],
     point: FloatArray,
     firm: int = -1,
-    others: Callable[[], Sequence[Wish]] = tuple,
+    others: Callable[[], Sequence[GripperGoal]] = tuple,
 ) -> ReachPlan | None:
     """`plan_reach` from what one turn and one drive reach; when nothing is free from farther, in a fridge also finer.
 
     Args:
-        ghost: The world.
+        query: The world.
         base: Where the robot is.
-        wishes: As for `plan_reach`.
+        gripper_goals: As for `plan_reach`.
         point: What it faces. Shape (3,).
         firm: As for `plan_reach`.
-        others: Further wishes for the second look.
+        others: Further gripper_goals for the second look.
     """
-    found = [plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes, firm)]
+    found = [plan_reach(query, ahead(base, point, AHEAD, TURNS), gripper_goals, firm)]
     if found[0] is None or not found[0].free:
-        found.append(plan_reach(ghost, ahead(base, point, FARTHER_AHEAD, TURNS), wishes, firm))
-    if ghost.in_fridge(point) and not _any_free(found):
-        finer, wishes = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*wishes, *others()]
-        found.append(plan_reach(ghost, finer, wishes, firm, FINE_CHECKS))
+        found.append(plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals, firm))
+    if query.in_fridge(point) and not _any_free(found):
+        finer, gripper_goals = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*gripper_goals, *others()]
+        found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))
         if not _any_free(found):
-            farther = [replace(wish, back=FAR_BACK) for wish in wishes]
-            found.append(plan_reach(ghost, finer, farther, firm, FINE_CHECKS))
+            farther = [replace(gripper_goal, back=FAR_BACK) for gripper_goal in gripper_goals]
+            found.append(plan_reach(query, finer, farther, firm, FINE_CHECKS))
     return min((plan for plan in found if plan is not None), key=lambda plan: plan.cost, default=None)
 
 
@@ -174,10 +178,10 @@ def _behind(stand: Pose, back: float) -> Pose:
 
 
 def _reachable(
-    ghost: Ghost, stands: Sequence[Pose], wishes: Sequence[Wish]
+    query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
 ) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
-    """All standing places and wishes that inverse kinematics can join, the quickest first."""
-    pairs = [(s, w) for s in stands for w in wishes]
+    """All standing places and gripper_goals that inverse kinematics can join, the quickest first."""
+    pairs = [(s, w) for s in stands for w in gripper_goals]
     pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
     if not pairs:
         return []
@@ -198,7 +202,7 @@ def _reachable(
     if not len(rows):
         return []
     via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
-    now, found = ghost.lane.robot, []
+    now, found = query.lane.robot, []
     for row, middle, miss in zip(rows, via, via_way, strict=True):
         stand = pairs[row][0]
         turning = abs(float(wrap(np.array(stand.yaw - now[2]))))

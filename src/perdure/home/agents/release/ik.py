@@ -36,8 +36,8 @@ class Ik(HandOver):
         """See `HandOver.motion`."""
         if not (yield from stop_above_goal(held)):
             return
-        start = held.sensors.gripper_in_base[0].copy()
-        rotation = held.sensors.gripper_rotation[0].copy()
+        start = held.state.gripper_in_base[0].copy()
+        rotation = held.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
         if reach(end, held.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
             held.outcome = "out of reach"
@@ -48,7 +48,7 @@ class Ik(HandOver):
             wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
             yield hold_base(held, toward(held.arm, wanted - self._told(held), rotation=rotation))
         yield from stop(held)
-        if np.linalg.norm(held.sensors.gripper_in_base[0] - end) > OUT_OF_REACH:
+        if np.linalg.norm(held.state.gripper_in_base[0] - end) > OUT_OF_REACH:
             held.outcome = "blocked"
 
     @staticmethod

@@ -75,7 +75,7 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
 
 def touches(held: Held) -> bool:
     """Whether the object (or the hand) feels a contact."""
-    return bool(held.sensors.contact_force[0] > CONTACT)
+    return bool(held.state.contact_force[0] > CONTACT)
 
 
 def upright(rotation: FloatArray) -> FloatArray:

@@ -44,7 +44,7 @@ def settle(
     """
     import mujoco
 
-    spec = build_apartment(apartment, looks=False)
+    spec = build_apartment(apartment, visuals=False)
     spec.option.timestep = TIMESTEP
     names = [f"object_{k}" for k in range(len(placements))]
     for name, placement in zip(names, placements, strict=True):

@@ -18,10 +18,10 @@ from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
 from perdure.home.benchmark.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts, latched_stages
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute.log import Ending, EpisodeLog, Recorder, SkillRun
-from perdure.home.sim.world import ACTION_SIZE, Jaws, SceneOptions, Sensors, World
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
+from perdure.home.sim.world.state import norm
 from perdure.home.skills import Progress, Skill
-from perdure.home.skills.errands import make_errand
+from perdure.home.skills.skill_goals import make_skill_goal
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -144,7 +144,7 @@ class Executor:
             each = running[lane]
             assert each is not None
             assert each.current is not None
-            world.assign(lane, make_errand(each.episode, each.current, world.lane(lane)))
+            world.assign(lane, make_skill_goal(each.episode, each.current, world.lane(lane)))
             each.began = each.step
         for name, group in self._groups(np.array(lanes, dtype=np.int64), running).items():
             skill = self._skill(name)
@@ -169,17 +169,20 @@ class Executor:
         lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
         ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
-        reach, rivals = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
+        reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
         for name in groups:
             if self._actors[name].sees:
-                reach[rows[name]], rivals[rows[name]] = self._skills[name].scan_reach, self._skills[name].needs_rivals
-        known = world.sense(lanes, reach, rivals)
+                reach[rows[name]], neighbors[rows[name]] = (
+                    self._skills[name].scan_reach,
+                    self._skills[name].needs_neighbors,
+                )
+        known = world.sense(lanes, reach, neighbors)
         for name, group in groups.items():
             skill, actor = self._skills[name], self._actors[name]
-            sensors = known[rows[name]]
+            state = known[rows[name]]
             assert self._progress is not None
-            acted = actor.act(world, group, skill, sensors, self._progress[group])
-            actions[group] = skill.mask(acted, sensors)
+            acted = actor.act(world, group, skill, state, self._progress[group])
+            actions[group] = skill.mask(acted, state)
             speed[group], arm_step[group] = skill.base_speed, skill.arm_step
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
         everyone = world.sense(lanes)
@@ -197,14 +200,14 @@ class Executor:
         return {name: np.array(group) for name, group in groups.items()}
 
     def _after(
-        self, world: World, name: str, group: IntArray, sensors: Sensors, running: list[_Running | None]
+        self, world: World, name: str, group: IntArray, state: PrivilegedState, running: list[_Running | None]
     ) -> None:
         """Ends skills that stop or run out of time, and begins the next ones."""
         skill = self._skills[name]
         assert self._progress is not None
-        progress = skill.advance(self._progress[group], sensors)
+        progress = skill.advance(self._progress[group], state)
         self._progress = self._progress.put(group, progress)
-        stop, success = skill.stop(sensors, progress), skill.success(sensors, progress)
+        stop, success = skill.stop(state, progress), skill.success(state, progress)
         going_on = []
         for row, (lane, stopped, elapsed) in enumerate(
             zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
@@ -212,12 +215,12 @@ class Executor:
             each = running[lane]
             assert each is not None
             out_of_time = elapsed >= skill.limit
-            if out_of_time and sensors.holds_target[row] and elapsed < skill.limit + OVERTIME:
+            if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
                 out_of_time = not self._actors[name].overtime(lane)
             at_limit = each.step >= each.episode.home_task.max_steps
             if stopped or out_of_time or at_limit:
                 ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
-                forced = ending == "timed out" and name in HANDS_OPENED and not bool(sensors.empty_hand[row])
+                forced = ending == "timed out" and name in HANDS_OPENED and not bool(state.empty_hand[row])
                 if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
                     going_on.append(lane)
         if going_on:
@@ -238,7 +241,7 @@ class Executor:
             each.settling = 0
         return each.settling is None
 
-    def _record(self, world: World, lanes: IntArray, running: list[_Running | None], sensors: Sensors) -> None:
+    def _record(self, world: World, lanes: IntArray, running: list[_Running | None], state: PrivilegedState) -> None:
         everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
         count = len(everyone[0].episode.goals)
         poses, speeds = world.objects(lanes, count)
@@ -246,10 +249,10 @@ class Executor:
         speed = np.sqrt((speeds**2).sum(axis=2))
         active = np.array([len(each.done) if each.settling is None else len(each.plan) for each in everyone])
         table = Recorder.table(
-            *(poses[:, :, :3], held_target(sensors, count), opened(world, lanes, everyone), active),
-            *(sensors.base, sensors.gripper, up, speed, sensors.contact_force),
+            *(poses[:, :, :3], held_target(state, count), opened(world, lanes, everyone), active),
+            *(state.base, state.gripper, up, speed, state.contact_force),
         )
-        for row, (each, diverged) in enumerate(zip(everyone, sensors.diverged.tolist(), strict=True)):
+        for row, (each, diverged) in enumerate(zip(everyone, state.diverged.tolist(), strict=True)):
             if each.settling is None:
                 each.step += 1
             else:
@@ -281,10 +284,10 @@ class Executor:
         )
 
 
-def held_target(sensors: Sensors, targets: int) -> IntArray:
+def held_target(state: PrivilegedState, targets: int) -> IntArray:
     """Number of the target in the hand, NOTHING, or SOMETHING_ELSE. Shape (lanes,)."""
-    held = np.where((sensors.held >= 0) & (sensors.held < targets), sensors.held, NOTHING)
-    return np.where((held == NOTHING) & ~sensors.empty_hand, SOMETHING_ELSE, held)
+    held = np.where((state.held >= 0) & (state.held < targets), state.held, NOTHING)
+    return np.where((held == NOTHING) & ~state.empty_hand, SOMETHING_ELSE, held)
 
 
 def opened(world: World, lanes: IntArray, running: Sequence[_Running]) -> FloatArray:

@@ -18,6 +18,7 @@ from perdure.home.evaluate.outcomes.analysis import Analysis, analyze
 from perdure.home.evaluate.outcomes.convert import episode_hash, record_of
 from perdure.home.evaluate.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
 from perdure.home.evaluate.outcomes.differences import paired_difference
+from perdure.home.evaluate.outcomes.failure_causes import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.evaluate.outcomes.failures import COUNTINGS, Counting, Label, label, outcome
 from perdure.home.evaluate.outcomes.files import (
     noted_hand_overs,
@@ -28,7 +29,6 @@ from perdure.home.evaluate.outcomes.files import (
     write_records,
 )
 from perdure.home.evaluate.outcomes.history import History
-from perdure.home.evaluate.outcomes.mechanisms import MECHANISMS, Mechanism, placement, placement_mechanism
 from perdure.home.evaluate.outcomes.overlaps import Overlap, find_overlaps
 from perdure.home.evaluate.outcomes.records import (
     UNTRAINED,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from perdure.home.benchmark.tasks import Predicate, get_task
 from perdure.home.evaluate.outcomes.counting import blamed, latched, stages_stabilizing
-from perdure.home.evaluate.outcomes.mechanisms import MECHANISMS, Mechanism, failure_mechanism
+from perdure.home.evaluate.outcomes.failure_causes import MECHANISMS, Mechanism, failure_mechanism
 from perdure.home.evaluate.outcomes.placements import GROUP, IDENTITY
 from perdure.home.evaluate.outcomes.records import EpisodeRecord
 

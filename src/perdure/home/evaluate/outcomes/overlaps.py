@@ -86,7 +86,7 @@ def _pair_model(first: str, second: str, apple: AppleShape) -> tuple[Any, list[t
     import mujoco
 
     spec = mujoco.MjSpec()
-    objects = YcbObjects(looks=False, apple=apple)
+    objects = YcbObjects(visuals=False, apple=apple)
     for name, kind in (("first", first), ("second", second)):
         objects.add(spec, kind, name, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     model = spec.compile()

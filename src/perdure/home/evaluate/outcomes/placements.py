@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from perdure.home.evaluate.outcomes.counting import handled, stabilizing
-from perdure.home.evaluate.outcomes.mechanisms import (
+from perdure.home.evaluate.outcomes.failure_causes import (
     in_goal_since,
     placement,
     placement_mechanism,

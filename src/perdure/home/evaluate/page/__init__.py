@@ -6,13 +6,13 @@
     placements.py    figures: kinds of objects, cylinders (figure 2-5), how objects were let go
     tables.py        the same as numbers
     words.py         what figures call release strategies, worlds, stages, outcomes, objects
-    cast.py          who acted, from the files of logs
+    assignment.py          who acted, from the files of logs
     page.py          write_page
 
 It draws with `perdure.report`, which knows nothing of homes.
 """
 
-from perdure.home.evaluate.page.cast import Cast, read_cast
+from perdure.home.evaluate.page.assignment import PolicyAssignment, read_assignment
 from perdure.home.evaluate.page.page import PAGE, write_page
 
-__all__ = ["PAGE", "Cast", "read_cast", "write_page"]
+__all__ = ["PAGE", "PolicyAssignment", "read_assignment", "write_page"]

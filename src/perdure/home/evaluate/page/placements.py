@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.evaluate.outcomes.mechanisms import DROPPED_HEIGHT, THROWN_SPEED
+from perdure.home.evaluate.outcomes.failure_causes import DROPPED_HEIGHT, THROWN_SPEED
 from perdure.home.evaluate.page import words
 from perdure.home.evaluate.page.comparison import Comparison
 from perdure.report import theme, wording

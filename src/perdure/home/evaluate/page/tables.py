@@ -7,7 +7,7 @@ from itertools import combinations
 
 from perdure.home.evaluate.outcomes import COUNTINGS, UNTRAINED, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_EPISODE
-from perdure.home.evaluate.page.cast import Cast
+from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, percent
 from perdure.home.evaluate.page.failures import mode_counts, mode_labels
 from perdure.home.evaluate.page.success import WORDS
@@ -117,9 +117,9 @@ def release_table(comparison: Comparison) -> str:
     return document.table("At the release", headings, rows, "Median (10 % to 90 %).")
 
 
-def hand_over_table(comparison: Comparison, cast: Cast) -> str:
+def hand_over_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
     """How often each outcome of a release strategy came; nothing where no logs note it."""
-    counts = {arm: cast.hand_overs.get((comparison.task, comparison.split, arm), {}) for arm in comparison.arms}
+    counts = {arm: assignment.hand_overs.get((comparison.task, comparison.split, arm), {}) for arm in comparison.arms}
     outcomes = sorted({outcome for each in counts.values() for outcome in each})
     if not outcomes:
         return ""
@@ -128,12 +128,12 @@ def hand_over_table(comparison: Comparison, cast: Cast) -> str:
     return document.table("Release strategies: how the motion went", ("arm", *outcomes), rows, note)
 
 
-def cast_table(comparison: Comparison, cast: Cast) -> str:
+def assignment_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
     """Which policy acted in which skill."""
     task, split = comparison.task, comparison.split
     rows = []
-    for skill in cast.skills(task, split) or ["every skill"]:
-        names = [cast.acting.get((task, split, arm), {}).get(skill, ()) for arm in comparison.arms]
+    for skill in assignment.skills(task, split) or ["every skill"]:
+        names = [assignment.acting.get((task, split, arm), {}).get(skill, ()) for arm in comparison.arms]
         rows.append((skill, *(", ".join(map(_named, each)) or UNKNOWN for each in names)))
     note = "The scripted oracle knows the whole world; a learned policy sees what the skill's table says."
     return document.table("Who acted", ("skill", *comparison.arms), rows, note)

@@ -63,7 +63,7 @@ class Protocol:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
         return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
 
-    def cast(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
+    def assignment(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """What acts in each skill with the policies of a training seed; HomeError as for `choose_policies`."""
         everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.placing)
         if self.vary == "place" and train_seed > 0:

@@ -43,6 +43,6 @@ def run_protocol(
 
 def _jobs(protocol: Protocol, command: str) -> Iterator[Job]:
     """All parts; each training seed's policies are read once."""
-    policies = {seed: protocol.cast(seed) for seed in range(protocol.train_seeds)}
+    policies = {seed: protocol.assignment(seed) for seed in range(protocol.train_seeds)}
     for part in parts(protocol):
         yield Job(protocol, part, policies[part.train_seed], command)

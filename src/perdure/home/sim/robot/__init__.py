@@ -1,7 +1,7 @@
 """The Fetch: a robot of 121 kg that drives, lifts, reaches with seven joints and holds with two fingers.
 
 Contents:
-    add_fetch                       the robot in a MuJoCo specification, with servos, cameras and looks
+    add_fetch                       the robot in a MuJoCo specification, with servos, cameras and visuals
     gripper_pose, jacobian          forward kinematics in NumPy, for many robots at once
     reach, Reach                    inverse kinematics (mink)
     toward                          one small step of the gripper in a straight line, for many robots at once

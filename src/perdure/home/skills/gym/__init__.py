@@ -3,14 +3,14 @@
 Contents:
     perdure/HomePick-v0, HomePlace-v0, ...  what `gymnasium.make` and `make_vec` know after the import
     HomeSkillVectorEnv, HomeSkillEnv        many lanes over one world; one lane
-    LessonOptions                           their options
+    SkillEnvOptions                           their options
     HeadDepth, VectorHeadDepth              wrappers that add the head camera's depth image
     register, env_id                        the names
 """
 
 from typing import TYPE_CHECKING
 
-from perdure.home.skills.gym.options import LessonOptions
+from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.gym.register import SUITE, env_id, register
 from perdure.home.skills.gym.single import HomeSkillEnv
 from perdure.home.skills.gym.vector import HomeSkillVectorEnv
@@ -23,7 +23,7 @@ __all__ = [
     "HeadDepth",
     "HomeSkillEnv",
     "HomeSkillVectorEnv",
-    "LessonOptions",
+    "SkillEnvOptions",
     "VectorHeadDepth",
     "env_id",
     "register",

@@ -16,7 +16,7 @@ from perdure.home.skills.starts import ANY_HEADING, STARTS, Draw, train_pool
 
 
 @dataclass(frozen=True)
-class LessonOptions:
+class SkillEnvOptions:
     """Which skill is learned, and on what."""
 
     skill: str = "place"
@@ -92,10 +92,10 @@ class LessonOptions:
         return tuple(sorted({step.target for step in get_task(self.task).skills if step.skill == self.skill}))
 
 
-def checked_options(options: Mapping[str, Any]) -> LessonOptions:
+def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
     """Options by name; HomeError for names that do not exist."""
-    known = [each.name for each in fields(LessonOptions)]
+    known = [each.name for each in fields(SkillEnvOptions)]
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise HomeError(f"no option is named {', '.join(unknown)}; there are {', '.join(known)}")
-    return LessonOptions(**options)
+    return SkillEnvOptions(**options)

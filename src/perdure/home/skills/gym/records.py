@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import Sensors
+from perdure.home.sim.world import PrivilegedState
 
 IntArray = NDArray[np.int64]
 
 
-def put(sensors: Sensors, lanes: IntArray, fresh: Sensors) -> Sensors:
+def put(state: PrivilegedState, lanes: IntArray, fresh: PrivilegedState) -> PrivilegedState:
     """A copy in which some lanes are those of another record."""
     changed = {}
-    for each in fields(Sensors):
-        column = getattr(sensors, each.name).copy()
+    for each in fields(PrivilegedState):
+        column = getattr(state, each.name).copy()
         column[lanes] = getattr(fresh, each.name)
         changed[each.name] = column
-    return Sensors(**changed)
+    return PrivilegedState(**changed)
 
 
 def masked(info: dict[str, Any]) -> dict[str, Any]:

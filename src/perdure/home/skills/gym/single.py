@@ -17,7 +17,7 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
     """See `HomeSkillVectorEnv`; the same seed and actions give the same bits as a lane of it."""
 
     def __init__(self, **options: Any) -> None:
-        """Takes the fields of `LessonOptions`."""
+        """Takes the fields of `SkillEnvOptions`."""
         self.lanes = HomeSkillVectorEnv(1, threads=1, **options)
         self.observation_space = self.lanes.single_observation_space
         self.action_space = self.lanes.single_action_space

@@ -12,10 +12,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.home.skills.actions import used, whole
-from perdure.home.skills.gym.lessons import lessons
+from perdure.home.skills.gym.episode_sampler import episode_sampler
 from perdure.home.skills.gym.options import checked_options
 from perdure.home.skills.gym.records import masked, put
 
@@ -55,7 +55,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             max_episode_steps: Steps after which a lane is truncated, None for no limit.
             threads: Threads that simulate; the cores this process may use when None. No result depends on it.
             autoreset_mode: Who begins the next episode, see the class.
-            options: Fields of `LessonOptions`.
+            options: Fields of `SkillEnvOptions`.
 
         Raises:
             HomeError: If an option is unknown or does not fit the others.
@@ -63,7 +63,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self.options = checked_options(options)
         self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode), "render_modes": []}
         self.skill: Skill = self.options.make_skill()
-        self.lessons = lessons(self.options)
+        self.sampler = episode_sampler(self.options)
         self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
         self.world = World(num_envs, threads)
         self.diverged = np.zeros(num_envs, dtype=np.int64)
@@ -72,7 +72,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self._set_spaces()
         self._rng: list[np.random.Generator | None] = [None] * num_envs
         self._over = np.ones(num_envs, dtype=bool)
-        self._sensors: Sensors | None = None
+        self._state: PrivilegedState | None = None
         self._progress: Progress | None = None
 
     def reset(
@@ -94,8 +94,8 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         for number, one in enumerate(self._seeds(seed)):
             if mask[number] and (one is not None or self._rng[number] is None):
                 self._rng[number] = np.random.Generator(np.random.PCG64(one))
-        sensors, progress = self._begin(np.flatnonzero(mask))
-        return self.skill.observe(sensors, progress), {}
+        state, progress = self._begin(np.flatnonzero(mask))
+        return self.skill.observe(state, progress), {}
 
     def step(self, actions: FloatArray) -> Outcome:
         """One control step of all lanes.
@@ -107,21 +107,21 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             HomeError: If a lane has ended and was not reset, or an action has a wrong shape or is not finite.
         """
         mode, renewed = self.metadata["autoreset_mode"], self._over.copy()
-        if self._sensors is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
+        if self._state is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
             raise HomeError(f"lanes {np.flatnonzero(renewed).tolist()} have ended or never begun: reset them first")
         told = whole(self._checked(actions), self._columns)
         stepped = np.flatnonzero(~renewed)
         if renewed.any():
             self._begin(np.flatnonzero(renewed))
-        outcome = self._advance(self._sensors, self._progress, told, stepped)
+        outcome = self._advance(self._state, self._progress, told, stepped)
         return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
 
     @property
-    def sensors(self) -> Sensors:
+    def state(self) -> PrivilegedState:
         """What is known of all lanes now; HomeError before the first reset."""
-        if self._sensors is None:
+        if self._state is None:
             raise HomeError("nothing is known before the first reset")
-        return self._sensors
+        return self._state
 
     @property
     def progress(self) -> Progress:
@@ -134,34 +134,36 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         """Ends the threads."""
         self.world.close()
 
-    def _begin(self, lanes: IntArray) -> tuple[Sensors, Progress]:
+    def _begin(self, lanes: IntArray) -> tuple[PrivilegedState, Progress]:
         """Starts episodes in some lanes; what is then known of all lanes."""
         for lane in map(int, lanes):
             rng = self._rng[lane]
             assert rng is not None
-            self.lessons.begin(self.world, lane, rng)
-        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_rivals)
+            self.sampler.begin(self.world, lane, rng)
+        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_neighbors)
         begun = self.skill.begin(fresh)
-        if self._sensors is None or self._progress is None:
-            self._sensors, self._progress = fresh, begun
+        if self._state is None or self._progress is None:
+            self._state, self._progress = fresh, begun
         else:
-            self._sensors, self._progress = put(self._sensors, lanes, fresh), self._progress.put(lanes, begun)
+            self._state, self._progress = put(self._state, lanes, fresh), self._progress.put(lanes, begun)
         self._over[lanes] = False
-        return self._sensors, self._progress
+        return self._state, self._progress
 
-    def _advance(self, before: Sensors, was: Progress, told: FloatArray, lanes: IntArray) -> Outcome:
+    def _advance(self, before: PrivilegedState, was: Progress, told: FloatArray, lanes: IntArray) -> Outcome:
         """Steps some lanes; the others have just begun, which is an outcome without reward."""
         skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
         stepped[lanes] = True
         if len(lanes):
             legal = skill.mask(told, before)
             self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
-        after = self.world.sense(None, skill.scan_reach, skill.needs_rivals)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
         now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
-        self._sensors, self._progress = after, now
+        self._state, self._progress = after, now
         return self._outcome(before, after, was, now, stepped)
 
-    def _outcome(self, before: Sensors, after: Sensors, was: Progress, now: Progress, stepped: BoolArray) -> Outcome:
+    def _outcome(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress, stepped: BoolArray
+    ) -> Outcome:
         skill, diverged = self.skill, stepped & after.diverged
         sound = stepped & ~diverged
         rewards, terms = skill.reward(before, after, was, now)
@@ -185,9 +187,9 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         """Begins the next episode of lanes that have just ended."""
         last, rewards, terminated, truncated, info = outcome
         over = self._over.copy()
-        sensors, progress = self._begin(np.flatnonzero(over))
+        state, progress = self._begin(np.flatnonzero(over))
         final = {"final_obs": last, "_final_obs": over, "final_info": info, "_final_info": over}
-        return self.skill.observe(sensors, progress), rewards, terminated, truncated, {**info, **final}
+        return self.skill.observe(state, progress), rewards, terminated, truncated, {**info, **final}
 
     def _set_spaces(self) -> None:
         low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
@@ -208,7 +210,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool:
                 raise HomeError(f"reset_mask must be {self.num_envs} booleans, not {options['reset_mask']!r}")
-        if self._sensors is None and not mask.all():
+        if self._state is None and not mask.all():
             raise HomeError("the first reset must begin all lanes")
         return mask
 

@@ -11,8 +11,8 @@ from perdure.home.benchmark.tasks import SkillName
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import Errand
-from perdure.home.skills.errands import front
+from perdure.home.sim.world import SkillGoal
+from perdure.home.skills.skill_goals import front
 from perdure.home.skills.starts.arm import draw_arm
 from perdure.home.skills.starts.containers import handle, link_number
 from perdure.home.skills.starts.stand import Rectangle, stand_in
@@ -47,7 +47,7 @@ def start_at_handle(
     """
     apartment, link = episode.apartment(), container_of(episode, target)
     point = handle(apartment, link, opened.get(link, 0.0))
-    errand = Errand(
+    skill_goal = SkillGoal(
         0,
         episode.goals[target].position,
         link_number(apartment, link),
@@ -59,7 +59,7 @@ def start_at_handle(
     return Start(
         base=stand_in(apartment, *before, point, rng),
         arm=draw_arm(rng),
-        errand=errand,
+        skill_goal=skill_goal,
         opened=opened,
         moved=at_goal(episode, target) if closing else {},
     )

@@ -8,9 +8,9 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.apartments import Apartment, Geodesic
-from perdure.home.sim.world import Errand
+from perdure.home.sim.world import SkillGoal
 from perdure.home.skills import Aim, region
-from perdure.home.skills.errands import make_aim
+from perdure.home.skills.skill_goals import make_aim
 from perdure.home.skills.starts.arm import draw_arm
 from perdure.home.skills.starts.articulated import at_goal, container_of
 from perdure.home.skills.starts.containers import is_drawer, link_number
@@ -36,7 +36,7 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     return Start(
         base=stand_anywhere(apartment, opened, rng),
         arm=draw_arm(rng),
-        errand=Errand(0, episode.goals[target].position, link, toward, aim.point, route),
+        skill_goal=SkillGoal(0, episode.goals[target].position, link, toward, aim.point, route),
         opened=opened,
         held=0 if toward == "place" else -1,
         moved=at_goal(episode, target) if toward.startswith("close") else {},

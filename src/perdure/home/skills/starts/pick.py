@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
-from perdure.home.sim.world import Errand
-from perdure.home.skills.errands import front
+from perdure.home.sim.world import SkillGoal
+from perdure.home.skills.skill_goals import front
 from perdure.home.skills.starts.arm import draw_arm
 from perdure.home.skills.starts.containers import FRIDGE_DOOR, carried, draw_open
 from perdure.home.skills.starts.open_fridge import RECTANGLES
@@ -39,7 +39,7 @@ def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
     return Start(
         base=base,
         arm=draw_arm(rng),
-        errand=Errand(0, episode.goals[target].position, toward="pick", aim=point, front=facing),
+        skill_goal=SkillGoal(0, episode.goals[target].position, toward="pick", aim=point, front=facing),
         opened=opened,
         moved=carried(episode, target, opened),
     )

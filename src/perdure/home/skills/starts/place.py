@@ -9,8 +9,8 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.apartments import Pose
-from perdure.home.sim.world import Errand
-from perdure.home.skills.errands import front
+from perdure.home.sim.world import SkillGoal
+from perdure.home.skills.skill_goals import front
 from perdure.home.skills.starts.arm import draw_arm
 from perdure.home.skills.starts.containers import draw_open, goal_container
 from perdure.home.skills.starts.stand import stand_near
@@ -37,7 +37,7 @@ def _start(episode: Episode, target: int, rng: np.random.Generator, any_heading:
     return Start(
         base=base,
         arm=draw_arm(rng),
-        errand=Errand(0, goal, toward="place", aim=goal, front=facing),
+        skill_goal=SkillGoal(0, goal, toward="place", aim=goal, front=facing),
         opened=opened,
         held=0,
     )

@@ -12,7 +12,7 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import Errand, Lane, Scene, World
+from perdure.home.sim.world import Lane, Scene, SkillGoal, World
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Start:
     base: Pose
     arm: FloatArray
     """Joint angles. Shape (7,)."""
-    errand: Errand
+    skill_goal: SkillGoal
     opened: Mapping[str, float] = field(default_factory=dict)
     """Positions of drawers and doors by link name where they differ from the episode's."""
     held: int = -1
@@ -69,7 +69,7 @@ def begin(
 
 def put(world: World, lane: int, scene: Scene, start: Start) -> None:
     """Brings a lane to a start."""
-    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.errand)
+    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal)
     one = world.lane(lane)
     for number, placement in start.moved.items():
         address = scene.object_qpos[number]

@@ -84,5 +84,5 @@ def evaluate_skill(
 
 def _time_out(env: HomeSkillVectorEnv, lane: int) -> str:
     row = np.array([lane])
-    lacking = env.skill.lacks(env.sensors[row], env.progress[row])
+    lacking = env.skill.lacks(env.state[row], env.progress[row])
     return ", ".join(["time-out", *[what for what, is_so in lacking.items() if is_so[0]][:1]])

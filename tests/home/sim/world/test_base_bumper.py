@@ -10,7 +10,7 @@ from perdure.home.sim.apartments import Pose, plane
 from perdure.home.sim.apartments.footprint import footprints
 from perdure.home.sim.apartments.furniture import table_01
 from perdure.home.sim.world import World, build_scene, scene
-from perdure.home.sim.world.skirt import RADIUS
+from perdure.home.sim.world.base_bumper import RADIUS
 
 DENT = 0.015
 """How far a base of 121 kg gets into furniture that it runs against at 1.5 m/s, for a moment, in [m]."""
@@ -47,7 +47,7 @@ def test_nobody_gets_under_a_table(table, heading):
 
 
 def test_without_the_skirt_a_robot_does_get_under_it(table, monkeypatch):
-    monkeypatch.setattr(scene, "add_skirt", lambda spec, apartment: None)
+    monkeypatch.setattr(scene, "add_base_bumper", lambda spec, apartment: None)
     assert nearest(table, driven(table, 0.3 + 0.5 * np.pi)) < RADIUS - 0.1
 
 
@@ -59,11 +59,11 @@ def test_a_base_that_meets_an_edge_slantwise_slides_along_and_past_it(table):
     assert speed[5:-30].min() > 0.05
 
 
-def test_objects_doors_and_drawers_do_not_meet_the_skirt():
+def test_objects_doors_and_drawers_do_not_meet_the_base_bumper():
     model = episode_scene(load_episodes("set_table", "val").episodes[0]).model
-    skirt = model.geom("robot/skirt")
-    answering = {model.geom(k).name for k in range(model.ngeom) if model.geom_conaffinity[k] & int(skirt.contype[0])}
+    bumper = model.geom("robot/base_bumper")
+    answering = {model.geom(k).name for k in range(model.ngeom) if model.geom_conaffinity[k] & int(bumper.contype[0])}
     assert {"table_01/top", "fridge/back", "wall_0/slab"} <= answering
     moving = {model.geom(k).name for k in range(model.ngeom) if model.body_weldid[model.geom_bodyid[k]] != 0}
     assert not answering & moving
-    assert int(skirt.conaffinity[0]) == 0
+    assert int(bumper.conaffinity[0]) == 0

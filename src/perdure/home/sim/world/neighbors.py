@@ -15,31 +15,31 @@ from numpy.typing import NDArray
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import Lane
 from perdure.home.sim.world.scene import Scene
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world.state import norm
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-RIVALS = 2
+NEIGHBORS = 2
 """So many of the nearest are told of."""
 NEIGHBORHOOD = 0.5
 """How near the target an object must be to be told of, in [m]."""
 
 
-class Rivals(NamedTuple):
+class Neighbors(NamedTuple):
     """What stands around the targets of n lanes."""
 
     from_object: FloatArray
-    """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, RIVALS, 3)."""
+    """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
     distance: FloatArray
     """From the gripper point to the nearest other object in [m], inf without one. Shape (n,)."""
     handle_distance: FloatArray
     """From the gripper point to the nearest handle in [m], inf without one. Shape (n,)."""
 
 
-def no_rivals(n: int) -> Rivals:
+def no_neighbors(n: int) -> Neighbors:
     """Nothing around n targets."""
-    return Rivals(np.zeros((n, RIVALS, 3)), np.full(n, np.inf), np.full(n, np.inf))
+    return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
 
 
 class Surroundings:
@@ -48,18 +48,18 @@ class Surroundings:
     def __init__(self, lanes: int) -> None:
         """Knows no scene."""
         self._scenes: list[Scene | None] = [None] * lanes
-        self._middles = np.full((lanes, RIVALS + 1, 3), np.inf)
+        self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
         self._objects = np.zeros(lanes, dtype=np.int64)
         self._positions = np.zeros((lanes, 1))
         self._handles = Handles.none(lanes, 1)
 
-    def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Rivals:
+    def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
         """Looks around targets.
 
         Args:
             numbers: Numbers of the lanes. Shape (n,).
             lanes: The lanes themselves.
-            targets: Numbers of the objects; one that a scene does not have has no rivals but handles. Shape (n,).
+            targets: Numbers of the objects; one that a scene does not have has no neighbors but handles. Shape (n,).
             grippers: The gripper points in the room. Shape (n, 3).
         """
         for number, lane in zip(numbers.tolist(), lanes, strict=True):
@@ -69,7 +69,7 @@ class Surroundings:
             self._positions[number, : len(lane.scene.links)] = lane.links
         handles = self._handles[numbers].at(self._positions[numbers])
         handle_distance = norm((handles - grippers[:, None]).reshape(-1, 3)).reshape(len(numbers), -1).min(axis=1)
-        return Rivals(*self._around(numbers, targets, grippers), handle_distance)
+        return Neighbors(*self._around(numbers, targets, grippers), handle_distance)
 
     def _around(self, numbers: IntArray, targets: IntArray, grippers: FloatArray) -> tuple[FloatArray, FloatArray]:
         middles, rows = self._middles[numbers], np.arange(len(numbers))
@@ -81,7 +81,7 @@ class Surroundings:
         distance = norm((middles - grippers[:, None]).reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
         apart = middles - at[:, None]
         away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
-        nearest = np.argsort(away, axis=1, kind="stable")[:, :RIVALS]
+        nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
         near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
         return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
 

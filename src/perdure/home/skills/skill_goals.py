@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillName, SkillStep
-from perdure.home.sim.world import Errand, Lane
+from perdure.home.sim.world import Lane, SkillGoal
 from perdure.home.skills import Aim, region
 
 
-def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
-    """The errand of one step of the plan.
+def make_skill_goal(episode: Episode, step: SkillStep, lane: Lane) -> SkillGoal:
+    """The skill_goal of one step of the plan.
 
     Args:
         episode: The episode the lane runs; its targets are the first objects of the scene.
@@ -27,9 +27,9 @@ def make_errand(episode: Episode, step: SkillStep, lane: Lane) -> Errand:
     )
     goal = episode.goals[step.target].position
     if step.skill != "navigate":
-        return Errand(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
+        return SkillGoal(step.target, goal, link, toward, aim.point, front=front(episode, step.target, step.skill))
     space, cells = region(lane.scene.apartment, opened, aim)
-    return Errand(step.target, goal, link, toward, aim.point, space.distances(cells))
+    return SkillGoal(step.target, goal, link, toward, aim.point, space.distances(cells))
 
 
 def make_aim(episode: Episode, skill: SkillName, target: int, opened: Mapping[str, float]) -> Aim:

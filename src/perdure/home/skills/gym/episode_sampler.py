@@ -1,4 +1,4 @@
-"""Begins episodes of a lesson: draws episode, target and start, and keeps the scenes that were built."""
+"""Begins episodes: draws episode, target and start, and keeps the scenes that were built."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.world import Scene, World, build_scene
-from perdure.home.skills.gym.options import LessonOptions
+from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import begin
 
 
 @lru_cache(maxsize=8)
-def lessons(options: LessonOptions) -> Lessons:
-    """The lessons of these options, kept: a learner that builds its worlds anew finds its scenes again."""
-    return Lessons(options)
+def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
+    """Return the sampler of these options, kept: a learner that builds its worlds anew finds its scenes again."""
+    return EpisodeSampler(options)
 
 
-class Lessons:
+class EpisodeSampler:
     """Where lanes get their episodes from. What a lane gets depends on its own generator only."""
 
-    def __init__(self, options: LessonOptions) -> None:
+    def __init__(self, options: SkillEnvOptions) -> None:
         """Loads the episodes; with `train`, the very first time makes them, about a second for each."""
         self._options = options
         self.episodes = options.load()

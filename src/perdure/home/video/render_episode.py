@@ -18,13 +18,13 @@ from perdure.home.evaluate.execute.executor import Executor, ExecutorOptions
 from perdure.home.evaluate.execute.log import EpisodeLog
 from perdure.home.sim.world import Lane, World
 from perdure.home.skills import Skill, get_skill
-from perdure.home.video.double import Double
 from perdure.home.video.narrate import Narrator
+from perdure.home.video.render_scene import RenderScene
 
 FloatArray = NDArray[np.float64]
 
 Audience = Callable[[World, Lane, Narrator], bool]
-"""Called after every control step with the world, a double of its lane that has looks, and what is told.
+"""Called after every control step with the world, a double of its lane that has visuals, and what is told.
 
 The episode ends early when it returns False."""
 
@@ -36,7 +36,7 @@ class _EnoughError(Exception):
     """The audience has left."""
 
 
-def perform(
+def render_episode(
     episode: Episode,
     audience: Audience,
     options: ExecutorOptions | None = None,
@@ -68,7 +68,7 @@ def perform(
             raise _EnoughError
 
     executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.hear(cast), options)
-    with Double(episode, options.eval_seed) as double:
+    with RenderScene(episode, options.eval_seed) as double:
         try:
             return next(iter(executor.run([episode], watch)))
         except _EnoughError:
@@ -77,11 +77,11 @@ def perform(
 
 def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:
     """What a skill is about on lane 0: a point of the room, and the number of the object there (-1 for none)."""
-    sensors, errand = world.sense(np.array([0])), world.errand(0)
+    state, skill_goal = world.sense(np.array([0])), world.skill_goal(0)
     if skill == "reset_arm":
         return None, -1
     if skill == "pick":
-        return sensors.object[0], errand.target
+        return state.object[0], skill_goal.target
     if skill == "place":
-        return sensors.goal[0], errand.target
-    return (sensors.aim[0] if skill == "navigate" else sensors.handle[0]), -1
+        return state.goal[0], skill_goal.target
+    return (state.aim[0] if skill == "navigate" else state.handle[0]), -1

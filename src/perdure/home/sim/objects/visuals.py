@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from perdure.home.sim.objects.kinds import Kind
-from perdure.home.sim.objects.paint import PROUD, Color, Look, band, plate, rounded
+from perdure.home.sim.objects.paint import PROUD, Color, Visual, band, plate, rounded
 from perdure.home.sim.objects.shapes import CORNER, Piece
 
 COATS: dict[str, Color] = {
@@ -33,7 +33,7 @@ _BARK: Color = (0.30, 0.20, 0.11, 1.0)
 _GREEN: Color = (0.25, 0.48, 0.14, 1.0)
 
 
-def looks(kind: Kind) -> tuple[Look, ...]:
+def visuals(kind: Kind) -> tuple[Visual, ...]:
     """The parts of a kind that are only seen: its coat when it collides as something else, and its labels.
 
     The coats of bowl and apple are in `lathe`.
@@ -51,21 +51,21 @@ def looks(kind: Kind) -> tuple[Look, ...]:
     }
     labels = tuple(makers[kind.name](kind)) if kind.name in makers else ()
     if kind.shape == "cylinder":
-        return Look(Piece("cylinder", kind.half), COATS[kind.name]), *labels
+        return Visual(Piece("cylinder", kind.half), COATS[kind.name]), *labels
     if kind.shape == "rounded_box":
         return rounded(kind, "coat", 1.0, 0.0, COATS[kind.name]), *labels
     return labels
 
 
-def _tin_ends(kind: Kind) -> list[Look]:
+def _tin_ends(kind: Kind) -> list[Visual]:
     """The bare ends of a tin, and its two rims."""
     radius, half = kind.half[0], kind.half[2]
-    ends = Look(Piece("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
+    ends = Visual(Piece("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
     rim, over = 0.0025 / kind.size[2], PROUD / kind.size[2]
     return [ends, band(kind, -over, rim, _TIN), band(kind, 1.0 - rim, 1.0 + over, _TIN)]
 
 
-def _crackers(kind: Kind) -> list[Look]:
+def _crackers(kind: Kind) -> list[Visual]:
     """Red, a white field with a yellow stripe above, crackers below."""
     squares = [
         plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
@@ -80,7 +80,7 @@ def _crackers(kind: Kind) -> list[Look]:
     ]
 
 
-def _sugar(kind: Kind) -> list[Look]:
+def _sugar(kind: Kind) -> list[Visual]:
     """Yellow, a navy name on white, white ends."""
     return [
         plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
@@ -92,16 +92,16 @@ def _sugar(kind: Kind) -> list[Look]:
     ]
 
 
-def _soup(kind: Kind) -> list[Look]:
+def _soup(kind: Kind) -> list[Visual]:
     """Red above, white below, a gold medal where they meet."""
     disc = Piece("cylinder", (0.011, 0.0, kind.half[0] + PROUD), turn=math.pi / 2.0)
-    medal = Look(disc, _GOLD, (0.0, 1.0, 0.0))
+    medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
     return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
 
 
-def _coffee(kind: Kind) -> list[Look]:
+def _coffee(kind: Kind) -> list[Visual]:
     """Blue with a white band and a red stripe in it, a pale lid."""
-    lid = Look(Piece("cylinder", (0.96 * kind.half[0], 0.0, kind.half[2] + PROUD)), _CREAM)
+    lid = Visual(Piece("cylinder", (0.96 * kind.half[0], 0.0, kind.half[2] + PROUD)), _CREAM)
     return [
         band(kind, 0.34, 0.62, _WHITE),
         band(kind, 0.44, 0.52, _RED, out=2.0),
@@ -110,12 +110,12 @@ def _coffee(kind: Kind) -> list[Look]:
     ]
 
 
-def _tuna(kind: Kind) -> list[Look]:
+def _tuna(kind: Kind) -> list[Visual]:
     """Blue label, yellow stripe, bare ends."""
     return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
 
 
-def _pudding(kind: Kind) -> list[Look]:
+def _pudding(kind: Kind) -> list[Visual]:
     """Brown, a white name, a cream pudding."""
     return [
         plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
@@ -125,7 +125,7 @@ def _pudding(kind: Kind) -> list[Look]:
     ]
 
 
-def _gelatin(kind: Kind) -> list[Look]:
+def _gelatin(kind: Kind) -> list[Visual]:
     """Pink and red, a white name, a yellow spot."""
     return [
         plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58, 1.0)),
@@ -136,7 +136,7 @@ def _gelatin(kind: Kind) -> list[Look]:
     ]
 
 
-def _meat(kind: Kind) -> list[Look]:
+def _meat(kind: Kind) -> list[Visual]:
     """Blue, a yellow name, bare ends."""
     flat = 1.0 - CORNER / kind.half[0]
     return [
@@ -147,11 +147,11 @@ def _meat(kind: Kind) -> list[Look]:
     ]
 
 
-def _apple(kind: Kind) -> list[Look]:
+def _apple(kind: Kind) -> list[Visual]:
     """A stem in the dent of the shell, and a leaf."""
     radius = kind.half[0]
     leaf = Piece("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
     return [
-        Look(Piece("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
-        Look(leaf, _GREEN, (0.0, 1.0, 0.0)),
+        Visual(Piece("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
+        Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
     ]

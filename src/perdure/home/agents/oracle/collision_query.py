@@ -22,32 +22,32 @@ TOLERATED = 0.002
 """Depth in [m] up to which a touch is none."""
 
 
-class Ghost:
-    """A second set of data for a lane's model, the rest of the world as it is when the ghost is made."""
+class CollisionQuery:
+    """A second set of data for a lane's model, the rest of the world as it is when the query is made."""
 
     def __init__(self, lane: Lane) -> None:
-        """A ghost of the robot in this lane."""
+        """A query of the robot in this lane."""
         import mujoco
 
         self._mujoco = mujoco
         self.lane = lane
-        lane.search_all()  # where the ghost goes there may be what the robot cannot reach from here
+        lane.search_all()  # where the query goes there may be what the robot cannot reach from here
         self._data: Any = mujoco.MjData(lane.model)
         self._data.qpos[:] = lane.qpos
         self._start: FloatArray = np.array(lane.qpos)
         self._held = lane.held
 
     def open(self, link: int, position: float) -> None:
-        """Moves a drawer or door in the ghost's world."""
+        """Moves a drawer or door in the query's world."""
         self._start[self.lane.scene.link_qpos[link]] = position
 
     def handles(self) -> FloatArray:
-        """Handles of all drawers and doors in the ghost's world. Shape (links, 3)."""
+        """Handles of all drawers and doors in the query's world. Shape (links, 3)."""
         scene = self.lane.scene
         return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
 
     def position(self, link: int) -> float:
-        """How far a drawer or door is open in the ghost's world."""
+        """How far a drawer or door is open in the query's world."""
         return float(self._start[self.lane.scene.link_qpos[link]])
 
     def in_fridge(self, point: FloatArray) -> bool:

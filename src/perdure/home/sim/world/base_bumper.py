@@ -19,8 +19,8 @@ BIT = 4
 """Its collision bit; 1 and 2 are the robot's own (`perdure.home.sim.robot.shapes`)."""
 
 
-def add_skirt(spec: Any, apartment: Apartment) -> None:
-    """Puts the skirt around the base, and lets furniture and walls meet it, but for their drawers and doors.
+def add_base_bumper(spec: Any, apartment: Apartment) -> None:
+    """Puts the base bumper around the base, and lets furniture and walls meet it, but for their drawers and doors.
 
     It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
     contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.
@@ -37,7 +37,7 @@ def add_skirt(spec: Any, apartment: Apartment) -> None:
             if geom.contype:
                 geom.conaffinity |= BIT
     spec.body("robot").add_geom(
-        name="robot/skirt",
+        name="robot/base_bumper",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         pos=(0.0, 0.0, 0.5 * (CLIMB + REACH_UP)),
         size=(RADIUS, 0.5 * (REACH_UP - CLIMB) - RADIUS, 0.0),

@@ -17,7 +17,7 @@ ORACLE = "oracle"
 
 
 @dataclass(frozen=True)
-class Cast:
+class PolicyAssignment:
     """What acted in each skill, and which commands made the logs."""
 
     acting: Mapping[Group, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
@@ -32,7 +32,7 @@ class Cast:
         return list(dict.fromkeys(skill for skills in groups for skill in skills))
 
 
-def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeRecord], Cast]:
+def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeRecord], PolicyAssignment]:
     """Reads files of logs, and who acted in them: from their notes, else from the store's record beside them.
 
     Args:
@@ -56,8 +56,8 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
                 hand_overs.setdefault(group, Counter()).update(counts)
             for skill, name in policies.items():
                 acting.setdefault(group, {}).setdefault(skill, {})[name] = None
-    cast = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
-    return records, Cast(cast, tuple(commands), hand_overs)
+    assignment = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
+    return records, PolicyAssignment(assignment, tuple(commands), hand_overs)
 
 
 def _beside(path: Path) -> dict[str, str]:

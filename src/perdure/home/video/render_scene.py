@@ -1,7 +1,7 @@
-"""A double of a lane that has looks, for pictures only.
+"""A double of a lane that has visuals, for pictures only.
 
 What is only seen changes the last bits of the physics, and with them the course of an episode. So episodes run without
-looks, and the double is put where everything is.
+visuals, and the double is put where everything is.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
 from perdure.home.sim.world import SceneOptions, World
 
 
-class Double:
+class RenderScene:
     """Use it in a `with`."""
 
     def __init__(self, episode: Episode, eval_seed: int) -> None:
         """At the start of an episode."""
-        scene = episode_scene(episode, SceneOptions(looks=True))
+        scene = episode_scene(episode, SceneOptions(visuals=True))
         self._world = World(1, threads=1)
         self._world.reset(0, scene, start_pose(scene.apartment, episode, eval_seed))
         self.lane = self._world.lane(0)

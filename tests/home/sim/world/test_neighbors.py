@@ -5,7 +5,7 @@ from test_world import begin
 
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, World
-from perdure.home.sim.world.rivals import Surroundings
+from perdure.home.sim.world.neighbors import Surroundings
 
 
 def look_around(lane, target, gripper):

@@ -9,7 +9,7 @@ from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.sim.world import SceneOptions
 from perdure.home.skills import get_skill
-from perdure.home.video.perform import perform
+from perdure.home.video.render_episode import render_episode
 
 STEPS = 260
 """Until the first object is in the hand."""
@@ -31,7 +31,7 @@ def test_an_audience_changes_nothing():
         seen.append(double.data.site("gripper").xpos.copy())
         return len(shown) < STEPS
 
-    assert perform(episode, audience, ExecutorOptions(eval_seed=1, scene=SCENE)) is None
+    assert render_episode(episode, audience, ExecutorOptions(eval_seed=1, scene=SCENE)) is None
 
     alone = []
 

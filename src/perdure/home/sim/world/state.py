@@ -16,7 +16,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Errand:
+class SkillGoal:
     """What a lane is about: the object to pick or place, where it belongs, the handle to open or close."""
 
     target: int = 0
@@ -36,7 +36,7 @@ class Errand:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class PrivilegedState:
     """The state of n lanes. Room frame: x east, y north, z up; base frame: x forward, y left, z up from the floor.
 
     All lengths in [m], angles in [rad], speeds in [m/s] and [rad/s].
@@ -69,7 +69,7 @@ class Sensors:
     hold_error: FloatArray
     """Distance of what is held (object's middle or handle) from the gripper point, 0 with an empty hand. Shape (n,)."""
     target: IntArray
-    """The errand's object. Shape (n,)."""
+    """The skill_goal's object. Shape (n,)."""
     object: FloatArray
     """Its middle in the room. Shape (n, 3)."""
     object_up: FloatArray
@@ -79,7 +79,7 @@ class Sensors:
     goal: FloatArray
     """Where it belongs. Shape (n, 3)."""
     link: IntArray
-    """The errand's drawer or door, -1 when there is none. Shape (n,)."""
+    """The skill_goal's drawer or door, -1 when there is none. Shape (n,)."""
     handle: FloatArray
     """Its handle in the room, the room's origin when there is none. Shape (n, 3)."""
     link_position: FloatArray
@@ -93,19 +93,19 @@ class Sensors:
     waypoint: FloatArray
     """A point of that way half a meter ahead, on the floor; the base itself without one. Shape (n, 3)."""
     front: FloatArray
-    """Which way the errand's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
+    """Which way the skill_goal's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray
     """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
-    rivals: FloatArray
-    """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, RIVALS, 3)."""
-    rival_distance: FloatArray
-    """From the gripper point to the nearest object that is not the errand's, inf without one. Shape (n,)."""
+    neighbors: FloatArray
+    """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, NEIGHBORS, 3)."""
+    neighbor_distance: FloatArray
+    """From the gripper point to the nearest object that is not the skill_goal's, inf without one. Shape (n,)."""
     handle_distance: FloatArray
     """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
     stopped: BoolArray
-    """Whether the robot said in the last step that it has arrived; False when it got a new errand. Shape (n,)."""
+    """Whether the robot said in the last step that it has arrived; False when it got a new skill_goal. Shape (n,)."""
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray
@@ -115,9 +115,9 @@ class Sensors:
         """Number of lanes."""
         return len(self.torso)
 
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Sensors:
+    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> PrivilegedState:
         """Some of the lanes."""
-        return Sensors(*[getattr(self, name)[lanes] for name in _FIELDS])
+        return PrivilegedState(*[getattr(self, name)[lanes] for name in _FIELDS])
 
     @property
     def empty_hand(self) -> BoolArray:
@@ -127,14 +127,14 @@ class Sensors:
 
     @property
     def holds_target(self) -> BoolArray:
-        """Whether the gripper holds the errand's object. Shape (n,)."""
+        """Whether the gripper holds the skill_goal's object. Shape (n,)."""
         holds: BoolArray = self.held == self.target
         return holds
 
     @property
     def grasp_is_right(self) -> BoolArray:
-        """Whether the magic grasp would take nothing but the errand's object (see `Lane.grasp`). Shape (n,)."""
-        nearer = norm(self.object - self.gripper) < self.rival_distance
+        """Whether the magic grasp would take nothing but the skill_goal's object (see `Lane.grasp`). Shape (n,)."""
+        nearer = norm(self.object - self.gripper) < self.neighbor_distance
         right: BoolArray = nearer & (self.handle_distance > GRASP_RADIUS)
         return right
 
@@ -163,7 +163,7 @@ class Sensors:
         return np.concatenate([self.base[:, :2], np.zeros((len(self), 1))], axis=1)
 
 
-_FIELDS = tuple(each.name for each in fields(Sensors))
+_FIELDS = tuple(each.name for each in fields(PrivilegedState))
 
 
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
