@@ -165,3 +165,20 @@ def test_dead_links_of_a_site_are_found(tmp_path):
         "three.html loads https://x.y/z.js",
         "three.html -> none.png",
     ]
+
+
+def lost_files(text):
+    """Source files that a page names in code and that are not there."""
+    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`", text)
+    ours = {path.name for folder in (ROOT, ROOT / "src" / "perdure") for path in folder.iterdir()}
+    named = [each for each in named if each.split("/")[0] in ours]  # others are files of other projects
+    return [each for each in named if not any((ROOT / base / each).exists() for base in ("", "src", "src/perdure"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_source_files_that_a_page_names_exist(page):
+    assert lost_files(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)) == []
+
+
+def test_a_lost_source_file_is_found():
+    assert lost_files("`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py`") == ["ppo/gone.py"]
