@@ -201,12 +201,6 @@ class Policy:
 
     @property
     def observation_std(self) -> FloatArray:
-        """Standard deviation of each observation component in training, shape (observation_size,)."""
-        std: FloatArray = np.sqrt(self.normalizer.var[: self.task.observation_size])
-        return std
-
-    @property
-    def observation_std(self) -> FloatArray:
         """Standard deviation of each observation component in training, shape (observation_size,).
 
         A policy that sees raw observations does not know it. Its reference episodes stand in: the standard deviation of
