@@ -136,8 +136,8 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "no-steps-left-is-worse",
         "section 3.5.1",
-        "Unstable behavior is tied to the end of the episode: a policy that is always given 0 steps to go fails in more "
-        "episodes than under the chosen constant.",
+        "Unstable behavior is tied to the end of the episode: a policy that is always given 0 steps to go fails in "
+        "more episodes than under the chosen constant.",
         tasks=OURS,
         left=Condition("geometric", "constant:0"),
         right=CHOSEN,
@@ -241,7 +241,8 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "average-reward-beats-discounted-ppo",
         "our question",
-        "PPO on the average reward, which has no horizon to outlive, earns more over 100,000 steps than discounted PPO.",
+        "PPO on the average reward, which has no horizon to outlive, earns more over 100,000 steps than discounted "
+        "PPO.",
         tasks=OURS,
         left=Condition("ppo-average-reward"),
         right=PPO,
