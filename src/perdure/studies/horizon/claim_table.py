@@ -10,8 +10,8 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.studies.comparison import Difference
-from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, Claim, Condition
-from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, threshold
+from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
+from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
 
 HEAD = """# Claims
 
@@ -26,7 +26,8 @@ P(better): share of pairs of training runs in which the left side is greater, ti
 
 def claims_text(decided: Sequence[ClaimDecision]) -> str:
     """Return the page, in Markdown: an overview, then every claim with its comparisons."""
-    comparisons = sum(1 for each in decided for task in each.tasks if math.isfinite(task.p))
+    tests = [p for each in decided for p in p_values(each)]
+    comparisons = sum(1 for p in tests if math.isfinite(p))
     counts = Counter(each.decision for each in decided)
     summary = ", ".join(f"{number} {name}" for name, number in counts.most_common())
     parts = [HEAD.format(comparisons=comparisons, level=LEVEL)]
@@ -85,8 +86,14 @@ def _claim_text(each: ClaimDecision) -> str:
     rows = "".join(_task_line(claim, task) for task in each.tasks)
     columns = "| task | left | right | difference (95 % interval) | runs | P(better) | p, by Holm | decision |"
     table = f".\n\n{columns}\n|---|---|---|---|---|---|---|---|\n{rows}"
-    pooled = "" if each.pooled is None else f"\nMean over tasks, relative: {_interval(each.pooled)}.\n"
+    pooled = "" if each.pooled is None else _pooled_text(each, each.pooled)
     return f"{head}{table}{pooled}\nWhat would change it: {_would_change(each)}\n"
+
+
+def _pooled_text(each: ClaimDecision, pooled: Difference) -> str:
+    unit = "" if each.claim.measure in SHARES else ", each as a share of the right side's mean"
+    p = f"p {_p(each.pooled_p)}, by Holm {_p(each.adjusted_pooled_p)}"
+    return f"\nMean of the differences over tasks{unit}: {_interval(pooled)}, {p}.\n"
 
 
 def _task_line(claim: Claim, task: TaskDecision) -> str:
@@ -139,13 +146,15 @@ def _right_words(claim: Claim) -> str:
 
 
 def _says(claim: Claim) -> str:
-    margin = f" by more than {claim.margin:g}" if claim.margin else ""
+    absolute = claim.measure in SHARES or not isinstance(claim.right, Condition)
+    size = f"{claim.margin:g}" if absolute else f"{100.0 * claim.margin:g} % of the right side's mean"
+    more = f" by more than {size}" if claim.margin else ""
     words = {
-        "greater": f"is greater{margin}",
-        "less": f"is less{margin}",
-        "not less": f"is not less{margin}",
-        "differs": f"differs{margin}",
-        "same": f"is the same within {claim.margin:g}",
+        "greater": f"is greater{more}",
+        "less": f"is less{more}",
+        "not less": f"is not less{more}",
+        "differs": f"differs{more}",
+        "same": f"is the same within {size}",
     }[claim.direction]
     return (
         words
@@ -174,4 +183,4 @@ def _task_change(claim: Claim, task: TaskDecision) -> str:
         runs = max(found.n_left, found.n_right)
         needed = math.ceil(runs * (found.half / away) ** 2)
         return f"{task.task}: about {needed:,} training runs a side, if difference and spread stay as they are."
-    return f"{task.task}: a difference smaller by {wording.quantity(away - found.half)}, at this spread."
+    return f"{task.task}: undecided again if the difference shrank by {wording.quantity(away - found.half)}."

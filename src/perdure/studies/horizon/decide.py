@@ -34,8 +34,7 @@ class TaskDecision:
     @property
     def after_holm(self) -> Decision:
         """The decision that remains when all comparisons are counted."""
-        survives = self.decision not in ("supported", "contradicted") or self.adjusted_p <= LEVEL
-        return self.decision if survives else "undecided"
+        return _survivor(self.decision, self.adjusted_p)
 
 
 @dataclass(frozen=True)
@@ -48,19 +47,35 @@ class ClaimDecision:
     after_holm: Decision
     pooled: Difference | None = None
     """The mean over tasks, where the claim is about that."""
+    pooled_p: float = math.nan
+    adjusted_pooled_p: float = math.nan
+    """Of the mean over tasks, as those of `TaskDecision`."""
 
 
 def decide_claims(claims: Sequence[Claim], results: Results) -> list[ClaimDecision]:
     """Decide every claim; Holm's method counts the comparisons of all of them."""
     decided = [decide(claim, results) for claim in claims]
-    tests = [task for each in decided for task in each.tasks]
-    adjusted = iter(holm([task.p for task in tests]))
-    found = []
-    for each in decided:
-        tasks = tuple(replace(task, adjusted_p=next(adjusted)) for task in each.tasks)
-        after = combine(each.claim, [task.after_holm for task in tasks]) if each.pooled is None else each.decision
-        found.append(replace(each, tasks=tasks, after_holm=after))
-    return found
+    tests = [p for each in decided for p in p_values(each)]
+    adjusted = iter(holm(tests))
+    return [_count_all(each, [next(adjusted) for _ in p_values(each)]) for each in decided]
+
+
+def p_values(each: ClaimDecision) -> list[float]:
+    """Return what a claim is decided by: one mean over tasks, or one comparison for each task."""
+    return [each.pooled_p] if each.claim.over == "mean" else [task.p for task in each.tasks]
+
+
+def _count_all(each: ClaimDecision, adjusted: Sequence[float]) -> ClaimDecision:
+    if each.claim.over == "mean":
+        after = _survivor(each.decision, adjusted[0])
+        return replace(each, after_holm=after, adjusted_pooled_p=adjusted[0])
+    tasks = tuple(replace(task, adjusted_p=p) for task, p in zip(each.tasks, adjusted, strict=True))
+    return replace(each, tasks=tasks, after_holm=combine(each.claim, [task.after_holm for task in tasks]))
+
+
+def _survivor(decision: Decision, adjusted_p: float) -> Decision:
+    decided = decision in ("supported", "contradicted")
+    return "undecided" if decided and not adjusted_p <= LEVEL else decision
 
 
 def decide(claim: Claim, results: Results) -> ClaimDecision:
@@ -69,8 +84,10 @@ def decide(claim: Claim, results: Results) -> ClaimDecision:
     tasks = tuple(_decide_task(claim, task, right, results) for task, right in zip(claim.tasks, rights, strict=True))
     if claim.over == "mean":
         pooled = mean_over_tasks(claim, [task.difference for task in tasks])
-        decision: Decision = "not evaluated" if pooled is None else by_interval(claim, pooled, claim.margin)
-        return ClaimDecision(claim, tasks, decision, decision, pooled)
+        if pooled is None:
+            return ClaimDecision(claim, tasks, "not evaluated", "not evaluated")
+        decision = by_interval(claim, pooled, claim.margin)
+        return ClaimDecision(claim, tasks, decision, decision, pooled, pooled.p(threshold(claim, pooled, claim.margin)))
     decision = combine(claim, [task.decision for task in tasks])
     return ClaimDecision(claim, tasks, decision, decision)
 

@@ -30,6 +30,9 @@ SHOWN = (
     Condition("geometric-fixed", "chosen"),
 )
 
+COLORS = {"holds": 2, "decays": 4, "fails silently": 3, "falls": 1, "diverges": 6, "never worked": 7, "cannot tell": 5}
+"""Verdict to its place among the colors of `theme.style`."""
+
 
 def verdict_figures(results: Results) -> Iterator[Figure]:
     """Return one figure for each setting: what became of the episodes of each method."""
@@ -69,7 +72,7 @@ def _stacked(shares: pl.DataFrame) -> alt.LayerChart:
 
     names = shares["method"].unique(maintain_order=True).to_list()
     shown = [verdict for verdict in VERDICTS if shares.filter(pl.col("verdict") == verdict)["share"].sum() > 0]
-    colors = [theme.style(VERDICTS.index(verdict)).color for verdict in shown]
+    colors = [theme.style(COLORS[verdict]).color for verdict in shown]
     rows = [
         {**row, "share": float(f"{row['share']:.6g}"), "order": VERDICTS.index(row["verdict"])}
         for row in shares.iter_rows(named=True)
