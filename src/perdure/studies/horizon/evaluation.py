@@ -16,6 +16,8 @@ from perdure.studies.study import Count, How
 
 TABLE = "lanes.parquet"
 GROUPS = "groups"
+START_SECONDS = 4.0
+"""What starting processes takes."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class EvaluateRow:
 
     def seconds(self, speed: float) -> float:
         """See `Step`; acting costs a quarter of a lane step beside the bare task (make bench)."""
-        return 1.25 * self.amount / speed
+        return START_SECONDS + 1.25 * self.amount / speed
 
     def count(self) -> Count:
         """See `Step`; units are lanes, running and failed ones are groups of them."""

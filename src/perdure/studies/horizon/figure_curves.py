@@ -51,7 +51,7 @@ def clock_figures(results: Results) -> Iterator[Figure]:
     for kind, name in (("constant", "figure-a-2"), ("periodic", "figure-a-3")):
         for setting in results.grid.settings:
             found = _sweep(results, setting, kind)
-            if len(found) > 1:
+            if found:
                 yield _clock_figure(results, setting, kind, name, found)
 
 

@@ -59,7 +59,11 @@ def verdict_shares(results: Results, setting: str) -> pl.DataFrame:
             pl.struct("train_seed", "clock").is_in([{"train_seed": s, "clock": c} for s, c in clocks.items()])
         )
         for verdict in VERDICTS if len(chosen) else ():
-            by_run = chosen.group_by("train_seed").agg((pl.col("verdict") == verdict).mean().alias("share"))
+            by_run = (
+                chosen.group_by("train_seed")
+                .agg((pl.col("verdict") == verdict).mean().alias("share"))
+                .sort("train_seed")
+            )
             share = float(by_run["share"].mean() or 0.0)  # type: ignore[arg-type]
             rows.append(
                 {"method": words.condition(condition), "verdict": verdict, "share": share, "episodes": len(chosen)}

@@ -20,6 +20,9 @@ LANE_STEPS_PER_TRAINING_STEP = {"HalfCheetah": 8.0, "Hopper": 2.4, "Walker2d": 4
 """What a training step costs beside a lane step of the bare task (make bench; Walker2d and Swimmer: from the training
 times of this study). Tasks without a number count as Hopper."""
 
+COMPILE_SECONDS = 10.0
+"""What starting a process and compiling take for each seed."""
+
 
 @dataclass(frozen=True)
 class TrainRow:
@@ -61,7 +64,7 @@ class TrainRow:
         """See `Step`."""
         robot = self.task.partition("-")[0]
         ratio = LANE_STEPS_PER_TRAINING_STEP.get(robot, LANE_STEPS_PER_TRAINING_STEP["Hopper"])
-        return self.amount * ratio / speed
+        return COMPILE_SECONDS * len(self.row.seeds) + self.amount * ratio / speed
 
     def count(self) -> Count:
         """See `Step`."""
