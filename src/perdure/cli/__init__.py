@@ -15,6 +15,7 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
   perdure report TABLE                       make the report of an evaluation again
   perdure list tasks|methods|policies        what there is
   perdure inspect POLICY                     what is in a policy file
+  perdure study NAME                         repeat a study of many runs, or extend it
   perdure home ...                           the Home Assistant Benchmark: does the object stay where it was put?
 
 Each command explains its options with --help.
@@ -28,6 +29,7 @@ COMMANDS = {
     "report": "report",
     "list": "listing",
     "inspect": "inspect",
+    "study": "study",
     "home": "home",
 }
 """Command to the module of this package that carries it out; loaded only when it is asked for."""
