@@ -55,7 +55,7 @@ def command(monkeypatch, capsys):
 @pytest.fixture
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
-    monkeypatch.setattr("perdure.home.video.failure_sheet.SIZE", (240, 160))
+    monkeypatch.setattr("perdure.home.video.failure_sheets.SIZE", (240, 160))
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
     try:
         open_context(16, 16).free()

@@ -40,7 +40,7 @@ class Film(Protocol):
 
 
 def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Path:
-    """Writes a PNG.
+    """Write a PNG.
 
     Args:
         picture: Shape (height, width, 3).

@@ -23,7 +23,7 @@ REACH = 2.4
 STAY = 1.5
 """Score that a direction loses for each radian it is away from the present one."""
 PATIENCE = 0.5
-"""How long the camera keeps a gripper_goal before it looks around for a better one, in [s]."""
+"""How long the camera keeps a direction before it looks around for a better one, in [s]."""
 INERTIA = 0.6
 """Time constant in [s] of its way around what it looks at ..."""
 TRACKING = 0.12
@@ -38,11 +38,11 @@ class Follower:
         self._lane = lane
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
-        self._gripper_goal, self._age = np.zeros(2), np.inf
+        self._wanted, self._age = np.zeros(2), np.inf
         self._partitions = _partition_geoms(lane)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
-        """The camera a moment later.
+        """Return the camera a moment later.
 
         Args:
             focus: What it is about besides the robot, in the room. Shape (3,).
@@ -61,9 +61,9 @@ class Follower:
             points = [gripper, robot + np.array([0.0, 0.0, 0.3])]
             if focus is not None and near:
                 points.insert(0, focus)
-            self._gripper_goal, self._age = self._best(middle, distance, points, exclude), 0.0
+            self._wanted, self._age = self._best(middle, distance, points, exclude), 0.0
         self._age += seconds
-        aim = np.array([*self._gripper_goal, distance])
+        aim = np.array([*self._wanted, distance])
         if self._now is None:
             self._now, self._middle = aim, middle
         share = 1.0 - np.exp(-seconds / INERTIA)
@@ -74,7 +74,7 @@ class Follower:
         return Shot(self._middle + self._now[2] * direction_of(*self._now[:2]), self._middle)
 
     def _robot(self) -> tuple[FloatArray, FloatArray]:
-        """The robot's chest and its gripper point in the room."""
+        """Return the robot's chest and its gripper point in the room."""
         x, y, yaw = self._lane.robot[:3]
         local, _ = gripper_pose(self._lane.robot[TORSO], self._lane.robot[ARM_FROM:ARM_TO])
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -82,7 +82,7 @@ class Follower:
         return np.array([x, y, 0.7]), gripper
 
     def _best(self, middle: FloatArray, distance: float, points: list[FloatArray], exclude: int) -> FloatArray:
-        """Azimuth and elevation from which most can be seen. Shape (2,)."""
+        """Return azimuth and elevation from which most can be seen. Shape (2,)."""
         scores = []
         for azimuth, elevation in DIRECTIONS:
             eye = middle + distance * direction_of(azimuth, elevation)

@@ -36,13 +36,13 @@ class Mark:
 
 
 def goal_marks(episode: Episode) -> tuple[Mark, ...]:
-    """One mark for each target of an episode; the scene's first objects must be the targets."""
+    """Return one mark for each target of an episode; the scene's first objects must be the targets."""
     return tuple(
         Mark(short_name(goal.kind), goal.position, COLORS[k % len(COLORS)], k) for k, goal in enumerate(episode.goals)
     )
 
 
 def short_name(kind: str) -> str:
-    """A YCB name without its number: `005_tomato_soup_can` is a tomato soup can."""
+    """Return a YCB name without its number: `005_tomato_soup_can` is a tomato soup can."""
     number, _, words = kind.partition("_")
     return (words if number.isdigit() and words else kind).replace("_", " ")

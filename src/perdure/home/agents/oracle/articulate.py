@@ -28,7 +28,7 @@ BACK = 0.15
 
 
 def articulate(view: View, goal: float, enough: float) -> Motion:
-    """Moves the skill_goal's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
+    """Move the skill goal's drawer or door to within `enough` of `goal`. In [m] or [rad]."""
     link = int(view.state.link[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
@@ -50,12 +50,12 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
 
 
 def _near(view: View) -> bool:
-    """Whether the handle can be grasped."""
+    """Return whether the handle can be grasped."""
     return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - SAFE
 
 
 def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
-    """Where to stand and how to reach a handle as it is now."""
+    """Return where to stand and how to reach a handle."""
     point, origin = query.handles()[link], np.array([base.x, base.y])
     gripper_goals = handle_grabs(point, origin, _sides(query, link, point, origin))
     if stands is not None:
@@ -68,7 +68,7 @@ def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose]
 
 
 def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
-    """Where the hand may be from a handle: in front of a drawer; of a door before its outer face or its edge too."""
+    """Return directions from a handle in which the hand may wait: in front of a drawer; at a door's face or edge."""
     scene = query.lane.scene
     handles = Handles.of(scene.apartment)
     if handles.sign[link] == 0.0:

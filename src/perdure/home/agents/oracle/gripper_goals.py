@@ -34,7 +34,7 @@ INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
 def pick_gripper_goals(
     point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool, slopes: Sequence[float] | None = None
 ) -> list[GripperGoal]:
-    """Poses in which the magic grasp takes the object and nothing else.
+    """Return poses in which the magic grasp takes the object and nothing else.
 
     Args:
         point: Middle of the object. Shape (3,).
@@ -57,7 +57,7 @@ def pick_gripper_goals(
 
 
 def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
-    """Poses beside and above an object in a fridge, for one that stands behind another. As `pick_gripper_goals`."""
+    """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
     gripper_goals = []
     for slope in INSIDE_SLOPES[:3]:
         for turn in INSIDE_TURNS:
@@ -72,7 +72,7 @@ def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -
 
 
 def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
-    """Poses in which the magic grasp takes a handle.
+    """Return poses in which the magic grasp takes a handle.
 
     Args:
         point: The handle. Shape (3,).
@@ -89,7 +89,7 @@ def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArr
 
 
 def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
-    """Level poses that hold the object upright above its goal.
+    """Return level poses that hold the object upright above its goal.
 
     Args:
         point: The goal of its middle. Shape (3,).

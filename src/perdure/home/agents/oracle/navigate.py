@@ -43,7 +43,7 @@ STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 
 
 def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
-    """Drives to where `toward` works."""
+    """Drive to where `toward` works."""
     assert skill_goal.route is not None
     route = skill_goal.route
     goals = np.nonzero(route.values == 0.0)[0]
@@ -68,7 +68,7 @@ def _apart(one: Pose, other: Pose) -> float:
 
 @lru_cache(maxsize=64)
 def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
-    """What a meter costs at each free cell: more where the arm at rest, half a meter ahead, may meet tall furniture."""
+    """Return the cost of a meter at each free cell: higher where the resting arm may touch tall furniture."""
     space = free_space(apartment, dict(opened))
     tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
     near = plane.clearance(space.centers, tall)
@@ -77,7 +77,7 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
 
 
 def _plan(view: View, skill_goal: SkillGoal, toward: str, stands: list[Pose]) -> ReachPlan | None:
-    """The skill's own plan from the first standing place that works, each with a step ahead or back."""
+    """Return the skill's own plan from the first standing place that works, each with a step ahead or back."""
     best: ReachPlan | None = None
     query = CollisionQuery(view.lane)
     aim = np.array(skill_goal.aim)

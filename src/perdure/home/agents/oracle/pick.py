@@ -34,7 +34,7 @@ SAFE = 0.002
 
 
 def pick(view: View) -> Motion:
-    """Picks the skill_goal's object."""
+    """Pick the target."""
     target = int(view.state.target[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
@@ -50,7 +50,7 @@ def pick(view: View) -> Motion:
 
 
 def _can_grasp(view: View, target: int) -> bool:
-    """Whether a grasp now would take the target."""
+    """Return whether a grasp now would take the target."""
     lane, gripper = view.lane, view.state.gripper[0]
     middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
     distance = np.linalg.norm(middles - gripper, axis=1)
@@ -62,7 +62,7 @@ def _can_grasp(view: View, target: int) -> bool:
 def plan_pick(
     query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
-    """Where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
+    """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
     lane = query.lane
     addresses = lane.scene.object_qpos
     others = [lane.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
@@ -79,7 +79,7 @@ def plan_pick(
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
-    """Drives to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
+    """Drive to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
 
     Ends early as soon as `until` holds.
     """
@@ -97,7 +97,7 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
 
 
 def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
-    """Whether the arm may already move while the base drives."""
+    """Return whether the arm may already move while the base drives."""
     query, now, end = CollisionQuery(view.lane), view.base, plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
@@ -115,6 +115,6 @@ def retreat(view: View, plan: ReachPlan) -> Motion:
 
 
 def _along(view: View, stand: Pose) -> float:
-    """How far ahead a standing place is."""
+    """Return the distance to a standing place along the heading."""
     away = np.array([stand.x - view.base.x, stand.y - view.base.y])
     return float(away @ (np.cos(stand.yaw), np.sin(stand.yaw)))

@@ -25,7 +25,7 @@ STILL = 0.03
 
 
 def place(view: View) -> Motion:
-    """Places the skill_goal's object."""
+    """Place the target."""
     target = int(view.state.target[0])
     if view.lane.held != target:
         yield from rest_arm(view)
@@ -47,7 +47,7 @@ def place(view: View) -> Motion:
 def plan_place(
     query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
-    """Where to stand and how to bring the held object to its goal."""
+    """Return where to stand and how to bring the held object to its goal."""
     held = query.lane.held
     half = YcbObjects().box(query.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
     gripper_goals = place_gripper_goals(

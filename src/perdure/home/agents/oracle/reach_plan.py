@@ -94,7 +94,7 @@ def plan_reach(
     firm: int = -1,
     checks: int = 200,
 ) -> ReachPlan | None:
-    """The quickest way to fulfil a gripper_goal without touching anything; else the one that touches least.
+    """Return the quickest way to fulfil a gripper_goal without touching anything; else the one that touches least.
 
     Args:
         query: The world.
@@ -180,7 +180,7 @@ def _behind(stand: Pose, back: float) -> Pose:
 def _reachable(
     query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
 ) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
-    """All standing places and gripper_goals that inverse kinematics can join, the quickest first."""
+    """Return all standing places and gripper_goals that inverse kinematics can join, the quickest first."""
     pairs = [(s, w) for s in stands for w in gripper_goals]
     pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
     if not pairs:

@@ -19,7 +19,7 @@ STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
 
 
 def make_strategy(name: str, inner: Actor) -> Actor:
-    """The strategy of that name around an actor; `rl` is the actor itself."""
+    """Return the strategy of that name around an actor; `rl` is the actor itself."""
     if name == "rl":
         return inner
     if name not in _HAND_OVERS:

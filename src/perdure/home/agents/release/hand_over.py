@@ -45,7 +45,7 @@ BASE_TOLERANCE = 0.01
 RETURN_RATE, RETURN_SPEED = 10.0, 0.3
 """The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
 STOP_STEPS = 45
-"""Steps within which a stop must have brought base and hand to rest; then the object is let go as it is."""
+"""Step limit of a stop; then the object is released even if base and hand still move."""
 NOT_ABOVE = "not above the goal"
 """Outcome of a descent that did not begin: the object was let go at rest, beside its goal region."""
 
@@ -65,7 +65,7 @@ class Held:
 
     @property
     def arm(self) -> FloatArray:
-        """Where the arm's servos are told to be. Shape (7,)."""
+        """Targets of the arm's servos in [rad]. Shape (7,)."""
         target: FloatArray = self.state.arm_target[0]
         return target
 
@@ -112,7 +112,7 @@ class HandOver(ABC):
 
     @abstractmethod
     def motion(self, held: Held) -> Motion:
-        """Actions until the hand may open; the opening itself is not one of them."""
+        """Return actions until the hand may open; the opening itself is not one of them."""
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """See `Actor.begin`."""
@@ -140,7 +140,7 @@ class HandOver(ABC):
         return actions
 
     def overtime(self, lane: int) -> bool:
-        """Whether a lane needs more time than its limit: while it has something to put down."""
+        """Return whether a lane needs more time than its limit: while it has something to put down."""
         return True
 
     def _freeze(self, lane: int, state: PrivilegedState) -> None:
@@ -148,7 +148,7 @@ class HandOver(ABC):
         self._motions[lane] = self.motion(self._held[lane])
 
     def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
-        """The next action of a lane's motion; the opening of the hand when it has ended."""
+        """Return the next action of a lane's motion; the opening of the hand when it has ended."""
         held = self._held[lane]
         held.state = state
         if state.holds_target[0]:
@@ -177,7 +177,7 @@ def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
 
 
 def release() -> FloatArray:
-    """An action that opens the hand and does nothing else."""
+    """Return an action that opens the hand and does nothing else."""
     action = np.zeros(ACTION_SIZE)
     action[GRIP] = RELEASE
     return action

@@ -64,7 +64,7 @@ class IkPlus(HandOver):
 
 
 def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
-    """Turns what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
+    """Turn what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
     for _ in range(TURN_STEPS):
         position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         if there(rotation):
@@ -73,12 +73,12 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
 
 
 def touches(held: Held) -> bool:
-    """Whether the object (or the hand) feels a contact."""
+    """Return whether the object (or the hand) feels a contact."""
     return bool(held.state.contact_force[0] > CONTACT)
 
 
 def upright(rotation: FloatArray) -> FloatArray:
-    """The rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
+    """Return the rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
     z = rotation[:, 2]
     axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
     if cosine < -0.999:  # upside down: about its own x axis

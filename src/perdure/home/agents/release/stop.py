@@ -1,4 +1,4 @@
-"""`stop`: halt, then let go. The control that tells how much of a hand-over's gain is the stop alone."""
+"""`stop`: halt, then release. The control that shows how much of a hand-over's gain comes from halting."""
 
 from __future__ import annotations
 

@@ -13,10 +13,10 @@ Contents:
 from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet, episode_hash
 from perdure.home.benchmark.episodes.files import load_episodes, read_episodes, write_episodes
 from perdure.home.benchmark.episodes.generate import PER_APARTMENT, generate_episode, generate_episodes
-from perdure.home.benchmark.episodes.models import ObjectModels
 from perdure.home.benchmark.episodes.scene import episode_scene
 from perdure.home.benchmark.episodes.settle import settle, settle_episode
 from perdure.home.benchmark.episodes.start import start_pose, start_poses
+from perdure.home.benchmark.episodes.surfaces import ObjectModels
 
 __all__ = [
     "PER_APARTMENT",

@@ -68,7 +68,7 @@ class Episode:
         return np.array([goal.position for goal in self.goals])
 
     def apartment(self) -> Apartment:
-        """The apartment it plays in; HomeError when this version of the package builds another one."""
+        """Return the apartment it plays in; HomeError when this version of the package builds another one."""
         apartment = make_apartment(self.macro, self.micro)
         if apartment.fingerprint != self.apartment_fingerprint:
             raise HomeError(
@@ -78,7 +78,7 @@ class Episode:
         return apartment
 
     def container(self, target: int) -> str | None:
-        """The drawer or door one must open to get at a target: a link name, None when it lies in the open."""
+        """Return the drawer or door one must open to get at a target: a link name, None when it lies in the open."""
         apartment = self.apartment()
         receptacle = apartment.receptacle(self.objects[target].receptacle)
         if receptacle.link is not None:

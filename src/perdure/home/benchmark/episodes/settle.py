@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes.episode import Episode
-from perdure.home.benchmark.episodes.models import ObjectModels
+from perdure.home.benchmark.episodes.surfaces import ObjectModels
 from perdure.home.sim.apartments import Apartment, build_apartment
 from perdure.home.sim.objects import Placement
 
@@ -29,7 +29,7 @@ def settle(
     models: ObjectModels,
     seconds: float = SECONDS,
 ) -> tuple[tuple[Placement, ...], FloatArray, FloatArray]:
-    """Simulates objects in an apartment for a while.
+    """Simulate objects in an apartment for some seconds.
 
     Args:
         apartment: Where they are.
@@ -64,7 +64,7 @@ def settle(
 
 
 def settle_episode(episode: Episode, models: ObjectModels, seconds: float = SECONDS) -> FloatArray:
-    """How far each object of a finished episode moves when left alone, in [m]. Shape (objects,)."""
+    """Return how far each object of a finished episode moves when left alone, in [m]. Shape (objects,)."""
     return settle(episode.apartment(), dict(episode.opened), episode.objects, models, seconds)[1]
 
 

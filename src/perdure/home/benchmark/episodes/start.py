@@ -20,7 +20,7 @@ ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
 
 
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
-    """The robot's start pose: uniform over the largest island and over headings, the arm at rest free of furniture.
+    """Return the robot's start pose: uniform over the largest island and headings, the resting arm free of furniture.
 
     Args:
         apartment: The episode's apartment, `episode.apartment()`.

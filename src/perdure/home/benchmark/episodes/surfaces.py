@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.benchmark.episodes.models import ObjectModels
 from perdure.home.sim.apartments import Apartment, FreeSpace, Receptacle, plane
 from perdure.home.sim.objects import Placement
 
 FloatArray = NDArray[np.float64]
+Vec3 = tuple[float, float, float]
 
 TRIES = 50
 """Places tried for one object on one receptacle (habitat-lab, `samplers/object_sampler.py`)."""
@@ -23,6 +24,16 @@ GAP = 0.005
 """Smallest gap between two objects on a receptacle in [m] (OURS)."""
 LIFT = 0.001
 """How far above its surface an object is put before it settles in [m] (OURS)."""
+
+
+class ObjectModels(Protocol):
+    """What the generator needs of the objects. An object's frame: z up when it stands upright."""
+
+    def box(self, kind: str) -> tuple[Vec3, Vec3]:
+        """Return lower and upper corner of an upright object's bounding box in its own frame, in [m]."""
+
+    def add(self, spec: Any, kind: str, name: str, position: Vec3, quaternion: tuple[float, ...]) -> None:
+        """Add the object as a free body `name` to a MuJoCo specification, its frame at a pose (w, x, y, z)."""
 
 
 @dataclass
@@ -35,7 +46,7 @@ class Surfaces:
     taken: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def footprint(self, kind: str, x: float, y: float, yaw: float) -> FloatArray:
-        """The rectangle an upright object covers in the room. Shape (5,)."""
+        """Return the rectangle an upright object covers in the room. Shape (5,)."""
         low, high = (np.array(corner) for corner in self.models.box(kind))
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -57,7 +68,7 @@ class Surfaces:
         lift: float = LIFT,
         anywhere: bool = False,
     ) -> Placement | None:
-        """A place for an upright object, uniform on a receptacle, None when none was found in 50 tries.
+        """Return a place for an upright object, uniform on a receptacle, None when none was found in 50 tries.
 
         Args:
             kind: YCB name.

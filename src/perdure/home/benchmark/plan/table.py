@@ -9,7 +9,7 @@ from perdure.home.benchmark.tasks import HomeTask, SkillStep
 
 
 def render_plan(plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None) -> str:
-    """A plan as a table: number, skill, target, where it happens, limit in control steps.
+    """Return a plan as a table: number, skill, target, where it happens, limit in control steps.
 
     Args:
         plan: The steps.
@@ -28,7 +28,7 @@ def render_plan(plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | No
 
 
 def print_plan(task: HomeTask | Episode | str) -> None:
-    """Prints the plan of a task or an episode as a table, with a line on what it is and how long it may last."""
+    """Print the plan of a task or an episode as a table, with a line on what it is and how long it may last."""
     plan = make_plan(task)
     limits = sum(step.limit for step in plan)
     print(f"{plan_problem(task).name}: {len(plan)} steps, their limits together {limits}\n")
@@ -36,7 +36,7 @@ def print_plan(task: HomeTask | Episode | str) -> None:
 
 
 def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
-    """Where a step happens, for `navigate` where it leads."""
+    """Return where a step happens, for `navigate` where it leads."""
     if step.skill == "reset_arm":
         return ""
     skill = step.toward or step.skill

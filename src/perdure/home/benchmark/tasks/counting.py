@@ -30,7 +30,7 @@ SETTLE_STEPS = 150
 
 
 def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
-    """Latched counting, one step on.
+    """Return which stages are reached after one more step, in latched counting.
 
     Args:
         task: The task.
@@ -47,7 +47,7 @@ def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
 
 
 def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
-    """Latched counting over a whole episode.
+    """Return which stages are reached after each step of an episode, in latched counting.
 
     Args:
         task: The task.
@@ -77,11 +77,11 @@ class Stabilizing:
 
     @staticmethod
     def start(shape: Sequence[int]) -> Stabilizing:
-        """Before the first step. `shape` is (*, targets)."""
+        """Return the state before the first step. `shape` is (*, targets)."""
         return Stabilizing(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool))
 
     def after(self, facts: WorldFacts, handling: BoolArray) -> Stabilizing:
-        """One step on.
+        """Return one step on.
 
         Args:
             facts: The facts at this step, with leading axes *.
@@ -121,7 +121,7 @@ def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int =
 
 
 def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
-    """Which objects a plan handles, from the skill that is active.
+    """Return which objects a plan handles, from the skill that is active.
 
     Args:
         task: The task.
@@ -136,7 +136,7 @@ def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
 
 
 def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArray) -> BoolArray:
-    """The stages of an episode by goal-stabilizing counting.
+    """Return the stages of an episode by goal-stabilizing counting.
 
     Args:
         task: The task.

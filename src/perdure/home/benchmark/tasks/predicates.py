@@ -34,7 +34,7 @@ FRIDGE_OPENED, FRIDGE_CLOSED = 1.57 - 0.15, 0.15
 
 
 def at(facts: WorldFacts) -> BoolArray:
-    """Which targets are at their goals. Shape (*, targets)."""
+    """Return which targets are at their goals. Shape (*, targets)."""
     inside: BoolArray = np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT
     return inside
 
@@ -65,7 +65,7 @@ class Predicate:
         return f"{self.name}({'' if self.target is None else self.target})"
 
     def holds(self, facts: WorldFacts) -> BoolArray:
-        """Where the condition is met. Shape (*)."""
+        """Return where the condition is met. Shape (*)."""
         if self.target is None:
             return _ABOUT_THE_WORLD[self.name](facts)
         if self.target >= facts.targets:
@@ -74,7 +74,7 @@ class Predicate:
 
 
 def predicate(text: str) -> Predicate:
-    """Reads a condition such as `at(1)` or `not_holding()`; anything else raises HomeError."""
+    """Read a condition such as `at(1)` or `not_holding()`; anything else raises HomeError."""
     match = re.fullmatch(r"(\w+)\((\d*)\)", text)
     name, number = match.groups() if match else (text, "")
     if name in _ABOUT_A_TARGET and number:

@@ -55,7 +55,7 @@ class Stage:
     conditions: tuple[Predicate, ...]
 
     def met(self, facts: WorldFacts) -> BoolArray:
-        """Where all conditions are met, whatever happened before. Shape (*)."""
+        """Return where all conditions are met, whatever happened before. Shape (*)."""
         result: BoolArray = np.all([condition.holds(facts) for condition in self.conditions], axis=0)
         return result
 
@@ -100,7 +100,7 @@ class HomeTask:
     stages: tuple[Stage, ...]
 
     def stage(self, name: str) -> Stage:
-        """The stage of that name."""
+        """Return the stage of that name."""
         table = {stage.name: stage for stage in self.stages}
         if name not in table:
             raise HomeError(f"{self.name} has no stage {name!r}; it has {', '.join(table)}")
@@ -108,12 +108,12 @@ class HomeTask:
 
 
 def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
-    """Stages from their names and their conditions as text, in order."""
+    """Return stages from their names and their conditions as text, in order."""
     return tuple(Stage(name, tuple(predicate(text) for text in texts)) for name, texts in conditions.items())
 
 
 def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
-    """A skill sequence from (skill, target) pairs: `reset_arm` after every skill, `navigate` told what follows."""
+    """Return a skill sequence from (skill, target) pairs, with `reset_arm` after every skill."""
     steps: list[SkillStep] = []
     for k, (skill, target) in enumerate(skills):
         steps.append(SkillStep(skill, target, skills[k + 1][0] if skill == "navigate" else None))
@@ -122,7 +122,7 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
 
 
 def pick_and_place_skills(targets: int) -> tuple[SkillStep, ...]:
-    """Navigate, pick, navigate, place for each target in turn, as in TidyHouse and PrepareGroceries."""
+    """Return the skills of TidyHouse and PrepareGroceries: navigate, pick, navigate, place for each target."""
     order: tuple[SkillName, ...] = ("navigate", "pick", "navigate", "place")
     return with_resets(*((skill, target) for target in range(targets) for skill in order))
 

@@ -123,7 +123,7 @@ class Track:
         return Track(self.step[rows], self.position[rows], self.up[rows], self.gripper[rows], self.base[rows])
 
     def rows(self, first: int, last: int) -> IntArray:
-        """For each step from `first` to `last`, both included, the row of the track that holds then."""
+        """Return the row of the track for each step from `first` to `last`, both included."""
         return np.searchsorted(self.step, np.arange(first, last + 1), side="right") - 1
 
 
@@ -256,7 +256,7 @@ class EpisodeLog:
 
 
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
-    """The steps a track keeps: the first, the last, and each at which the object has moved since the last one kept.
+    """Return the steps a track keeps: first, last, and each at which the object has moved since the step kept before.
 
     Args:
         position: Shape (n, 3).

@@ -1,4 +1,4 @@
-"""Everything the logs say, in tables: success, failure modes, placements."""
+"""Analysis of logs: tables of success, failure modes and placements."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Analysis:
     """Placements of cylinders and others (figure 2-5); see `shape_table`."""
 
     def summary(self) -> str:
-        """The tables as plain text, for a terminal."""
+        """Return the tables as plain text, for a terminal."""
         from perdure.home.evaluate.outcomes.text import summary_text
 
         return summary_text(self)
 
     def figures(self) -> dict[str, pl.DataFrame]:
-        """What the thesis' figures show, as plain data, by the figure's name."""
+        """Return the data of the thesis' figures by name."""
         return {
             "success per stage": self.stages,
             "outcomes": self.outcomes,
@@ -59,7 +59,7 @@ class Analysis:
 
 
 def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
-    """Analyzes logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
+    """Analyze logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
 
     Args:
         logs: Records, from `read_logs`, `record_of` or another simulator.

@@ -30,7 +30,7 @@ _Counted = TypeVar("_Counted")
 
 
 def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Counted]:
-    """Counts a record once and remembers the result for as long as the record lives."""
+    """Return a cached version of a function of a log; the cache lives as long as the log."""
     known: WeakKeyDictionary[EpisodeLog, _Counted] = WeakKeyDictionary()
 
     @wraps(count)
@@ -43,7 +43,7 @@ def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Co
 
 
 def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
-    """The steps at which anything can change, and the facts at them.
+    """Return the steps at which anything can change, and the facts at them.
 
     Positions in these facts only say whether an object is in its goal: they are the goal, or 1 m beside it.
     """
@@ -65,7 +65,7 @@ def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
 
 @_once
 def stage_steps(record: EpisodeLog) -> tuple[int, ...]:
-    """The step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
+    """Return the step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
     steps, facts = moments(record)
     steps = steps[steps < record.steps]
     reached, since = [], 0
@@ -79,12 +79,12 @@ def stage_steps(record: EpisodeLog) -> tuple[int, ...]:
 
 
 def latched(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which stages are reached, as the benchmark counts."""
+    """Return which stages are reached, as the benchmark counts."""
     return tuple(step != NEVER for step in stage_steps(record))
 
 
 def handled(record: EpisodeLog, target: int) -> tuple[int, int] | None:
-    """Steps in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
+    """Step in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
 
     None when its pick never began; when its place never began, the rest of the episode.
     """
@@ -96,7 +96,7 @@ def handled(record: EpisodeLog, target: int) -> tuple[int, int] | None:
 
 @_once
 def stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
+    """Return which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
     if record.diverged:
         return (False,) * len(record.targets)
     steps, facts = moments(record)
@@ -110,13 +110,13 @@ def stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
 
 @_once
 def stages_stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which stages count when every placement up to them must be goal-stabilizing."""
+    """Return which stages count when every placement up to them must be goal-stabilizing."""
     counted = stabilizing_stages(record.home_task, np.array(latched(record)), np.array(stabilizing(record)))
     return tuple(map(bool, counted))
 
 
 def blamed(record: EpisodeLog, stage: int) -> Predicate | None:
-    """The condition that kept the first unmet stage from being reached.
+    """Return the condition that kept the first unmet stage from being reached.
 
     Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the
     episode: at the last one of those at which most conditions hold, the first that does not, objects in their order
@@ -146,6 +146,6 @@ def blamed(record: EpisodeLog, stage: int) -> Predicate | None:
 
 
 def _rank(condition: Predicate) -> tuple[int, int]:
-    """Order in which conditions are blamed."""
+    """Return order in which conditions are blamed."""
     group = 0 if condition.name == "at" else 2 if condition.name in ("holding", "not_holding") else 1
     return group, -1 if condition.target is None else condition.target

@@ -1,7 +1,7 @@
-"""What went wrong, in one word, from a record alone.
+"""The cause of a failure, from a log alone.
 
-A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). From there the first line that
-applies gives the cause:
+A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). For that condition the first
+line that applies gives the failure cause:
 
 | blamed | line | applies when | cause |
 |---|---|---|---|
@@ -95,7 +95,7 @@ or the base's middle within 0.5 m of it in the plane (base and half the largest 
 
 
 def placement(record: EpisodeLog, target: int) -> Release | None:
-    """The placement of a target: the last time it was let go while the plan handled it, None if it never was."""
+    """Return the placement of a target: the last time it was let go while the plan handled it, None if it never was."""
     span = handled(record, target)
     if span is None:
         return None
@@ -104,7 +104,7 @@ def placement(record: EpisodeLog, target: int) -> Release | None:
 
 
 def failure_cause(record: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
-    """Why an episode failed: the first table of this file.
+    """Return the failure cause of an episode: the first table of this file.
 
     Args:
         record: A failed episode.
@@ -141,13 +141,13 @@ def _pick_cause(record: EpisodeLog, run: SkillRun) -> FailureCause:
 
 
 def _collided(record: EpisodeLog, run: SkillRun) -> bool:
-    """In the run or on the way to it: in the navigation for the same target that ended last before it."""
+    """Return whether force exceeded the limit in the run or in the navigation before it to the same target."""
     ways = [r for r in record.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
     return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
 
 
 def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
-    """Why a target does not lie in its goal, or did not all the time: the second table of this file."""
+    """Return why a placement failed or did not last: the second table of this file."""
     release = placement(record, target)
     if record.diverged:
         return "diverged"
@@ -179,13 +179,13 @@ def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
 
 
 def release_offset(record: EpisodeLog, release: Release) -> tuple[float, float]:
-    """Where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
+    """Return where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
     offset = release.track.position[0] - np.array(record.targets[release.target].goal)
     return float(np.hypot(offset[0], offset[1])), float(offset[2])
 
 
 def in_goal_since(record: EpisodeLog, release: Release) -> BoolArray:
-    """Whether the object was in its goal at each step of its track, the one at the release included. Shape (n,)."""
+    """Return whether the object was in its goal at each step of its track, from the release on. Shape (n,)."""
     steps = np.arange(release.step, int(release.track.step[-1]) + 1)
     events = np.searchsorted([event.step for event in record.events], steps, side="right") - 1
     inside: BoolArray = np.array([event.in_goal[release.target] for event in record.events])[events]
@@ -193,7 +193,7 @@ def in_goal_since(record: EpisodeLog, release: Release) -> BoolArray:
 
 
 def _left(inside: BoolArray) -> int | None:
-    """The last step since the release before which the object was in its goal and at which it was not."""
+    """Return the last step since the release before which the object was in its goal and at which it was not."""
     left = np.flatnonzero(inside[:-1] & ~inside[1:])
     return int(left[-1]) + 1 if len(left) else None
 
@@ -205,7 +205,7 @@ def _taken_out(record: EpisodeLog, release: Release) -> bool:
 
 
 def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
-    """The step since the release at which the object's last rest in its goal, before it left, was half over."""
+    """Return the step since the release at which the object's last rest in its goal, before it left, was half over."""
     window = _rest_steps(record)
     if left < window + 1:
         return None
@@ -216,7 +216,7 @@ def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) 
 
 
 def _robot_near(release: Release, first: int, last: int) -> bool:
-    """Whether hand or base were near the object at a step of its track, counted from the release."""
+    """Return whether hand or base were near the object at a step of its track, counted from the release."""
     track = release.track.thin
     since = track.step - release.step
     rows = (since > first) & (since <= last)
@@ -226,7 +226,7 @@ def _robot_near(release: Release, first: int, last: int) -> bool:
 
 
 def _fell_over(record: EpisodeLog, release: Release, first: int, left: int) -> bool:
-    """Whether the object fell over between a step, counted from the release, and half a second after it left."""
+    """Return whether the object fell over between a step, counted from the release, and half a second after it left."""
     kind = KINDS.get(record.targets[release.target].kind)
     if kind is not None and kind.shape == "sphere":
         return False
@@ -243,6 +243,6 @@ def _rest_steps(record: EpisodeLog) -> int:
 
 
 def tilt(up: FloatArray) -> FloatArray:
-    """Angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
+    """Return angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
     degrees: FloatArray = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
     return degrees

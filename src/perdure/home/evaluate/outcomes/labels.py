@@ -1,7 +1,7 @@
-"""Every failed episode has one label: its first unmet stage and one cause. How often, with both denominators.
+"""Labels of failed episodes: first unmet stage and failure cause, and their frequencies.
 
-Episodes are counted twice, each way for itself: *latched*, as the benchmark counts success, and *goal-stabilizing*, as
-the thesis counts placements.
+Both ways of counting have their own labels: *latched*, as the benchmark counts success, and *goal-stabilizing*, as the
+thesis counts placements.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Label:
     """First unmet stage."""
     cause: FailureCause
     target: int
-    """The object it is about: the one that does not lie in its goal, else that of the stage."""
+    """Number of the object: the one that is not in its goal, else that of the stage."""
 
 
 def label(record: EpisodeLog, counting: Counting) -> Label | None:
-    """The label of an episode, None when it succeeded.
+    """Return the label of an episode, None when it succeeded.
 
     Args:
         record: The episode.
@@ -56,7 +56,7 @@ def label(record: EpisodeLog, counting: Counting) -> Label | None:
 
 
 def outcome(record: EpisodeLog) -> str:
-    """What became of an episode, as figures 2-1 and 2-3 of the thesis break it down.
+    """Return the outcome of an episode in the categories of the thesis' figures 2-1 and 2-3.
 
     `success`, or `success that did not last`: the benchmark counts it, but a placement is not goal-stabilizing. Of the
     failed ones: `place_k` when the first stage that does not count, placements being goal-stabilizing, is that one;
@@ -69,7 +69,7 @@ def outcome(record: EpisodeLog) -> str:
 
 
 def failure_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """One row per way of counting and episode that fails by it: identity, counting, stage, cause, target."""
+    """Return one row per way of counting and episode that fails by it: identity, counting, stage, cause, target."""
     import polars as pl
 
     rows = []
@@ -84,7 +84,7 @@ def failure_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
 
 
 def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
-    """How often each label was given: `count`, its share `of_all` episodes and `of_failed` ones.
+    """Return the `count` of each label, its share `of_all` episodes and `of_failed` ones.
 
     Args:
         failures: From `failure_table`.
@@ -105,7 +105,7 @@ def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
 
 
 def outcome_table(episodes: pl.DataFrame) -> pl.DataFrame:
-    """How often each outcome came: `count`, its share `of_all` episodes, and `of_failed` ones (null for successes).
+    """Return the `count` of each outcome, its share `of_all` episodes, and `of_failed` ones (null for successes).
 
     Args:
         episodes: One row per episode with the columns of `GROUP` and `outcome`.

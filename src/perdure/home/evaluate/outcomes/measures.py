@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 
 def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
-    """One row per task, split, strategy, way of counting and stage; the last stage is the task's success.
+    """Return one row per task, split, strategy, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
     `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
@@ -60,7 +60,7 @@ def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.D
 
 
 def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
-    """Mean of the runs' means and its standard error, s / sqrt(n) with s of n - 1 degrees of freedom; nan for one run.
+    """Return the mean of the runs' means and its standard error s / sqrt(n), n - 1 degrees of freedom; nan for one run.
 
     Args:
         values: One row per episode. Shape (episodes, *).
@@ -73,7 +73,7 @@ def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, F
 
 
 def grouped(records: Sequence[EpisodeLog]) -> dict[tuple[str, str, str], list[EpisodeLog]]:
-    """Records by task, split and strategy, in the order of their first one."""
+    """Return records by task, split and strategy, in the order of their first one."""
     groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
     for record in records:
         groups.setdefault((record.task, record.split, record.strategy), []).append(record)

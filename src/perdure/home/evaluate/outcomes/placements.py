@@ -1,4 +1,4 @@
-"""One row per placement: how the object was let go, where it went, why it did not stay."""
+"""Placements, one per row: how the object was released, where it went, why it did not stay."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     import polars as pl
 
 STAYED = "stayed"
-"""In place of a cause where a placement is goal-stabilizing."""
+"""Value of `cause` where a placement is goal-stabilizing."""
 IDENTITY = ("task", "split", "strategy", "train_seed", "eval_seed", "index")
 GROUP = ("task", "split", "strategy")
 
 
 def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """One row per placement; a target that was never let go while the plan handled it has none.
+    """Return one row per placement; a target that was never let go while the plan handled it has none.
 
     | column | meaning |
     |---|---|
@@ -60,12 +60,12 @@ def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
 
 
 def kind_table(placements: pl.DataFrame) -> pl.DataFrame:
-    """Placements by object kind: how many, how many did not stay, and the rate of these."""
+    """Return placements by object kind: their number, how many did not stay, and the rate."""
     return _rates(placements, (*GROUP, "kind", "cylinder"))
 
 
 def shape_table(placements: pl.DataFrame) -> pl.DataFrame:
-    """Placements of cylinders and of other objects (thesis, figure 2-5).
+    """Return placements of cylinders and of other objects (thesis, figure 2-5).
 
     Beside counts and rates, what share of all placements they are, and what share of those that did not stay: a share
     of failures alone would not say whether cylinders fail more often or are only placed more often.
@@ -89,7 +89,7 @@ def _rates(placements: pl.DataFrame, keys: tuple[str, ...]) -> pl.DataFrame:
 
 
 def _share(part: pl.Expr, whole: pl.Expr) -> pl.Expr:
-    """A share, null where there is nothing to have a share of."""
+    """Return a share, null where there is nothing to have a share of."""
     import polars as pl
 
     return pl.when(whole > 0).then(part / whole)

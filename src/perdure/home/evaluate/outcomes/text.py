@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def summary_text(analysis: Analysis) -> str:
-    """All tables of an analysis but those with one row per episode or placement."""
+    """Return all tables of an analysis but those with one row per episode or placement."""
     groups = analysis.episodes.select(GROUP).unique(maintain_order=True).rows()
     return "\n\n".join(_block(analysis, group) for group in groups)
 

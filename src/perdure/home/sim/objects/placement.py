@@ -25,7 +25,7 @@ class Placement:
     """Unique name `piece|receptacle` in the apartment."""
 
     def __post_init__(self) -> None:
-        """Numbers that are not finite or no rotation raise HomeError."""
+        """Raise HomeError for numbers that are not finite and for quaternions that are no rotation."""
         if not all(map(math.isfinite, (*self.position, *self.quaternion))):
             raise HomeError(f"pose of {self.kind} must be finite, not {self.position}, {self.quaternion}")
         if abs(math.hypot(*self.quaternion) - 1.0) > 1e-3:

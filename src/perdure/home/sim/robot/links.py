@@ -196,7 +196,7 @@ FINGERS = (_finger("l", -1.0), _finger("r", 1.0))
 
 
 def combined(parts: tuple[Inertial, ...]) -> Inertial:
-    """Mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
+    """Return mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
     mass = sum(part.mass for part in parts)
     center: FloatArray = np.sum([part.mass * np.array(part.center) for part in parts], axis=0) / mass
     tensor = np.zeros((3, 3))

@@ -30,7 +30,7 @@ TUBE = 0.052
 
 
 def _tube(body: str, name: str, start: float, end: float, z: float = 0.0, hand: bool = False) -> Shape:
-    """A capsule along x whose axis runs from `start` to `end`."""
+    """Return a capsule along x whose axis runs from `start` to `end`."""
     center, half = (0.5 * (start + end), 0.0, z), (TUBE, 0.5 * (end - start), 0.0)
     return Shape(body, name, "capsule", center, half, "hand" if hand else "arm")
 

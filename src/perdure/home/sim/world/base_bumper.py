@@ -20,7 +20,7 @@ BIT = 4
 
 
 def add_base_bumper(spec: Any, apartment: Apartment) -> None:
-    """Puts the base bumper around the base, and lets furniture and walls meet it, but for their drawers and doors.
+    """Put the base bumper around the base, and lets furniture and walls meet it, but for their drawers and doors.
 
     It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
     contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.

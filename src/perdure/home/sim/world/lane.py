@@ -56,7 +56,7 @@ class Lane:
         self._looked_from: tuple[float, float] | None = None
 
     def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
-        """Puts everything back to where the episode begins.
+        """Put everything back to where the episode begins.
 
         Args:
             base: Where the robot stands.
@@ -99,11 +99,11 @@ class Lane:
         return positions
 
     def forward(self) -> None:
-        """Renews what MuJoCo derives from positions, without a step."""
+        """Renew what MuJoCo derives from positions, without a step."""
         self._mujoco.mj_forward(self.model, self.data)
 
     def object(self, number: int) -> tuple[FloatArray, FloatArray]:
-        """Pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
+        """Return pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
         address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
         return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
 
@@ -133,7 +133,7 @@ class Lane:
                 self.hold_object(nearest, gripper, rotation)
 
     def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
-        """Ties a handle to the hand, as far from it as it is now.
+        """Attach a handle to the hand at its present distance.
 
         M3 draws the handle to the gripper point; there hand and handle would push against each other.
 
@@ -151,7 +151,7 @@ class Lane:
         self.data.eq_active[equality] = 1
 
     def hold_object(self, number: int, gripper: FloatArray, rotation: FloatArray) -> None:
-        """Puts an object into the gripper, its axes along the gripper's, and ties it there.
+        """Put an object into the gripper, its axes along the gripper's, and ties it there.
 
         From now on it passes through the robot.
         """
@@ -166,7 +166,7 @@ class Lane:
         self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
-        """Lets go of whatever is held, with the velocity `SceneOptions.release_velocity` says.
+        """Release whatever is held, with the velocity `SceneOptions.release_velocity` says.
 
         Args:
             part: False: as if it had never been held.
@@ -185,7 +185,7 @@ class Lane:
             self.held = -1
 
     def _set_release_velocity(self, number: int) -> None:
-        """Takes the base's motion, or all motion, from an object's velocity.
+        """Take the base's motion, or all motion, from an object's velocity.
 
         With base velocity v_b, yaw rate w and base position p_b, an object at p that moves rigidly with the base has
         the velocity v_b + w z x (p - p_b). M3 teleports the base together with what it holds, which gives none of it.
@@ -218,11 +218,11 @@ class Lane:
                 self._collide(number, True)
 
     def blew_up(self) -> bool:
-        """Whether MuJoCo warned of a bad state, or a position is not a finite number."""
+        """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
         return any(self._bad_states.tolist()) or not math.isfinite(self.qpos @ self.qpos)
 
     def robot_force(self) -> float:
-        """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
+        """Return largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
 
         The base does not count: in M3 it moves on its navigation mesh and can touch nothing, here furniture stops it.
         """
@@ -234,7 +234,7 @@ class Lane:
         return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
 
     def _leave_out_far(self) -> None:
-        """Keeps bodies that nothing can touch out of the search for contacts, see `nearby`."""
+        """Keep bodies that nothing can touch out of the search for contacts, see `nearby`."""
         expected = 1 + (self.held >= 0) + (self.held_link >= 0)
         if self.data.ntree_awake > expected:
             if self._looked_from is not None:
@@ -253,7 +253,7 @@ class Lane:
         self._looked_from = x, y
 
     def search_all(self) -> None:
-        """Looks for contacts everywhere again, until the robot has moved; for whoever asks about other places."""
+        """Look for contacts everywhere again, until the robot has moved; for whoever asks about other places."""
         nearby = self.scene.nearby
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity

@@ -47,7 +47,7 @@ class Nearby:
 
     @staticmethod
     def of(model: Any, object_bodies: NDArray[np.int64]) -> Nearby:
-        """Measures a compiled model.
+        """Measure a compiled model.
 
         Args:
             model: `mujoco.MjModel`.
@@ -87,7 +87,7 @@ class Nearby:
         )
 
     def around(self, base: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
-        """Which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
+        """Return which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
 
         Args:
             base: The base's middle in the room. Shape (2,).

@@ -21,9 +21,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NEIGHBORS = 2
-"""So many of the nearest are told of."""
+"""Number of nearest neighbors in the state."""
 NEIGHBORHOOD = 0.5
-"""How near the target an object must be to be told of, in [m]."""
+"""Largest distance of a neighbor from the target in [m]."""
 
 
 class Neighbors(NamedTuple):
@@ -38,7 +38,7 @@ class Neighbors(NamedTuple):
 
 
 def no_neighbors(n: int) -> Neighbors:
-    """Nothing around n targets."""
+    """Return empty neighborhoods of n targets."""
     return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
 
 
@@ -46,7 +46,7 @@ class Surroundings:
     """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far."""
 
     def __init__(self, lanes: int) -> None:
-        """Knows no scene."""
+        """Begin without scenes."""
         self._scenes: list[Scene | None] = [None] * lanes
         self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
         self._objects = np.zeros(lanes, dtype=np.int64)
@@ -54,7 +54,7 @@ class Surroundings:
         self._handles = Handles.none(lanes, 1)
 
     def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Looks around targets.
+        """Look around targets.
 
         Args:
             numbers: Numbers of the lanes. Shape (n,).
@@ -86,7 +86,7 @@ class Surroundings:
         return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
 
     def _enter(self, number: int, scene: Scene) -> None:
-        """Makes room for another scene."""
+        """Make room for another scene."""
         objects, links = len(scene.placements), len(scene.links)
         more = objects - self._middles.shape[1]
         if more > 0:

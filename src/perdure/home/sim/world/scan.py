@@ -38,7 +38,7 @@ class Outlines:
         self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
     def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Takes over where the drawers and doors of a lane are.
+        """Take over where the drawers and doors of a lane are.
 
         Args:
             lane: Which lane.
@@ -61,7 +61,7 @@ class Outlines:
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
 
     def scan(self, lanes: NDArray[np.int64], base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Ranges of some lanes, beam by beam.
+        """Return ranges of some lanes, beam by beam.
 
         Args:
             lanes: Which lanes. Shape (m,).
@@ -87,7 +87,7 @@ class Outlines:
         return cut
 
     def _within(self, lanes: NDArray[np.int64], base: FloatArray, reach: float) -> FloatArray:
-        """The rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
+        """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
         boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
         away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
         near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach

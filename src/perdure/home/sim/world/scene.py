@@ -46,7 +46,7 @@ class SceneOptions:
 
     physics_hz: int = PHYSICS_HZ
     visuals: bool = False
-    """Whether parts that are only seen are built: pictures need them, physics does not."""
+    """Whether visual geometry is built: pictures need it, physics does not."""
     clutter: bool = True
     """Whether objects that are no targets are there."""
     targets: tuple[int, ...] | None = None
@@ -187,11 +187,11 @@ class Scene:
         return Nearby.of(self.model, np.array(bodies, dtype=np.int64))
 
     def weld(self, number: int) -> int:
-        """The equality that holds object `number` in the gripper."""
+        """Return the equality that holds object `number` in the gripper."""
         return int(self.model.eq(f"hold/object_{number}").id)
 
     def grip(self, link: int) -> int:
-        """The equality that holds the handle of link `link`."""
+        """Return the equality that holds the handle of link `link`."""
         return int(self.model.eq(f"hold/{self.links[link]}").id)
 
     def _joint_addresses(self, names: Sequence[str], table: str) -> IntArray:
@@ -205,7 +205,7 @@ def build_scene(
     opened: Mapping[str, float] | None = None,
     options: SceneOptions | None = None,
 ) -> Scene:
-    """Builds and compiles a scene; about a tenth of a second.
+    """Build and compiles a scene; about a tenth of a second.
 
     Args:
         apartment: Where it plays.

@@ -53,7 +53,7 @@ class PrivilegedState:
     arm_velocity: FloatArray
     """Shape (n, 7)."""
     arm_target: FloatArray
-    """Where the arm's servos are told to be. Shape (n, 7)."""
+    """Targets of the arm's servos. Shape (n, 7)."""
     gripper_in_base: FloatArray
     """The gripper point in the base frame. Shape (n, 3)."""
     gripper_rotation: FloatArray
@@ -93,7 +93,7 @@ class PrivilegedState:
     waypoint: FloatArray
     """A point of that way half a meter ahead, on the floor; the base itself without one. Shape (n, 3)."""
     front: FloatArray
-    """Which way the skill_goal's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
+    """Direction that the skill goal's furniture faces, in the room. Shape (n, 3)."""
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray
@@ -101,7 +101,7 @@ class PrivilegedState:
     neighbors: FloatArray
     """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, NEIGHBORS, 3)."""
     neighbor_distance: FloatArray
-    """From the gripper point to the nearest object that is not the skill_goal's, inf without one. Shape (n,)."""
+    """From the gripper point to the nearest object other than the target, inf without one. Shape (n,)."""
     handle_distance: FloatArray
     """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
     stopped: BoolArray
@@ -127,13 +127,13 @@ class PrivilegedState:
 
     @property
     def holds_target(self) -> BoolArray:
-        """Whether the gripper holds the skill_goal's object. Shape (n,)."""
+        """Whether the gripper holds the target. Shape (n,)."""
         holds: BoolArray = self.held == self.target
         return holds
 
     @property
     def grasp_is_right(self) -> BoolArray:
-        """Whether the magic grasp would take nothing but the skill_goal's object (see `Lane.grasp`). Shape (n,)."""
+        """Whether the magic grasp would take the target (see `Lane.grasp`). Shape (n,)."""
         nearer = norm(self.object - self.gripper) < self.neighbor_distance
         right: BoolArray = nearer & (self.handle_distance > GRASP_RADIUS)
         return right
@@ -144,15 +144,15 @@ class PrivilegedState:
         return norm(self.object - self.goal)
 
     def in_base(self, points: FloatArray) -> FloatArray:
-        """Points of the room in the base frame. Shape (n, 3) -> (n, 3)."""
+        """Return points of the room in the base frame. Shape (n, 3) -> (n, 3)."""
         return turn(points - self._base_origin, -self.base[:, 2])
 
     def turned_to_base(self, vectors: FloatArray) -> FloatArray:
-        """Vectors of the room along the axes of the base. Shape (n, 3) -> (n, 3)."""
+        """Return vectors of the room along the axes of the base. Shape (n, 3) -> (n, 3)."""
         return turn(vectors, -self.base[:, 2])
 
     def turned_to_gripper(self, vectors: FloatArray) -> FloatArray:
-        """Vectors of the room along the axes of the gripper. Shape (n, 3) -> (n, 3)."""
+        """Return vectors of the room along the axes of the gripper. Shape (n, 3) -> (n, 3)."""
         in_base = self.turned_to_base(vectors)
         # Written out: a matrix product may round differently for one lane than for many.
         axes = self.gripper_rotation
@@ -167,7 +167,7 @@ _FIELDS = tuple(each.name for each in fields(PrivilegedState))
 
 
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
+    """Return vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors[:, 0], vectors[:, 1]
     turned = np.empty((len(vectors), 3))
@@ -176,13 +176,13 @@ def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def norm(vectors: FloatArray) -> FloatArray:
-    """Lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
+    """Return lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
     x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
     length: FloatArray = np.sqrt(x * x + y * y + z * z)
     return length
 
 
 def wrap(angle: FloatArray) -> FloatArray:
-    """Angles brought into [-pi, pi)."""
+    """Return angles brought into [-pi, pi)."""
     wrapped: FloatArray = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
     return wrapped
