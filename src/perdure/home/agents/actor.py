@@ -5,14 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Actor(Protocol):

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment
+from perdure.home.sim.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 CameraName = Literal["doll_house", "plan", "head", "hand", "follow"]
 CAMERAS: tuple[str, ...] = get_args(CameraName)
 OWN = ("head", "hand")

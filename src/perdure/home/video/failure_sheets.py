@@ -10,13 +10,13 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import Predicate
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import stage_steps
 from perdure.home.evaluate.outcomes.failure_causes import in_goal_since, release_offset, tilt
+from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.cameras import Shot
 from perdure.home.video.film import tile
@@ -28,9 +28,6 @@ from perdure.home.video.render_scene import RenderScene
 from perdure.home.video.replay import Failure, Replay
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip, write_title
-
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 COLUMNS, SIZE = 4, (480, 320)
 """Of one sheet; width and height of a picture in pixels, without the strip below."""

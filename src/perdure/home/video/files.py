@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import Picture
 from perdure.runs import write_whole
-
-Picture = NDArray[np.uint8]
 
 GIF_PACE = 0.08
 """Seconds that a picture of a GIF stays: browsers count in hundredths and slow down what is faster."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.world import Lane
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
 from perdure.home.video.cameras import Shot
-
-FloatArray = NDArray[np.float64]
 
 DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([24.0, 36.0, 50.0]))))
 """Azimuths and elevations that are tried, in [rad]: where the camera is, seen from what it looks at."""

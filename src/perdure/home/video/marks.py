@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import AT
+from perdure.home.sim.arrays import Vec3
 
 Color = tuple[float, float, float]
-Vec3 = tuple[float, float, float]
 
 COLORS: tuple[Color, ...] = (
     (0.10, 0.42, 0.86),

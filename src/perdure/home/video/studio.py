@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import cut_away
+from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.camera.gl import open_context
 from perdure.home.sim.world import Lane
 from perdure.home.video.cameras import FOVY, OWN, Shot, check_camera, whole_apartment
 from perdure.home.video.marks import Mark
 from perdure.home.video.words import write_labels
-
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-"""Shape (height, width, 3)."""
 
 LARGEST = 4096
 NEAR = 0.02

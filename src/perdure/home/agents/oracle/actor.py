@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor
 from perdure.home.agents.oracle.articulate import articulate
@@ -11,11 +10,9 @@ from perdure.home.agents.oracle.motions import Motion, View
 from perdure.home.agents.oracle.navigate import navigate
 from perdure.home.agents.oracle.pick import pick
 from perdure.home.agents.oracle.place import place
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import ACTION_SIZE, STOP, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOVES = {
     "open_drawer": (0.45, 0.02),

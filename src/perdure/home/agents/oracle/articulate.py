@@ -6,7 +6,6 @@ The arm keeps the gripper on the handle's way (damped least squares); the base d
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import handle_grabs
@@ -14,10 +13,9 @@ from perdure.home.agents.oracle.motions import Motion, View, reach_for, rest_arm
 from perdure.home.agents.oracle.pick import ATTEMPTS, SAFE, approach
 from perdure.home.agents.oracle.reach_plan import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.world.handles import Handles
-
-FloatArray = NDArray[np.float64]
 
 SPEED = 0.40
 """Of the handle in [m/s]."""

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.world import Lane
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
-
-FloatArray = NDArray[np.float64]
 
 PUSHED = 0.25
 """What a meter of depth in a loose object counts, against 1 in furniture."""

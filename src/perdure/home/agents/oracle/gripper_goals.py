@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.reach_plan import GripperGoal
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 STANDOFFS = (0.11, 0.08, 0.05)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""

@@ -6,9 +6,9 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
 from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
@@ -28,7 +28,6 @@ from perdure.home.sim.world import (
 from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
 
-FloatArray = NDArray[np.float64]
 Motion = Generator[FloatArray, None, None]
 
 PATIENCE = 15

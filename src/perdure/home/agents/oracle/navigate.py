@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.articulate import plan_handle
 from perdure.home.agents.oracle.collision_query import CollisionQuery
@@ -16,10 +15,9 @@ from perdure.home.agents.oracle.place import plan_place
 from perdure.home.agents.oracle.reach_plan import ReachPlan, ahead, around
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import SkillGoal
 from perdure.home.skills.skill_goals import positions
-
-FloatArray = NDArray[np.float64]
 
 BEST_DISTANCE = {
     "pick": 0.72,

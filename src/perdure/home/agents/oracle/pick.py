@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import pick_gripper_goals, wishes_aside
@@ -23,10 +22,9 @@ from perdure.home.agents.oracle.motions import (
 )
 from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import GRASP, GRASP_RADIUS
 from perdure.home.sim.world.handles import Handles
-
-FloatArray = NDArray[np.float64]
 
 ATTEMPTS = 3
 SAFE = 0.002

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import place_gripper_goals
@@ -11,10 +10,9 @@ from perdure.home.agents.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.agents.oracle.pick import approach, retreat
 from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import YcbObjects
 from perdure.home.sim.world import RELEASE
-
-FloatArray = NDArray[np.float64]
 
 HEIGHT = 0.015
 """How far above its goal the object is let go in [m]."""

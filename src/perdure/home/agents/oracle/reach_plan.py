@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.sim.apartments import FreeSpace, Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import reach_many
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
 from perdure.home.sim.world.state import wrap
-
-FloatArray = NDArray[np.float64]
 
 DEPTH_COST = 1e4
 """Steps that a meter of depth weighs as much as."""

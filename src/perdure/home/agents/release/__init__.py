@@ -1,8 +1,8 @@
-"""Ways to let go of what is placed. All are actors around the one that places.
+"""Release strategies: actors that wrap the actor of place.
 
 Contents:
     STRATEGIES, make_strategy    by name: rl (the policy alone), stop, ik, ik+
-    HandOver          what they share: freeze, move, open the hand, go on
+    HandOver               their common base: freeze, move, open the hand, continue
     Stop, Ik, IkPlus
 """
 

@@ -1,8 +1,8 @@
-"""The hand-over: what happens between the policy's gripper_goal to let go and the moment the hand opens.
+"""The hand-over: a motion between the policy's command to open the hand and the opening.
 
-An arm wraps the actor that places. As soon as that actor wants to let go of the target it is frozen; the arm's own
-motion runs, one action per step; then the hand opens and the actor goes on. At a place time-out with the target still
-in the hand the executor gives the arm the time to do the same.
+A release strategy wraps the actor of place. When that actor commands the hand to open, it is frozen. The strategy's own
+motion runs, one action per step. Then the hand opens and the actor continues. When place times out with the target
+still in the hand, the executor gives the strategy time to do the same.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.tasks import AT
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import (
     ACTION_SIZE,
     ARM,
@@ -34,8 +34,6 @@ from perdure.home.sim.world import (
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import Progress, Skill
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Motion = Generator[FloatArray, None, None]
 
 STILL = 0.02
@@ -47,18 +45,18 @@ RETURN_RATE, RETURN_SPEED = 10.0, 0.3
 STOP_STEPS = 45
 """Step limit of a stop; then the object is released even if base and hand still move."""
 NOT_ABOVE = "not above the goal"
-"""Outcome of a descent that did not begin: the object was let go at rest, beside its goal region."""
+"""Outcome without a descent: the object was released at rest, beside its goal region."""
 
 
 @dataclass
 class Held:
-    """One lane while its hand-over runs; `state` (one row) is renewed before each action."""
+    """One lane during its hand-over; `state` (one row) is updated before each action."""
 
     state: PrivilegedState
     outcome: str = "done"
-    """How it went: "done", or the reason of a fall-back."""
+    """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
-    """Where the robot stood when the policy was frozen."""
+    """Base pose when the policy was frozen."""
 
     def __post_init__(self) -> None:
         self.frozen = self.base
@@ -71,13 +69,13 @@ class Held:
 
     @property
     def base(self) -> Pose:
-        """Where the robot stands."""
+        """Base pose."""
         x, y, yaw = (float(value) for value in self.state.base[0])
         return Pose(x, y, yaw)
 
     @property
     def base_error(self) -> tuple[float, float]:
-        """Way back to where the robot stood at the freeze: forward in [m], turn to the left in [rad]."""
+        """Displacement back to the base pose at the freeze: forward in [m], turn to the left in [rad]."""
         base, frozen = self.base, self.frozen
         forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
         return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
@@ -96,12 +94,12 @@ class Held:
 
 @dataclass
 class HandOver(ABC):
-    """An actor for `place` that hands over to a motion of its own before it lets go."""
+    """An actor for `place` that runs a motion of its own before the release."""
 
     inner: Actor
     name: ClassVar[str]
     outcomes: list[str] = field(default_factory=list)
-    """How each hand-over went, in the order in which they ended."""
+    """Outcome of each hand-over, in the order in which they ended."""
     _motions: dict[int, Motion] = field(default_factory=dict)
     _held: dict[int, Held] = field(default_factory=dict)
 

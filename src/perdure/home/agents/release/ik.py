@@ -1,4 +1,4 @@
-"""`ik`: the thesis' hand-over. Freeze the policy, hold the base still, go straight down by epsilon, let go."""
+"""`ik`: the thesis' hand-over. Freeze the policy, hold the base still, descend by epsilon, release."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Ik(HandOver):
     """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
 
     The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
-    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is let go where the stop
-    left it. When something below ends the descent early (the servos lag), it is let go there ("blocked").
+    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is released where the
+    stop ended. When an obstacle ends the descent early (the servos lag), it is released there ("blocked").
     """
 
     name = "ik"

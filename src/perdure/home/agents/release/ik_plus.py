@@ -1,4 +1,4 @@
-"""`ik+`: ours. Upright if it can be, then down until the object touches what is below, let go, up again."""
+"""`ik+`: ours. Turn the object upright if possible, lower it until contact, release, go up again."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose, toward
 from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.world import CONTROL_HZ
-
-FloatArray = NDArray[np.float64]
 
 DEEPEST = 0.25
 """How far down at most, in [m]."""
@@ -31,12 +29,11 @@ CONTACT = 3.0
 
 @dataclass
 class IkPlus(HandOver):
-    """Down until contact, the object kept upright (OURS, not in the thesis).
+    """Descent until contact, with the object upright (OURS, not in the thesis).
 
-    The object's own z axis is turned to the vertical. Where joint limits or something that it touches leave it more
-    than 20 degrees short of that, it is turned back: let go half turned it would tip over or roll. Then it goes
-    straight down until the held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no
-    contact").
+    The object's own z axis is turned to the vertical. Where joint limits or a contact leave a tilt of more than 20
+    degrees, it is turned back, because an object released at such a tilt would tip over or roll. Then it descends until
+    the held object (or the hand) feels a contact or has reached the largest depth (outcome "no contact").
     """
 
     name = "ik+"

@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, make_apartment
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

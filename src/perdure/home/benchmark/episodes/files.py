@@ -15,9 +15,8 @@ from typing import Any, cast
 from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import Quaternion, Vec3
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.objects.kinds import Vec3
-from perdure.home.sim.objects.placement import Quaternion
 
 SCHEMA, VERSION = "perdure.home.episodes", 1
 DATA = Path(__file__).parent / "data"

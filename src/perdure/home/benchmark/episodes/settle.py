@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.benchmark.episodes.surfaces import ObjectModels
 from perdure.home.sim.apartments import Apartment, build_apartment
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
 
 SECONDS = 5.0
 """Time to settle in [s] (habitat-lab, `rearrange_generator.py`)."""

@@ -8,13 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment, FreeSpace, Receptacle, plane
+from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
-Vec3 = tuple[float, float, float]
 
 TRIES = 50
 """Places tried for one object on one receptacle (habitat-lab, `samplers/object_sampler.py`)."""

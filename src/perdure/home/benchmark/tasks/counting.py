@@ -15,15 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import WorldFacts
 from perdure.home.benchmark.tasks.predicates import at
 from perdure.home.benchmark.tasks.task import HomeTask
 from perdure.home.errors import HomeError
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import BoolArray, IntArray
 
 SETTLE_STEPS = 150
 """Control steps the world goes on after an episode: 5 s, the time the benchmark's generator gives objects to settle."""

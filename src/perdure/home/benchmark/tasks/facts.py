@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 NOTHING = -1
 """`held` when the gripper holds nothing."""

@@ -20,12 +20,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import NOTHING, WorldFacts
 from perdure.home.errors import HomeError
-
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray
 
 AT = 0.15
 """Largest distance in [m] of an object that is at its goal."""

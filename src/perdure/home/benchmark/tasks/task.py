@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import WorldFacts
 from perdure.home.benchmark.tasks.predicates import Predicate, predicate
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import BoolArray
 
-BoolArray = NDArray[np.bool_]
 SkillName = Literal[
     "navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "reset_arm"
 ]

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode, episode_hash
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts
 from perdure.home.evaluate.log import EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.sim.world.state import norm
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass

@@ -14,17 +14,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.log.history import History
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Vec3 = tuple[float, float, float]
 
 UNTRAINED = -1
 """Training seed where no policy was trained."""

@@ -12,13 +12,10 @@ from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import Predicate, WorldFacts, goal_stabilizing, stabilizing_stages
 from perdure.home.evaluate.log import EpisodeLog
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import IntArray
 
 NEVER = -1
 """In place of a step that never came."""

@@ -45,17 +45,14 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import AT, SOMETHING_ELSE, Predicate
 from perdure.home.benchmark.tasks.predicates import DRAWER_OPEN, FRIDGE_OPENED
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.evaluate.outcomes.counting import handled
+from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.world import GRASP_RADIUS
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 FailureCause = Literal[
     "diverged",

@@ -19,12 +19,11 @@ from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import latched, stages_stabilizing
 from perdure.home.evaluate.outcomes.labels import COUNTINGS
 from perdure.home.evaluate.outcomes.placements import GROUP
+from perdure.home.sim.arrays import FloatArray
 from perdure.report.statistics import survival_interval
 
 if TYPE_CHECKING:
     import polars as pl
-
-FloatArray = NDArray[np.float64]
 
 
 def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:

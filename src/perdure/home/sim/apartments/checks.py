@@ -15,8 +15,7 @@ from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import CLIMB, REACH_UP, footprints
 from perdure.home.sim.apartments.free_space import FreeSpace, free_space
 from perdure.home.sim.apartments.piece import Apartment, Piece, Receptacle, Zone
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 GAP = 0.02
 """Smallest gap between two pieces in [m]."""

@@ -6,11 +6,9 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Solid
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 AJAR = 0.01
 """A drawer that is open by less in [m] does not stand out of its piece."""

@@ -28,10 +28,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
 from perdure.home.sim.apartments.piece import Apartment
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 
 CELL = 0.05
 """Side of a cell in [m], as M3's navigation regions."""

@@ -14,13 +14,11 @@ from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray, Vec3
 
-FloatArray = NDArray[np.float64]
 _T = TypeVar("_T")
-Vec3 = tuple[float, float, float]
 Role = Literal["solid", "look", "hull"]
 """solid: collides and is seen; look: is seen only; hull: collides only."""
 

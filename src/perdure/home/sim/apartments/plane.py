@@ -8,10 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray, FloatArray
 
 
 def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Vec3 = tuple[float, float, float]
+from perdure.home.sim.arrays import Vec3
+
 Shape = Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
 
 SLIDING = 0.3

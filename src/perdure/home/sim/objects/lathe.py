@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.shapes import FLOOR, FOOT, WALL, cap_radius
 from perdure.home.sim.objects.visuals import COATS
-
-FloatArray = NDArray[np.float64]
 
 AROUND, UP = 40, 8
 """Corners around a shell, and along each side of the bowl's wall."""

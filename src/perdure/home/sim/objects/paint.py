@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from perdure.home.sim.objects.kinds import Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.shapes import CORNER, Piece
 
 Color = tuple[float, float, float, float]

@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.objects.kinds import Vec3
-
-Quaternion = tuple[float, float, float, float]
+from perdure.home.sim.arrays import Quaternion, Vec3
 
 
 @dataclass(frozen=True)

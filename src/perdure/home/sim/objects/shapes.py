@@ -12,7 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from perdure.home.sim.objects.kinds import Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import Kind
 
 AppleShape = Literal["sphere", "hull"]
 """What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.objects.kinds import KINDS, Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import KINDS, Kind
 from perdure.home.sim.objects.lathe import add_shell
 from perdure.home.sim.objects.shapes import AppleShape, Piece, moments, pieces
 from perdure.home.sim.objects.visuals import COATS, visuals

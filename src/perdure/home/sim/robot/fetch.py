@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from perdure.home.sim.arrays import Vec3
 from perdure.home.sim.robot.links import (
     ARM,
     BASE_PARTS,
@@ -20,7 +21,6 @@ from perdure.home.sim.robot.links import (
     TORSO,
     Inertial,
     Link,
-    Vec3,
     combined,
 )
 from perdure.home.sim.robot.servos import ARMATURE, add_servos

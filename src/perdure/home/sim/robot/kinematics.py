@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot.links import ARM, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO, FloatArray
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.robot.links import ARM, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO
 
 _AXES = tuple(link.axis.index(1.0) for link in ARM)
 _OFFSETS = np.array([link.origin for link in ARM])

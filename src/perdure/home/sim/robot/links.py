@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vec3 = tuple[float, float, float]
+from perdure.home.sim.arrays import FloatArray, Vec3
+
 Vec6 = tuple[float, float, float, float, float, float]
-FloatArray = NDArray[np.float64]
 
 HEAD_TILT = 0.332
 """How far the head looks down in [rad]: M3's head camera looks from (0.17, 0, 1.2) to (0.75, 0, 1.0)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from perdure.home.sim.robot.links import Vec3
+from perdure.home.sim.arrays import Vec3
 
 
 @dataclass(frozen=True)

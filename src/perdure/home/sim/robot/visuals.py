@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from perdure.home.sim.robot.links import HEAD_TILT, HEAD_TILT_ORIGIN, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.robot.links import HEAD_TILT, HEAD_TILT_ORIGIN
 
 LOOK_GROUP = 2
 COLORS = {

@@ -6,12 +6,9 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

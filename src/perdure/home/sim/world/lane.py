@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import OBJECT_BIT
 from perdure.home.sim.robot.data import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.sim.world.actions import GRASP_RADIUS
 from perdure.home.sim.world.nearby import MOVED
 from perdure.home.sim.world.scene import CONTROL_HZ, Scene
-
-FloatArray = NDArray[np.float64]
 
 Jaws = Literal["never", "apart"]
 """Whether an object that was held meets the robot again: never (M3), or once they are apart (habitat-lab)."""

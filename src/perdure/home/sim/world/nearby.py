@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
+
 IntArray = NDArray[np.int32]
 
 REACH = 1.6

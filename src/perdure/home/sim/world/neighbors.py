@@ -10,15 +10,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import Lane
 from perdure.home.sim.world.scene import Scene
 from perdure.home.sim.world.state import norm
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 NEIGHBORS = 2
 """Number of nearest neighbors in the state."""

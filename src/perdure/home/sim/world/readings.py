@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
 from perdure.home.sim.world.neighbors import Neighbors
 from perdure.home.sim.world.scene import CONTROL_HZ
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal, norm, turn, wrap
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Readings:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment, moving_footprints, static_footprints
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 BEAMS = 24
 """OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, build_apartment
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
 from perdure.home.sim.world.base_bumper import add_base_bumper
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.nearby import Nearby
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""

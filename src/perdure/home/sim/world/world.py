@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
@@ -19,10 +20,6 @@ from perdure.home.sim.world.readings import Readings
 from perdure.home.sim.world.scan import NO_SCAN, Outlines
 from perdure.home.sim.world.scene import Scene
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 class World:
