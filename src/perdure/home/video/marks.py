@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import AT
 from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects import short_name
 
 Color = tuple[float, float, float]
 
@@ -40,9 +41,3 @@ def goal_marks(episode: Episode) -> tuple[Mark, ...]:
     return tuple(
         Mark(short_name(goal.kind), goal.position, COLORS[k % len(COLORS)], k) for k, goal in enumerate(episode.goals)
     )
-
-
-def short_name(kind: str) -> str:
-    """Return a YCB name without its number: `005_tomato_soup_can` is a tomato soup can."""
-    number, _, words = kind.partition("_")
-    return (words if number.isdigit() and words else kind).replace("_", " ")

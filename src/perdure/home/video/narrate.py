@@ -11,9 +11,9 @@ from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
 from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.objects import short_name
 from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-from perdure.home.video.marks import short_name
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from itertools import combinations
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.outcomes import COUNTINGS, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_EPISODE
+from perdure.home.evaluate.outcomes.text import interval_text
 from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, percent
 from perdure.home.evaluate.page.failure_modes import mode_counts, mode_labels
@@ -30,7 +31,7 @@ def success_table(comparison: Comparison) -> str:
         rows.append(
             (
                 *(strategy, label, f"{len(episodes):,}", _seeds(comparison, strategy)),
-                *(_mean(comparison.final(strategy, counting)) for counting in COUNTINGS),
+                *(interval_text(comparison.final(strategy, counting)) for counting in COUNTINGS),
                 *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(strategy))),
                 str(episodes["diverged"].sum()),
             )
@@ -173,12 +174,6 @@ def _seeds(comparison: Comparison, strategy: str) -> str:
     episodes = comparison.episodes[strategy]
     trained = [seed for seed in episodes["train_seed"].unique() if seed != UNTRAINED]
     return f"{len(trained) or 'untrained'} x {episodes['eval_seed'].n_unique()}"
-
-
-def _mean(row: dict[str, float]) -> str:
-    error = "" if math.isnan(row["standard_error"]) else f" +- {100 * row['standard_error']:.1f}"
-    bounds = "" if math.isnan(row["lower"]) else f" [{100 * row['lower']:.1f}, {100 * row['upper']:.1f}]"
-    return f"{100 * row['mean']:.1f}{error} %{bounds}"
 
 
 def _points(difference: Interval) -> str:

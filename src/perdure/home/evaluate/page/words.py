@@ -8,6 +8,7 @@ from perdure.home.benchmark.tasks import HomeTask, Stage
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes.labels import DID_NOT_LAST, OTHER, SUCCESS
 from perdure.home.evaluate.protocol.naming import read_strategy
+from perdure.home.sim.objects import short_name
 
 _STRATEGIES = {
     "rl": "policy alone",
@@ -79,7 +80,7 @@ def outcome(name: str) -> str:
 
 def kind(name: str, cylinder: bool) -> str:
     """Return what an object is: "013_apple" -> "apple"; of a can that it is a cylinder."""
-    words = re.sub(r"^\d+_", "", name).replace("_", " ")
+    words = short_name(name)
     return f"{words} (cylinder)" if cylinder else words
 
 
