@@ -1,4 +1,4 @@
-"""Oracle for drawers and the fridge's door: take the handle, move it along its line or arc, let go, go back to rest.
+"""Oracle for drawers and the fridge's door: grasp the handle, move it along its path, release, return to rest.
 
 The arm keeps the gripper on the handle's way (damped least squares); the base drives to keep that way within reach.
 """
@@ -22,7 +22,7 @@ SPEED = 0.40
 NEAREST, FARTHEST = 0.62, 0.85
 """Distances along the floor between which the base keeps the gripper in [m]."""
 BACK = 0.15
-"""How far the robot draws back from a handle it has let go, in [m]."""
+"""Distance the robot backs off from a released handle, in [m]."""
 
 
 def articulate(view: View, goal: float, enough: float) -> Motion:
@@ -81,7 +81,7 @@ def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArr
 
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
-    """With the handle in the hand: its wanted place runs ahead along its way, gripper and base follow."""
+    """Move the held handle: a target point moves along the handle's path, gripper and base follow it."""
     handles = Handles.of(view.lane.scene.apartment)
     lever = float(np.hypot(*handles.lever[link])) or 1.0
     wanted = float(view.state.link_position[0])

@@ -1,4 +1,4 @@
-"""Asking a lane's model what the robot would touch somewhere else, without moving anything."""
+"""Collision queries: what the robot would touch at another pose, without moving the simulation."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
 
 PUSHED = 0.25
-"""What a meter of depth in a loose object counts, against 1 in furniture."""
+"""Weight of penetration into a loose object, relative to furniture."""
 TOLERATED = 0.002
-"""Depth in [m] up to which a touch is none."""
+"""Penetration in [m] that does not count as a contact."""
 
 
 class CollisionQuery:
-    """A second set of data for a lane's model, with the rest of the world frozen at the time of the query."""
+    """A second `MjData` of a lane's model, with the rest of the world frozen at the time of the query."""
 
     def __init__(self, lane: Lane) -> None:
-        """A query of the robot in this lane."""
+        """Copy the state of a lane."""
         import mujoco
 
         self._mujoco = mujoco
@@ -59,7 +59,7 @@ class CollisionQuery:
         return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
 
     def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, firm: int = -1) -> float:
-        """Return how deep the robot (with what it holds) would be inside something else in [m], 0 for free.
+        """Return the penetration of the robot and the held object at a pose in [m], 0 for free.
 
         Args:
             base: Where it stands.

@@ -1,4 +1,4 @@
-"""Gripper poses that would do for picking, placing and holding a handle."""
+"""Candidate gripper poses for picking, placing and holding a handle."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from perdure.home.sim.arrays import FloatArray
 STANDOFFS = (0.11, 0.08, 0.05)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
 NEIGHBOR_GAP = 0.02
-"""How much farther than the target every other object and handle must be from the gripper point in [m]."""
+"""Margin in [m] by which other objects and handles must be farther from the gripper point than the target."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
-"""How steeply the gripper points down on open surfaces."""
+"""Downward angles of the gripper on open surfaces, in [rad]."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same in a fridge."""
 LIFT, HIGH_LIFT = 0.08, 0.25
-"""How far above the last point the gripper comes from in [m]."""
+"""Heights of the pre-grasp point above the grasp point in [m]."""
 ASIDE = 0.11
-"""How far beside or above an object the gripper takes it from when another one stands before it, in [m]."""
+"""Distance beside or above an object from which it is grasped when another one is in front of it, in [m]."""
 BACK = 0.4
-"""How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
+"""Distance behind the standing place at which the arm is raised in front of a fridge, in [m]."""
 TURNS = (0.0, 0.5, -0.5)
 """Turns of the approach about the vertical, in [rad]."""
 INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
@@ -54,7 +54,7 @@ def pick_gripper_goals(
     return gripper_goals
 
 
-def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
+def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
     """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
     gripper_goals = []
     for slope in INSIDE_SLOPES[:3]:

@@ -1,4 +1,4 @@
-"""Motions that oracle skills are made of, as generators: each yields an action and is sent what came of it."""
+"""Motions of the oracle's skills, as generators that yield one action per step."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from perdure.home.skills import rest_error
 Motion = Generator[FloatArray, None, None]
 
 PATIENCE = 15
-"""Steps in which a robot must move to count as moving."""
+"""Steps after which a robot that has hardly moved counts as stuck."""
 CREEP = 0.04
-"""So little in that time, in [m] (0.3 m for a radian), is no motion."""
+"""Smallest motion in that time in [m] (0.3 m for a radian)."""
 TRIES = 3
-"""How often a robot that got stuck on its way tries on before it gives the way up."""
+"""Number of times a robot backs off on a path before it gives up."""
 JAMMED_RAD = 0.25
 """Lag of a joint in [rad] beyond which the arm is jammed."""
 AHEAD = 6
-"""How many way points (5 cm each) before itself a robot looks at."""
+"""Look-ahead on a path in waypoints of 5 cm."""
 ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
 
@@ -51,7 +51,7 @@ def never() -> bool:
 
 @dataclass
 class View:
-    """One lane as an oracle skill sees it; `state` (one row) is renewed before each action."""
+    """One lane of an oracle skill; `state` (one row) is updated before each action."""
 
     world: World
     number: int

@@ -1,4 +1,4 @@
-"""Oracle navigation: to a cell from which the next skill's arm motion works, the shortest way, then face the aim."""
+"""Oracle navigation: drive the shortest way to a cell from which the next skill works, then face the aim."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ BEST_DISTANCE = {
     "open_fridge": 0.95,
     "close_fridge": 0.9,
 }
-"""From where each skill works best, along the floor in [m]."""
+"""Best distance from the aim for each skill, along the floor in [m]."""
 ARM_LOW, ARM_REACH = 0.7, 0.75
-"""Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
+"""Height below which furniture cannot touch the resting arm, and reach of the arm with a held object, in [m]."""
 CLOSENESS = 0.06
-"""How many meters of distance a unit of `arm_cost` is worth when a standing place is chosen."""
+"""Meters of distance per unit of `arm_cost` in the choice of a standing place."""
 ELSEWHERE = 0.3
-"""How far from a standing place that could not be reached the next one must be, in [m]."""
+"""Smallest distance of the next standing place from one that could not be reached, in [m]."""
 PLACES = 10
-"""Standing places that are tried."""
+"""Largest number of standing places tried."""
 STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
-"""How far the next skill may drive on from there, in [m]."""
+"""Distances that the next skill may drive on from a standing place, in [m]."""
 
 
 def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
-    """Drive to where `toward` works."""
+    """Drive to a place from which the skill `toward` works."""
     assert skill_goal.route is not None
     route = skill_goal.route
     goals = np.nonzero(route.values == 0.0)[0]

@@ -1,4 +1,4 @@
-"""Oracle pick: stand where the arm reaches, come from above (or from the front in a fridge), grasp, go back to rest."""
+"""Oracle pick: drive within reach, approach from above (in a fridge from the front), grasp, return to rest."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
-from perdure.home.agents.oracle.gripper_goals import pick_gripper_goals, wishes_aside
+from perdure.home.agents.oracle.gripper_goals import goals_aside, pick_gripper_goals
 from perdure.home.agents.oracle.motions import (
     Motion,
     View,
@@ -28,7 +28,7 @@ from perdure.home.sim.world.handles import Handles
 
 ATTEMPTS = 3
 SAFE = 0.002
-"""What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
+"""Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
 
 
 def pick(view: View) -> Motion:
@@ -73,11 +73,11 @@ def plan_pick(
     if stands is not None:
         return plan_reach(query, stands, gripper_goals, firm)
     origin = np.array([base.x, base.y])
-    return plan_from_here(query, base, gripper_goals, point, firm, lambda: wishes_aside(point, origin, neighbors))
+    return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
-    """Drive to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
+    """Drive to the entry of a plan, move the arm to its poses, drive on to the plan's base pose.
 
     Ends early as soon as `until` holds.
     """
@@ -105,7 +105,7 @@ def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
 
 
 def retreat(view: View, plan: ReachPlan) -> Motion:
-    """The way back: up, out, and the arm to rest."""
+    """Retreat: lift, drive out, and move the arm to rest."""
     yield from move_arm(view, [plan.poses[0]], settle=0)
     if plan.entry != plan.base:
         yield from turn_and_go(view, plan.base.yaw, _along(view, plan.entry))

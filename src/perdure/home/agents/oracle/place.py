@@ -1,4 +1,4 @@
-"""Oracle place: hold the object level above its goal, wait until it hangs still, let go, go back to rest."""
+"""Oracle place: hold the object level above its goal, wait until it is still, release, return to rest."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from perdure.home.sim.objects import YcbObjects
 from perdure.home.sim.world import RELEASE
 
 HEIGHT = 0.015
-"""How far above its goal the object is let go in [m]."""
+"""Height above the goal at which the object is released in [m]."""
 PALM = 0.058
-"""How high above a surface a level hand must be in [m]: its wrist reaches 5.2 cm down. Flat objects fall the rest."""
+"""Smallest height of a level hand above a surface in [m]: its wrist extends 5.2 cm down. Flat objects drop the rest."""
 STILL = 0.03
 """Speed of the gripper in [m/s] below which it counts as still."""
 

@@ -15,7 +15,7 @@ from perdure.home.errors import HomeError
 
 _HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
 STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
-"""Names of all, as `--place` takes them."""
+"""Names of all, the values of `--place`."""
 
 
 def make_strategy(name: str, inner: Actor) -> Actor:

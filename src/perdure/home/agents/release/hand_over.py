@@ -37,9 +37,9 @@ from perdure.home.skills import Progress, Skill
 Motion = Generator[FloatArray, None, None]
 
 STILL = 0.02
-"""Speed of the gripper point in [m/s] below which the hand hangs still."""
+"""Speed of the gripper point in [m/s] below which the hand is at rest."""
 BASE_TOLERANCE = 0.01
-"""Error of the base in [m] and [rad] within which it stands where it stood at the freeze (OURS)."""
+"""Tolerance of the base pose after a stop in [m] and [rad] (OURS)."""
 RETURN_RATE, RETURN_SPEED = 10.0, 0.3
 """The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
 STOP_STEPS = 45
@@ -88,7 +88,7 @@ class Held:
 
     @property
     def speed(self) -> float:
-        """Of the gripper point in the room in [m/s]."""
+        """Speed of the gripper point in the room in [m/s]."""
         return float(norm(self.state.gripper_velocity)[0])
 
 
@@ -138,7 +138,7 @@ class HandOver(ABC):
         return actions
 
     def overtime(self, lane: int) -> bool:
-        """Return whether a lane needs more time than its limit: while it has something to put down."""
+        """Return whether a lane needs more time than its limit: always, to finish its hand-over."""
         return True
 
     def _freeze(self, lane: int, state: PrivilegedState) -> None:
@@ -162,7 +162,7 @@ class HandOver(ABC):
 
 
 def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
-    """Return an action that holds the base where it stood at the freeze and moves the arm by joint steps in [rad].
+    """Return an action that holds the base at its pose of the freeze and moves the arm by joint steps in [rad].
 
     The base needs about 0.2 s to stop from full speed, in which it rolls 0.15 m; M3's stops at once. So it drives back.
     """
@@ -182,7 +182,7 @@ def release() -> FloatArray:
 
 
 def stop(held: Held) -> Motion:
-    """Bring the base back to where it stood at the freeze, the arm unmoved, until the hand hangs still."""
+    """Bring the base back to its pose of the freeze, the arm unmoved, until the hand is at rest."""
     for _ in range(STOP_STEPS):
         yield hold_base(held)
         if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
@@ -190,7 +190,7 @@ def stop(held: Held) -> Motion:
 
 
 def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
-    """`stop`, and return whether a descent may begin; beside the goal region the outcome says why not."""
+    """Run `stop` and return whether a descent may begin; beside the goal region the outcome records why not."""
     yield from stop(held)
     if not held.above_goal:
         held.outcome = NOT_ABOVE

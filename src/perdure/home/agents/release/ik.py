@@ -11,11 +11,11 @@ from perdure.home.sim.robot import TORSO_HEIGHT, gripper_pose, reach, toward
 from perdure.home.sim.world import CONTROL_HZ
 
 EPSILON = 0.05
-"""How far down in [m]; `docs/home/world.md` shows what other values do."""
+"""Depth of the descent in [m]; `docs/home/world.md` compares other values."""
 SPEED = 0.15
-"""How fast in [m/s]."""
+"""Speed of the descent in [m/s]."""
 OUT_OF_REACH = 0.02
-"""How far from its end the way may end in [m] before it counts as out of reach."""
+"""Largest error in [m] of a reached end point; beyond it the point counts as out of reach."""
 
 
 @dataclass

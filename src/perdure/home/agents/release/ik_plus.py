@@ -14,17 +14,17 @@ from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.world import CONTROL_HZ
 
 DEEPEST = 0.25
-"""How far down at most, in [m]."""
+"""Largest depth of the descent in [m]."""
 SPEED = 0.15
-"""How fast in [m/s]."""
+"""Speed of the descent in [m/s]."""
 TURN_STEPS = 60
 """Steps in which the object is brought upright."""
 UPRIGHT = float(np.cos(np.radians(20.0)))
 """Cosine of the tilt up to which an object stands rather than tips or rolls."""
 BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
-"""Trace of a rotation by 6 degrees: so near to how it was held it is turned back."""
+"""Trace of a rotation by 6 degrees: the tolerance of turning back."""
 CONTACT = 3.0
-"""Normal force at what is held, in [N], beyond which it touches something."""
+"""Normal force at the held object in [N] that counts as a contact."""
 
 
 @dataclass
@@ -61,7 +61,7 @@ class IkPlus(HandOver):
 
 
 def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
-    """Turn what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
+    """Turn the held object about a fixed gripper point until the rotation is reached or the steps are used up."""
     for _ in range(TURN_STEPS):
         position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         if there(rotation):

@@ -9,7 +9,7 @@ from perdure.home.agents.release.hand_over import HandOver, Held, Motion, stop
 
 @dataclass
 class Stop(HandOver):
-    """The base returns to where it stood at the freeze; when the hand hangs still it opens."""
+    """The base returns to its pose of the freeze; when the hand is at rest it opens."""
 
     name = "stop"
 

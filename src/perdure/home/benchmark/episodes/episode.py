@@ -1,4 +1,4 @@
-"""An episode as data: the apartment, what lies where at the start, and where the targets belong.
+"""An episode as data: the apartment, the objects' start poses, and the targets' goals.
 
 The robot's start pose is not part of it: the evaluation seed draws it, see `start.py`.
 """
@@ -35,10 +35,10 @@ class Episode:
     objects: tuple[Placement, ...]
     """The targets first, in the task's order, then the clutter."""
     goals: tuple[Placement, ...]
-    """Where each target belongs; only the positions count."""
+    """Goal of each target; only the positions count."""
 
     def __post_init__(self) -> None:
-        """An episode that does not fit its task raises HomeError."""
+        """Raise HomeError for an episode that does not fit its task."""
         task = get_task(self.task)
         count = len(task.targets) + sum(number for number, _ in task.clutter)
         if len(self.goals) != len(task.targets) or len(self.objects) != count:
@@ -62,7 +62,7 @@ class Episode:
 
     @property
     def goal_positions(self) -> FloatArray:
-        """Where the targets belong in [m]. Shape (targets, 3)."""
+        """Goals of the targets in [m]. Shape (targets, 3)."""
         return np.array([goal.position for goal in self.goals])
 
     def apartment(self) -> Apartment:
@@ -91,7 +91,7 @@ class EpisodeSet:
     task: str
     split: str
     made_with: Mapping[str, str]
-    """How they were made: seed, package versions."""
+    """Provenance: seed, package versions."""
     episodes: tuple[Episode, ...]
 
     def __len__(self) -> int:

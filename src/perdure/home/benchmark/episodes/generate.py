@@ -1,4 +1,4 @@
-"""Making episodes by the benchmark's rules, and by no other: never by whether somebody can solve them.
+"""Generation of episodes by the benchmark's rules alone; solvability by any agent plays no part.
 
 The rules are those of habitat-lab's generator (`habitat/datasets/rearrange/rearrange_generator.py`) with M3's
 configurations: receptacles of targets and goals are drawn first; then objects are placed, targets before clutter, each

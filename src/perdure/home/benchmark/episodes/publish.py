@@ -1,4 +1,4 @@
-"""Makes the published episodes again; ten to fifteen minutes on one core."""
+"""Regenerate the published episodes; ten to fifteen minutes on one core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Letting freshly placed objects settle, to see whether they stay where they were put."""
+"""Settling of freshly placed objects, to check that they are stable."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def settle(
 
 
 def settle_episode(episode: Episode, models: ObjectModels, seconds: float = SECONDS) -> FloatArray:
-    """Return how far each object of a finished episode moves when left alone, in [m]. Shape (objects,)."""
+    """Return the displacement of each object of an episode in a simulation without robot, in [m]. Shape (objects,)."""
     return settle(episode.apartment(), dict(episode.opened), episode.objects, models, seconds)[1]
 
 

@@ -1,4 +1,4 @@
-"""Drawing places for objects on receptacles: uniform, upright, apart from each other, near enough to stand at."""
+"""Placement of objects on receptacles: uniform, upright, not overlapping, within the robot's reach."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAVIGABLE_WITHIN = 1.5
 GAP = 0.005
 """Smallest gap between two objects on a receptacle in [m] (OURS)."""
 LIFT = 0.001
-"""How far above its surface an object is put before it settles in [m] (OURS)."""
+"""Height above the surface at which an object is put before it settles in [m] (OURS)."""
 
 
 class ObjectModels(Protocol):
@@ -35,7 +35,7 @@ class ObjectModels(Protocol):
 
 @dataclass
 class Surfaces:
-    """What lies on the receptacles so far: footprints (x, y, half x, half y, yaw) by unique name."""
+    """Objects placed on receptacles so far: footprints (x, y, half x, half y, yaw) by the receptacle's unique name."""
 
     apartment: Apartment
     space: FreeSpace
@@ -51,7 +51,7 @@ class Surfaces:
         return np.array([*center, half[0], half[1], yaw])
 
     def add(self, placement: Placement) -> None:
-        """Counts an object as lying there."""
+        """Add an object to its receptacle."""
         w, _, _, z = placement.quaternion
         shape = self.footprint(placement.kind, *placement.position[:2], 2.0 * math.atan2(z, w))
         self.taken.setdefault(placement.receptacle, []).append(shape)

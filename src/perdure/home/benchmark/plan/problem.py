@@ -1,4 +1,4 @@
-"""What the planner is asked: which target is in which container, what is open, what must hold in the end."""
+"""Planning problems: the container of each target, what is open, and the goal."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class PlanProblem:
 
     name: str
     starts: tuple[Container | None, ...]
-    """What each target is in at the start."""
+    """Container of each target at the start."""
     ends: tuple[Container | None, ...]
-    """What each target belongs in."""
+    """Container of each target's goal."""
     final: tuple[str, ...]
-    """What must hold in the end, as facts of the domain."""
+    """The goal, as facts of the domain."""
 
     @property
     def containers(self) -> tuple[Container, ...]:

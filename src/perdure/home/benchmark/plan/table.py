@@ -36,7 +36,7 @@ def print_plan(task: HomeTask | Episode | str) -> None:
 
 
 def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
-    """Return where a step happens, for `navigate` where it leads."""
+    """Return the place of a step, for `navigate` its destination."""
     if step.skill == "reset_arm":
         return ""
     skill = step.toward or step.skill

@@ -78,7 +78,7 @@ class Stabilizing:
         return Stabilizing(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool))
 
     def after(self, facts: WorldFacts, handling: BoolArray) -> Stabilizing:
-        """Return one step on.
+        """Return the counting after one more step.
 
         Args:
             facts: The facts at this step, with leading axes *.

@@ -1,4 +1,4 @@
-"""What the tasks need to know about the world, and nothing else."""
+"""The facts about the world that tasks depend on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class WorldFacts:
     """How far the fridge's upper door is open in [rad]. Shape (*)."""
 
     def __post_init__(self) -> None:
-        """Shapes that do not fit together raise HomeError."""
+        """Raise HomeError for shapes that do not match."""
         lead = np.shape(self.held)
         targets = np.shape(self.object_positions)[-2:]
         sizes = {

@@ -49,7 +49,7 @@ _ABOUT_THE_WORLD: dict[str, Callable[[WorldFacts], BoolArray]] = {
     "closed_fridge": lambda facts: np.asarray(facts.fridge <= FRIDGE_CLOSED),
 }
 PREDICATES = (*_ABOUT_A_TARGET, *_ABOUT_THE_WORLD)
-"""The names of all conditions."""
+"""Names of all conditions."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Figures of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x cause."""
+"""Figures of failures: outcomes of episodes (figures 2-1, 2-3), and first unmet stage x failure cause."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLUMNS = ("outcome", "count", "of_all", "of_failed")
 
 
 def outcome_figure(comparison: Comparison) -> Figure:
-    """Return a row for each outcome, a bar for each strategy."""
+    """Return the figure of outcomes: a row for each outcome, a bar for each strategy."""
     names = [
         name
         for number, name in enumerate(comparison.outcomes[comparison.strategies[0]]["outcome"])
@@ -52,7 +52,7 @@ def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float
 
 
 def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
-    """Return first unmet stage and cause of every failed episode, a bar for each strategy; None when nothing failed.
+    """Return the figure of failures by stage and cause, a bar for each strategy; None when nothing failed.
 
     Args:
         comparison: The strategies.

@@ -1,4 +1,4 @@
-"""Figures of success: the task's, both ways of counting, and how it shrinks from stage to stage (figure 2-2)."""
+"""Figures of success in both ways of counting: the whole task, and stage by stage (figure 2-2)."""
 
 from __future__ import annotations
 

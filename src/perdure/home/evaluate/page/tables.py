@@ -45,7 +45,7 @@ def success_table(comparison: Comparison) -> str:
 
 
 def paired_table(comparison: Comparison) -> str:
-    """Return every two strategies on the episodes that both ran; nothing for a single strategy."""
+    """Return pairwise comparisons on the episodes that both strategies ran; nothing for a single strategy."""
     rows = []
     for first, second in combinations(comparison.strategies, 2):
         left, right = (comparison.episodes[strategy] for strategy in (first, second))
@@ -70,7 +70,7 @@ def paired_table(comparison: Comparison) -> str:
 
 
 def mode_table(comparison: Comparison) -> str:
-    """Return every failure mode with its count and both shares, for every strategy and way of counting."""
+    """Return the count and both shares of every failure mode, for every strategy and way of counting."""
     rows = []
     for counting in COUNTINGS:
         counts = {strategy: mode_counts(comparison, counting, strategy) for strategy in comparison.strategies}
