@@ -1,4 +1,4 @@
-"""Where a picture is taken from: the whole apartment from above or as a doll's house, or the robot's own eyes."""
+"""Cameras: the whole apartment from above or as a doll's house, the robot's own cameras, a following camera."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Shot:
     target: FloatArray
     """Shape (3,), in [m]."""
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """What is up in the picture; north for a camera that looks straight down."""
+    """Upward direction in the picture; north for a camera that looks straight down."""
 
     @property
     def axes(self) -> FloatArray:

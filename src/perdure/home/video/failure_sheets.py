@@ -35,7 +35,7 @@ DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([1
 """Azimuths and elevations of the camera that are tried, in [rad]."""
 USUAL_ELEVATION = np.radians(36.0)
 FAR_HAND = 1.5
-"""A hand farther from a handle than this in [m] is not looked at: it is about something else."""
+"""A hand farther from a handle than this in [m] is not shown."""
 NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
 """The camera is NEAR + ZOOM * (distance of the two things it looks at) away, FAR at most, in [m]."""
 

@@ -34,7 +34,7 @@ class Film(Protocol):
         """The film is complete."""
 
     def stop(self) -> None:
-        """Nothing more is written."""
+        """Stop writing."""
 
 
 def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Path:

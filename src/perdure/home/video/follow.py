@@ -21,11 +21,11 @@ REACH = 2.4
 STAY = 1.5
 """Score that a direction loses for each radian it is away from the present one."""
 PATIENCE = 0.5
-"""How long the camera keeps a direction before it looks around for a better one, in [s]."""
+"""Time the camera keeps a direction before it searches a better one, in [s]."""
 INERTIA = 0.6
-"""Time constant in [s] of its way around what it looks at ..."""
+"""Time constant of the camera's direction in [s] ..."""
 TRACKING = 0.12
-"""... and with it: at 3 m/s, four times faster than life, the robot is 1.4 m ahead of the picture's middle."""
+"""... and of the point it looks at: at 3 m/s and fourfold speed the robot is 1.4 m ahead of the picture's center."""
 
 
 class Follower:
@@ -93,11 +93,11 @@ class Follower:
         return best
 
     def _beside(self, azimuth: float) -> float:
-        """1 for a look from the side, where one sees what the arm does, 0 from ahead or behind."""
+        """Return 1 for a view from the side, where the arm is visible, 0 from ahead or behind."""
         return float(abs(np.sin(azimuth - self._lane.robot[2])))
 
     def _sees(self, point: FloatArray, eye: FloatArray, exclude: int) -> float:
-        """1 when nothing stands between, 0.4 when only the robot does, else 0."""
+        """Return 1 for a free line of sight, 0.4 when only the robot blocks it, else 0."""
         import mujoco
 
         geom = np.array([-1], dtype=np.int32)

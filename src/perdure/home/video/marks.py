@@ -1,4 +1,4 @@
-"""What is drawn into a picture that is not in the world: where targets are and where they belong."""
+"""Marks drawn into a picture: the targets and their goals."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Mark:
     label: str
     """What the object is called in the picture."""
     goal: Vec3
-    """Where it belongs in the room in [m]."""
+    """Its goal position in the room in [m]."""
     color: Color
     number: int
     """Of the object in the scene; -1 when only the goal is to be seen."""

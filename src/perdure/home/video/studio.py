@@ -21,7 +21,7 @@ from perdure.home.video.words import write_labels
 
 LARGEST = 4096
 NEAR = 0.02
-"""What is nearer to a camera is not drawn, in [m]: the head looks along the upper arm."""
+"""Near clipping distance in [m]: the head looks along the upper arm."""
 SHADOWS = 4096
 """Size of the shadow map in texels."""
 SEEN = (1, 1, 1, 0, 0, 0)

@@ -25,7 +25,7 @@ class Recorder:
     """Skills that have ended, without force and reach."""
     rows: list[FloatArray] = field(default_factory=list)
     diverged: bool = False
-    """Whether the simulation blew up; nothing after that counts."""
+    """Whether the simulation diverged; nothing after that counts."""
 
     def log(self, steps: int, final_objects: tuple[FinalObject, ...], **run: str | int) -> EpisodeLog:
         """Return the log of the episode.

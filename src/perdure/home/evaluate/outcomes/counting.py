@@ -20,7 +20,7 @@ from perdure.home.sim.arrays import IntArray
 NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0
-"""How far in [m] an object is put from its goal in the facts when an event says only that it is not in it."""
+"""Distance from the goal in [m] in the facts of an object that an event reports outside its goal."""
 
 
 _Counted = TypeVar("_Counted")
@@ -40,7 +40,7 @@ def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Co
 
 
 def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
-    """Return the steps at which anything can change, and the facts at them.
+    """Return the steps at which a condition may change, and the facts at them.
 
     Positions in these facts only say whether an object is in its goal: they are the goal, or 1 m beside it.
     """

@@ -92,7 +92,7 @@ or the base's middle within 0.5 m of it in the plane (base and half the largest 
 
 
 def placement(record: EpisodeLog, target: int) -> Release | None:
-    """Return the placement of a target: the last time it was let go while the plan handled it, None if it never was."""
+    """Return the placement of a target: its last release while the plan handled it, None if it was never released."""
     span = handled(record, target)
     if span is None:
         return None
@@ -176,7 +176,7 @@ def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
 
 
 def release_offset(record: EpisodeLog, release: Release) -> tuple[float, float]:
-    """Return where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
+    """Return the offset of a release from the rest position in the goal: horizontal and upward, in [m]."""
     offset = release.track.position[0] - np.array(record.targets[release.target].goal)
     return float(np.hypot(offset[0], offset[1])), float(offset[2])
 

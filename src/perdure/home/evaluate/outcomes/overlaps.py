@@ -1,4 +1,4 @@
-"""Objects at rest that overlap: a check that the simulated world kept solid things apart.
+"""Objects at rest that overlap: a check that the simulation kept solid objects apart.
 
 The depth comes from the poses in the logs and the objects' own shapes. Which pairs the simulation let collide plays no
 part, so the check also finds pairs that it wrongly left out.

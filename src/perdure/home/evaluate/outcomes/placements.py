@@ -27,7 +27,7 @@ GROUP = ("task", "split", "strategy")
 
 
 def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """Return one row per placement; a target that was never let go while the plan handled it has none.
+    """Return one row per placement; a target that was never released while the plan handled it has none.
 
     | column | meaning |
     |---|---|
@@ -89,7 +89,7 @@ def _rates(placements: pl.DataFrame, keys: tuple[str, ...]) -> pl.DataFrame:
 
 
 def _share(part: pl.Expr, whole: pl.Expr) -> pl.Expr:
-    """Return a share, null where there is nothing to have a share of."""
+    """Return a share, null where the whole is empty."""
     import polars as pl
 
     return pl.when(whole > 0).then(part / whole)

@@ -1,4 +1,4 @@
-"""What makes an apartment usable: nothing overlaps, doors and drawers have room, the robot gets everywhere.
+"""Checks of an apartment: pieces do not overlap, doors and drawers have space, receptacles are within reach.
 
 `why_not` names the first reason why an apartment is refused. It is used when micro variations are drawn; the tests look
 at the apartments with independent means.

@@ -1,4 +1,4 @@
-"""What of an apartment stands in the way of a robot: footprints of its solids, as oriented rectangles."""
+"""Footprints of an apartment's solids as oriented rectangles: the obstacles of a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables, chairs, sofa, television stand and what else stands around: functions from a name and a pose to a piece.
+"""Tables, chairs, sofa, television stand and other pieces: functions from a name and a pose to a piece.
 
 Outer sizes of `table_01`, `chair_01` and `sofa` are those of ReplicaCAD's objects of that name (1.40 x 0.85 m and
 0.74 m high; 0.80 x 0.71 x 0.76; 2.14 x 0.96 x 0.80, as measured by users of the data set). Everything else here, and

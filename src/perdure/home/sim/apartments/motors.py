@@ -1,4 +1,4 @@
-"""How fast a drawer or door that is let go comes to rest.
+"""Damping of drawers and doors, from the decay time of M3's motors.
 
 M3 (hab-mobile-manipulation, `sim.py`) gives every furniture joint a Bullet velocity motor with target 0, gain 0.3 and
 120 steps per second: each step leaves 0.7 of the speed, so speed decays as exp(-t / tau) with

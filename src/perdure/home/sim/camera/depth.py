@@ -1,4 +1,4 @@
-"""What the robot's head camera measures: how far away everything in front of it is."""
+"""Depth images of the robot's head camera."""
 
 from __future__ import annotations
 

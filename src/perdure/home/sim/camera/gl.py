@@ -10,7 +10,7 @@ from typing import Any
 from perdure.home.errors import HomeError
 
 OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL with which MuJoCo draws nothing."""
+"""Values of MUJOCO_GL that switch rendering off."""
 
 
 def open_context(width: int, height: int) -> Any:

@@ -1,4 +1,4 @@
-"""Where an object lies."""
+"""The pose of an object on a receptacle."""
 
 from __future__ import annotations
 

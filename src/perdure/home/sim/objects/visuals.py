@@ -1,4 +1,4 @@
-"""How the objects look: a coat of paint and a few labels by which a stranger recognizes them."""
+"""Visual geometry of the objects: a color and a few labels that make them recognizable."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from perdure.home.sim.objects.visuals import COATS, visuals
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
 OBJECT_BIT = 8
-"""Collision bit that objects share: two objects collide whatever either of them does with the robot."""
+"""Collision bit that objects share: objects collide with each other even when they ignore the robot."""
 BOTH, SEEN, HIDDEN = 0, 2, 3
 """Geom groups: collides and is visible; visual only; collision only."""
 

@@ -19,14 +19,14 @@ from perdure.home.sim.world.nearby import MOVED
 from perdure.home.sim.world.scene import CONTROL_HZ, Scene
 
 Jaws = Literal["never", "apart"]
-"""Whether an object that was held meets the robot again: never (M3), or once they are apart (habitat-lab)."""
+"""When a released object collides with the robot again: never (M3), or once they are apart (habitat-lab)."""
 _CON = {name: k for k, name in enumerate(JOINTS)}
 ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
 TORSO = _CON["torso_lift_joint"]
 
 
 class Lane:
-    """A world of its own. Everything here is about one robot; `World` runs many."""
+    """One simulated world with one robot; `World` runs many of them."""
 
     def __init__(self, scene: Scene, jaws: Jaws = "never") -> None:
         """A lane at the scene's start, the robot at the room's origin: place it before stepping."""
@@ -55,7 +55,7 @@ class Lane:
         self._looked_from: tuple[float, float] | None = None
 
     def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
-        """Put everything back to where the episode begins.
+        """Reset to the start of an episode.
 
         Args:
             base: Where the robot stands.
@@ -165,10 +165,10 @@ class Lane:
         self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
-        """Release whatever is held, with the velocity `SceneOptions.release_velocity` says.
+        """Release whatever is held, with the velocity of `SceneOptions.release_velocity`.
 
         Args:
-            part: False: as if it had never been held.
+            part: False to release it as if it had never been held.
         """
         if self.held_link >= 0:
             self.data.eq_active[self.scene.grip(self.held_link)] = 0
@@ -207,7 +207,7 @@ class Lane:
         self.qvel[speed + 3 : speed + 6] -= spin
 
     def part(self, gripper: FloatArray) -> None:
-        """With `jaws` "apart": objects let go meet the robot again once the gripper is farther than they are long."""
+        """With `jaws` "apart": let released objects collide again once the gripper is farther away than their size."""
         if self.jaws == "never" or not self._parting:
             return
         for number in tuple(self._parting):
@@ -233,7 +233,7 @@ class Lane:
         return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
 
     def _leave_out_far(self) -> None:
-        """Keep bodies that nothing can touch out of the search for contacts, see `nearby`."""
+        """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
         expected = 1 + (self.held >= 0) + (self.held_link >= 0)
         if self.data.ntree_awake > expected:
             if self._looked_from is not None:
@@ -252,14 +252,14 @@ class Lane:
         self._looked_from = x, y
 
     def search_all(self) -> None:
-        """Look for contacts everywhere again, until the robot has moved; for whoever asks about other places."""
+        """Search for contacts everywhere again until the robot has moved, for queries about other places."""
         nearby = self.scene.nearby
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity
         self._looked_from = None
 
     def _collide(self, number: int, robot: bool) -> None:
-        """Whether an object and the robot's geoms meet; objects always collide with each other."""
+        """Set whether an object collides with the robot; objects always collide with each other."""
         self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
         if robot:
             self._parting.discard(number)

@@ -1,4 +1,4 @@
-"""What a grasp might take instead of the target: the objects next to it, and handles.
+"""The neighbors of a target: objects and handles that a grasp could take instead.
 
 The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know them;
 its head camera would show them.
@@ -24,7 +24,7 @@ NEIGHBORHOOD = 0.5
 
 
 class Neighbors(NamedTuple):
-    """What stands around the targets of n lanes."""
+    """The neighbors of the targets of n lanes."""
 
     from_object: FloatArray
     """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
@@ -51,7 +51,7 @@ class Surroundings:
         self._handles = Handles.none(lanes, 1)
 
     def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Look around targets.
+        """Return the neighbors of targets.
 
         Args:
             numbers: Numbers of the lanes. Shape (n,).

@@ -1,4 +1,4 @@
-"""The scan of the robot's surroundings: ranges from its middle to whatever stands in the way of a base.
+"""The scan of the robot's surroundings: ranges from its center to obstacles of the base.
 
 A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees table
 tops above and shelves below. Here it is computed from footprints: everything that reaches between 0.05 and 1.5 m
@@ -48,7 +48,7 @@ class Outlines:
         if known is apartment and exact == self._exact[lane]:
             return
         self._exact[lane] = exact
-        # Rounded, not compared with the last look: else what is seen would depend on when one looked before.
+        # Rounded, not compared with the last scan: otherwise a scan would depend on earlier ones.
         positions = np.round(positions / NOTCH) * NOTCH
         if known is not apartment:
             static = static_footprints(apartment)

@@ -46,9 +46,9 @@ class SceneOptions:
     visuals: bool = False
     """Whether visual geometry is built: pictures need it, physics does not."""
     clutter: bool = True
-    """Whether objects that are no targets are there."""
+    """Whether the scene contains clutter."""
     targets: tuple[int, ...] | None = None
-    """The targets that are there, None for all."""
+    """Numbers of the targets in the scene, None for all."""
     rolling: Rolling = "friction"
     """What stops an object that rolls: rolling friction (`docs/home/objects.md`), or a slow drag alone."""
     apple: AppleShape = "sphere"
@@ -72,7 +72,7 @@ class SceneOptions:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A compiled model and where to find things in it."""
+    """A compiled model and the addresses of its parts."""
 
     apartment: Apartment
     opened: Mapping[str, float]
@@ -180,7 +180,7 @@ class Scene:
 
     @cached_property
     def nearby(self) -> Nearby:
-        """Which bodies are near a robot that stands somewhere."""
+        """Bounding boxes for the search of nearby bodies."""
         bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
         return Nearby.of(self.model, np.array(bodies, dtype=np.int64))
 
@@ -236,7 +236,7 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.ccd_tolerance = 1e-9  # with the default 1e-6 a can lying on its edge creeps and never sleeps
-    # A world that diverges must be seen, not put back to its start in silence.
+    # A diverged world must be reported, not reset silently.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if options.sleep:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP

@@ -1,4 +1,4 @@
-"""What is known of every lane after a control step: one record of arrays, the only thing skills look at."""
+"""The privileged state of every lane after a control step: one record of arrays, the only input of skills."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from perdure.home.sim.world.actions import GRASP_RADIUS
 
 @dataclass(frozen=True)
 class SkillGoal:
-    """What a lane is about: the object to pick or place, where it belongs, the handle to open or close."""
+    """The goal of a skill: the object to pick or place, its goal position, the handle to open or close."""
 
     target: int = 0
     """Number of the object in the scene."""
     goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where it belongs in the room in [m]."""
+    """Its goal position in the room in [m]."""
     link: int = -1
     """Number of the drawer or door in `Scene.links`, -1 when none is meant."""
     toward: str = "pick"
@@ -28,7 +28,7 @@ class SkillGoal:
     route: Geodesic | None = None
     """The way to where navigation should end."""
     front: tuple[float, float] = (0.0, 0.0)
-    """Which way the furniture faces that the object lies on or in (for place: the goal), a unit vector in the room."""
+    """Direction that the furniture at the object (for place: at the goal) faces, a unit vector in the room."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class PrivilegedState:
     object_velocity: FloatArray
     """Linear, in the room. Shape (n, 3)."""
     goal: FloatArray
-    """Where it belongs. Shape (n, 3)."""
+    """Its goal position. Shape (n, 3)."""
     link: IntArray
     """The skill_goal's drawer or door, -1 when there is none. Shape (n,)."""
     handle: FloatArray
@@ -93,7 +93,7 @@ class PrivilegedState:
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray
-    """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
+    """Ranges from the base to obstacles, all `SCAN_RANGE` where no scan was requested. Shape (n, BEAMS)."""
     neighbors: FloatArray
     """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, NEIGHBORS, 3)."""
     neighbor_distance: FloatArray
@@ -105,7 +105,7 @@ class PrivilegedState:
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray
-    """Whether the simulation blew up in this step; the lane was put back to where its episode began. Shape (n,)."""
+    """Whether the simulation diverged in this step; the lane was reset to its episode's start. Shape (n,)."""
 
     def __len__(self) -> int:
         """Number of lanes."""
@@ -136,7 +136,7 @@ class PrivilegedState:
 
     @property
     def object_to_goal(self) -> FloatArray:
-        """d_o^g: distance from the object to where it belongs in [m]. Shape (n,)."""
+        """d_o^g: distance from the object to its goal in [m]. Shape (n,)."""
         return norm(self.object - self.goal)
 
     def in_base(self, points: FloatArray) -> FloatArray:

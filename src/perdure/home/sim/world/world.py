@@ -94,7 +94,7 @@ class World:
         return self._skill_goal[lane]
 
     def lane(self, number: int) -> Lane:
-        """Return the lane itself, for whoever must look deeper; HomeError before its first reset."""
+        """Return the lane itself, for detailed queries; HomeError before its first reset."""
         lane = self._lanes[number]
         if lane is None:
             raise HomeError(f"lane {number} was not reset yet")
@@ -289,7 +289,7 @@ class World:
 
 
 CELLS_AHEAD = 10
-"""How many cells of 0.05 m the point of the way lies ahead of the robot."""
+"""Look-ahead of the waypoint in cells of 0.05 m."""
 MAX_IDLE = 512
 """Worlds kept for scenes that were left, about a megabyte each."""
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)
