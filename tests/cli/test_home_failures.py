@@ -103,7 +103,7 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
         (("{logs}", "{logs}"), "twice"),
-        (("{foreign}",), "'TP+SRL' is no strategy of this package"),
+        (("{foreign}",), "'TP+SRL' is no release strategy of this package"),
         (("{changed}",), "is not the episode that this package has"),
     ],
 )

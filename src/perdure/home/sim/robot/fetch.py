@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SEEN, ONLY_COLLIDES, HIDDEN = 0, 3, 4
 """Geom groups, as in `perdure.home.sim.apartments.build`."""
 FRICTION = (0.2, 0.005, 0.0001)
-"""As furniture: MuJoCo uses the larger friction of a pair, so the object's applies; a held object hangs on a constraint."""
+"""As furniture: MuJoCo uses the larger friction of a pair, the object's; a held object is attached by a constraint."""
 HEAD_CAMERA: Vec3 = (0.256875, 0.0, 0.67257)
 """In the torso's frame: with the torso at 0.15 m M3's (0.17, 0, 1.2) in the base frame."""
 HEAD_LOOKS_AT: Vec3 = (0.836875, 0.0, 0.47257)
