@@ -66,8 +66,8 @@ def test_a_run_is_kept_and_analyzed(perdure, tmp_path):
     assert f"Report: {page}" in text
     assert "perdure home run set_table --episodes 1" in page.read_text()
     assert "scripted oracle" in page.read_text()
-    told = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
-    assert told.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
+    printed = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
+    assert printed.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
     assert (tmp_path / "page" / "set-table-val-success.png").exists()
     process = perdure("home", "analyze", "kept", "--out", page, cwd=tmp_path)
     assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
