@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,7 +26,6 @@ class ResetArm(Skill):
     step_limit = 50
     observation = (PROPRIOCEPTION,)
     success_text = f"all joints are within {DONE:g} rad of rest"
-    failures: ClassVar = {}
     arm_step = FASTEST
     scan_reach = 0.0
 
@@ -35,10 +33,6 @@ class ResetArm(Skill):
         """See `success_text`."""
         done: BoolArray = np.abs(rest_error(state.arm)).max(axis=1) < DONE
         return done
-
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
-        """Stop on success."""
-        return self.success(state, progress)
 
     def act(self, state: PrivilegedState) -> FloatArray:
         """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""

@@ -109,9 +109,9 @@ class Skill(ABC):
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Return whether the skill has succeeded. Shape (n,)."""
 
-    @abstractmethod
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
-        """Return whether the executor goes on to the next skill (M3's rules; the step limit is apart). Shape (n,)."""
+        """Return whether the executor goes on to the next skill: on success by default. Shape (n,)."""
+        return self.success(state, progress)
 
     def reward_terms(
         self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
