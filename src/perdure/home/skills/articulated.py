@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -14,12 +13,8 @@ from perdure.home.sim.apartments import Apartment
 from perdure.home.sim.world import PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.regions import Aim
-from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import front_frame, handle, needed_container
-from perdure.home.skills.starts.stand import Rectangle, stand_in
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Skill
+from perdure.home.skills.starts import Rectangle, Start, front_frame, handle, needed_container, stand_in
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
 GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
@@ -55,22 +50,26 @@ class Articulated(Skill):
     moves_link = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
+    accepted: ClassVar[tuple[float, float]]
+    """Range of accepted joint positions, both ends included (M3)."""
     closes: ClassVar[bool] = False
     """Whether the skill closes; else it opens."""
     knows_front: ClassVar[bool] = True
     """Whether the direction in which the handle faces is observed."""
+    begins_at: ClassVar[tuple[float, float] | None] = None
+    """Uniform range of the joint position at the start; closed when None (M3)."""
     begins_in: ClassVar[tuple[Rectangle, ...]]
     """Where the robot begins, in the frame of `front_frame`; the second where the first one has no free cell (M3)."""
     reached_from: ClassVar[Rectangle]
     """Where navigation to the skill ends, in the same frame (M3)."""
 
-    @abstractmethod
     def there(self, position: FloatArray) -> BoolArray:
-        """Return whether joint positions are as wanted. Shape (n,)."""
+        """Return whether joint positions are accepted. Shape (n,)."""
+        return np.asarray((position >= self.accepted[0]) & (position <= self.accepted[1]))
 
-    @abstractmethod
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
         """Draw the positions of drawers and doors that are open at the start, by link name."""
+        return {link: float(rng.uniform(*self.begins_at))} if self.begins_at else {}
 
     def front(self, state: PrivilegedState) -> FloatArray:
         """Return the direction in which the handle faces, in the room. Shape (n, 3)."""
@@ -108,8 +107,7 @@ class Articulated(Skill):
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Succeed at the wanted position with an empty hand within 0.15 m of rest."""
         retracted = obs.rest_distance(state) <= RETRACTED
-        done: BoolArray = self.there(state.link_position) & state.empty_hand & retracted
-        return done
+        return np.asarray(self.there(state.link_position) & state.empty_hand & retracted)
 
     def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `failures`."""
@@ -122,8 +120,7 @@ class Articulated(Skill):
 
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Stop with an empty hand near rest after it was more than 0.3 m away, at any joint position (M3)."""
-        done: BoolArray = state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away
-        return done
+        return np.asarray(state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away)
 
     def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
         """See `Skill.remember`."""
@@ -155,8 +152,7 @@ class Articulated(Skill):
 
 def holds_handle(state: PrivilegedState) -> BoolArray:
     """Return whether the goal's handle is held. Shape (n,)."""
-    holds: BoolArray = (state.link >= 0) & (state.held_link == state.link)
-    return holds
+    return np.asarray((state.link >= 0) & (state.held_link == state.link))
 
 
 def success_text(position: str) -> str:

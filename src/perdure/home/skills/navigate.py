@@ -29,14 +29,10 @@ from perdure.home.sim.world import (
 )
 from perdure.home.skills import observation as obs
 from perdure.home.skills.articulated import Articulated
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.regions import Aim, region
+from perdure.home.skills.regions import region
 from perdure.home.skills.registry import get_skill
-from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import is_drawer, needed_container
-from perdure.home.skills.starts.stand import stand_anywhere
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.starts import Start, is_drawer, needed_container, stand_anywhere
 
 NEAR, FACING = 0.1, 0.25
 """Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
@@ -172,8 +168,7 @@ def counted_way(state: PrivilegedState) -> FloatArray:
 
 
 def _arrived(state: PrivilegedState) -> BoolArray:
-    there: BoolArray = (state.way <= NEAR) & (np.abs(state.facing_error) <= FACING)
-    return there
+    return np.asarray((state.way <= NEAR) & (np.abs(state.facing_error) <= FACING))
 
 
 @lru_cache(maxsize=1024)

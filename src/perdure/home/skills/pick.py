@@ -12,13 +12,9 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.open_fridge import START_RECTANGLES
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.skill import RETRACTED, Skill
-from perdure.home.skills.starts.containers import FRIDGE_DOOR
-from perdure.home.skills.starts.stand import Rectangle, stand_in
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.open_fridge import OpenFridge
+from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.starts import FRIDGE_DOOR, Rectangle, Start, stand_in
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
@@ -114,8 +110,7 @@ class Pick(Skill):
 
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See `success_text`."""
-        reached: BoolArray = state.holds_target & (obs.rest_distance(state) <= RETRACTED)
-        return reached
+        return np.asarray(state.holds_target & (obs.rest_distance(state) <= RETRACTED))
 
     def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `failures`."""
@@ -127,8 +122,7 @@ class Pick(Skill):
 
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Stop when an object (M3: anything) is held and the gripper is back at rest."""
-        done: BoolArray = (state.held >= 0) & (obs.rest_distance(state) < RETRACTED)
-        return done
+        return np.asarray((state.held >= 0) & (obs.rest_distance(state) < RETRACTED))
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Never let go (M3), and do not grasp anything but the target (OURS)."""
@@ -148,5 +142,5 @@ class Pick(Skill):
         opened = {FRIDGE_DOOR: float(rng.uniform(*JUST_OPENED))}
         apartment, point = episode.apartment(), episode.objects[target].position
         fridge = apartment.piece_of(FRIDGE_DOOR).pose
-        base = stand_in(apartment, fridge, (ARRIVED, *START_RECTANGLES), point, rng)
+        base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.begins_in), point, rng)
         return self.make_start(episode, target, opened, base, rng)

@@ -10,7 +10,7 @@ from perdure.home.benchmark.tasks import SkillStep
 from perdure.home.errors import HomeError
 from perdure.home.sim.world import Lane, SkillGoal
 from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import open_links
+from perdure.home.skills.starts import open_links
 
 SKILLS: dict[str, type[Skill]] = {}
 """All skills by name."""

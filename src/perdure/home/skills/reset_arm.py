@@ -9,8 +9,7 @@ import numpy as np
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
 from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
 from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.skill import Skill
+from perdure.home.skills.skill import BoolArray, FloatArray, Progress, Skill
 
 DONE = 0.05
 """Largest joint error of a reset arm in [rad] (habitat-lab)."""
@@ -31,8 +30,7 @@ class ResetArm(Skill):
 
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See `success_text`."""
-        done: BoolArray = np.abs(rest_error(state.arm)).max(axis=1) < DONE
-        return done
+        return np.asarray(np.abs(rest_error(state.arm)).max(axis=1) < DONE)
 
     def act(self, state: PrivilegedState) -> FloatArray:
         """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""

@@ -22,10 +22,18 @@ from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTe
 from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim
-from perdure.home.skills.starts.arm import draw_arm
-from perdure.home.skills.starts.containers import carried, container_of, draw_open, front_of, link_number
-from perdure.home.skills.starts.stand import stand_near
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.starts import (
+    Start,
+    carried,
+    container_of,
+    draw_arm,
+    draw_open,
+    front_of,
+    link_number,
+    stand_near,
+)
+
+__all__ = ["Aim", "BoolArray", "FloatArray", "IntArray", "Progress", "Recipe", "Skill"]  # all that a skill's file needs
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
@@ -257,8 +265,7 @@ class Skill(ABC):
 def invalid_grasp(state: PrivilegedState) -> BoolArray:
     """Return whether what is held is too far from the gripper. Shape (n,)."""
     limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
-    invalid: BoolArray = ~state.empty_hand & (state.hold_error > limit)
-    return invalid
+    return np.asarray(~state.empty_hand & (state.hold_error > limit))
 
 
 def counted_force(state: PrivilegedState) -> FloatArray:
