@@ -19,7 +19,7 @@ class CloseDrawer(Articulated):
     wanted, accepted = 0.0, (-0.05, 0.05)
     success_text = success_text("the drawer is within 0.05 m of 0")
     object_at_start = "goal"
-    begins_at = DRAWER_OPEN
-    begins_in = (Rectangle((0.3, 1.0), 0.6),)
-    reached_from = Rectangle((0.30, 0.45), 0.35)
+    start_range = DRAWER_OPEN
+    start_rectangles = (Rectangle((0.3, 1.0), 0.6),)
+    navigation_region = Rectangle((0.30, 0.45), 0.35)
     recipe = Recipe(1_000_000)

@@ -23,9 +23,9 @@ class CloseFridge(Articulated):
     wanted, accepted = 0.0, (-0.15, 0.15)
     success_text = success_text("the door is within 0.15 rad of 0")
     object_at_start = "goal"
-    begins_at = (OPENED, 2.356)
-    begins_in = OpenFridge.begins_in
-    reached_from = OpenFridge.reached_from
+    start_range = (OPENED, 2.356)
+    start_rectangles = OpenFridge.start_rectangles
+    navigation_region = OpenFridge.navigation_region
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
 
     def front(self, state: PrivilegedState) -> FloatArray:

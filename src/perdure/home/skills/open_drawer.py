@@ -24,8 +24,8 @@ class OpenDrawer(Articulated):
     name = "open_drawer"
     wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + GIVE)
     success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
-    begins_in = (Rectangle((0.3, 1.5), 0.6),)
-    reached_from = Rectangle((0.80, 0.95), 0.35)
+    start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
+    navigation_region = Rectangle((0.80, 0.95), 0.35)
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
 
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:

@@ -20,6 +20,6 @@ class OpenFridge(Articulated):
     name = "open_fridge"
     wanted, accepted = OPENED, (OPENED, np.inf)
     success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
-    begins_in = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
-    reached_from = Rectangle((0.9, 1.8), 0.5)
+    start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
+    navigation_region = Rectangle((0.9, 1.8), 0.5)
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))

@@ -142,5 +142,5 @@ class Pick(Skill):
         opened = {FRIDGE_DOOR: float(rng.uniform(*JUST_OPENED))}
         apartment, point = episode.apartment(), episode.objects[target].position
         fridge = apartment.piece_of(FRIDGE_DOOR).pose
-        base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.begins_in), point, rng)
+        base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.start_rectangles), point, rng)
         return self.make_start(episode, target, opened, base, rng)
