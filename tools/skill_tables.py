@@ -12,7 +12,8 @@ from perdure.home.sim.robot.data import ARM_JOINTS
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
 from perdure.home.skills.gym import env_id
 from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
+from perdure.home.skills.progress import FORCE_MARGIN
+from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, PENALTY, SUCCESS_REWARD
 
 PAGE = Path(__file__).parents[1] / "docs" / "home" / "skills.md"
 INTRODUCTION = """\
