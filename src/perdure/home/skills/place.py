@@ -89,7 +89,7 @@ class Place(Skill):
         if self.delta < 1:
             raise HomeError(f"delta must be 1 step or more, not {self.delta}")
         if self.limit < self.delta:
-            raise HomeError(f"limited_to must be at least delta = {self.delta} steps, not {self.limit} steps")
+            raise HomeError(f"limited_to must be at least delta: {self.limit} steps cannot last delta = {self.delta}")
 
     @property
     def limit(self) -> int:
