@@ -48,7 +48,13 @@ CONFUSABLE = obs.ObservationTerm(
             )
             for k in range(NEIGHBORS)
         ),
-        obs.Element("lead", "distance of the nearest other object minus that of the target", "m", -LEAD, LEAD),
+        obs.Element(
+            "lead",
+            "distance from the gripper point to the nearest other object minus that to the target",
+            "m",
+            -LEAD,
+            LEAD,
+        ),
         obs.Element("handle_distance", "distance of the nearest handle from the gripper point", "m", 0.0, NEIGHBORHOOD),
     ),
     _neighbors,
@@ -82,7 +88,7 @@ class Pick(Skill):
     success_text = f"the target is held and the gripper is within {RETRACTED:g} m of rest"
     failures: ClassVar = {
         "wrong object": "the hand holds something other than the target",
-        "dropped": "the target was held and is not any more",
+        "dropped": "the target was held and has left the hand",
         **Skill.failures,
     }
     recipe = Recipe(2_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
