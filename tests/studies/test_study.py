@@ -49,6 +49,13 @@ def test_steps_run_in_order_and_a_failure_stops_only_what_depends_on_it():
     assert log == ["a", "c", "d"]
 
 
+def test_a_fault_of_the_program_is_not_hidden():
+    broken = Scripted("a")
+    broken.run = lambda how: int("no number")
+    with pytest.raises(ValueError, match="invalid literal"):
+        run_steps([broken], How("here"))
+
+
 def test_the_observer_sees_the_whole_study():
     seen = []
     run_steps([Scripted("a"), Scripted("b")], How("here", observe=lambda status: seen.append(dict(status))))

@@ -22,6 +22,7 @@ def command(out, *options):
 def run(out, *options):
     done = subprocess.run(command(out, *options), capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def files(out):
@@ -74,6 +75,15 @@ def test_two_commands_at_once_give_the_same_files(whole, tmp_path):
     errors = [each.communicate(timeout=600)[1] for each in both]
     assert [each.returncode for each in both] == [0, 0], errors
     assert files(out) == files(whole)
+
+
+def test_status_counts_what_is_in_the_stores(whole, tmp_path):
+    shown = run(whole, "--status")
+    assert "evaluation test          20 of 20 units done (100% of the work)" in shown
+    write_training(tmp_path)
+    begun = run(tmp_path, "--status")
+    assert "training                 4 of 4 units done" in begun
+    assert "evaluation test          0 of 20 units done (0% of the work)" in begun
 
 
 def test_the_analysis_alone_writes_the_same_files_again(whole):
