@@ -168,8 +168,8 @@ def test_dead_links_of_a_site_are_found(tmp_path):
 
 
 def lost_files(text):
-    """Source files that a page names in code and that are not there."""
-    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`", text)
+    """Source files that a page names in code and that are not there; a name before a block is the block's own."""
+    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`(?!:\n)", text)
     ours = {path.name for folder in (ROOT, ROOT / "src" / "perdure") for path in folder.iterdir()}
     named = [each for each in named if each.split("/")[0] in ours]  # others are files of other projects
     return [each for each in named if not any((ROOT / base / each).exists() for base in ("", "src", "src/perdure"))]
@@ -181,4 +181,5 @@ def test_source_files_that_a_page_names_exist(page):
 
 
 def test_a_lost_source_file_is_found():
-    assert lost_files("`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py`") == ["ppo/gone.py"]
+    text = "`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py` `other/gone.py`; in `ppo/new.py`:\n\n```python\n"
+    assert lost_files(text) == ["ppo/gone.py"]
