@@ -81,9 +81,17 @@ def test_a_mujoco_environment_names_its_engine() -> None:
     assert engine == f"Gymnasium {gymnasium.__version__}, MuJoCo {mujoco.__version__}"
 
 
+class Worded(Counting):
+    """Its actions are words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.action_space = gymnasium.spaces.Text(5)
+
+
 def test_what_does_not_fit_the_contract_is_refused_with_a_reason() -> None:
-    with pytest.raises(WorldError, match=r"continuous \(a Box\).*Discrete"):
-        make_world("gymnasium:CartPole-v1", [1])
+    with pytest.raises(WorldError, match=r"continuous \(a Box\) or discrete.*Text"):
+        GymnasiumWorld([Worded], [1])
     with pytest.raises(WorldError, match="2 environments need as many seeds, got 1"):
         GymnasiumWorld(factories(2), [1])
     with pytest.raises(WorldError, match="same spaces"):

@@ -158,6 +158,24 @@ def test_an_episode_does_not_remember_how_the_one_before_it_went(case: Case) -> 
 
 
 @every_sample
+def test_an_abandoned_lane_is_refused_until_it_is_reset_and_the_others_go_on(case: Case, world: World) -> None:
+    actions = plan(world)
+    world.reset()
+    world.step(actions[0])
+    world.abandon(np.array([1]))
+    with pytest.raises(WorldError, match="ended"):
+        world.step(actions[1])
+    others = world.step(actions[1][[0, 2]], np.array([0, 2]))
+    for row, lane in enumerate((0, 2)):
+        size = world.spec.observation_size
+        assert np.array_equal(others.observations[row], told(case)[lane][2][:size]), "as if it had never been there"
+    with pytest.raises(WorldError, match="do not exist"):
+        world.abandon(np.array([3]))
+    world.reset(np.array([1]))
+    assert world.step(actions[2]).elapsed.tolist() == [3, 1, 3]
+
+
+@every_sample
 def test_impossible_lanes_are_refused(world: World) -> None:
     world.reset()
     for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1, [[0], [1, 2]]):

@@ -199,8 +199,8 @@ def test_the_forger_of_these_tests_can_make_a_file_that_loads(saved):
 
 
 FORGERIES = {
-    "version": lambda d: d.update(version=3),
-    "activation": lambda d: d.update(activation="gelu"),
+    "version": lambda d: d.update(version=4),
+    "activation": lambda d: d.update(activation="cosine"),
     "missing": lambda d: d.pop("task"),
     "size": lambda d: d["task"].update(observation_size=12),
     "box": lambda d: d["task"].update(action_low=[-1.0] * 2),
@@ -224,7 +224,7 @@ class TestPartsThatDoNotFit:
         "parts",
         [
             {"weights": {}},
-            {"activation": "gelu"},
+            {"activation": "cosine"},
             {"clock": None},
             {"embedding": None, "clock": Periodic(100.0)},
             {"normalizer": random_policy(normalize_embedding=True).normalizer},

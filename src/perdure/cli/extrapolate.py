@@ -9,6 +9,7 @@ from pathlib import Path
 
 import tyro
 
+from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
 from perdure.cli.parse import parse
 from perdure.cli.report import write_and_show
 
@@ -18,7 +19,18 @@ class Extrapolate:
     """Run policies for T_test steps under several clocks, write lanes.parquet, report.html and figures."""
 
     policies: tyro.conf.Positional[tuple[str, ...]]
-    """Policy files, or names of shipped policies (`perdure list policies`), all for one task."""
+    """Policy files, names of shipped policies (`perdure list policies`), or models of Stable-Baselines3
+    (model.zip, with --env); all for one task. Or one ONNX model (model.onnx, with --env)."""
+    env: str | None = None
+    """For models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
+    make it; envpool:Hopper-v5 is EnvPool's, which is faster."""
+    normalizer: str | None = None
+    """For them: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
+    time_feature: str | None = None
+    """For them: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
+    environment's own step limit."""
+    trust: bool = False
+    """For them: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000
     """T_test: how long each lane is asked to last."""
     clocks: tuple[str, ...] = ("default",)
@@ -43,21 +55,24 @@ class Extrapolate:
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(Extrapolate, args, "extrapolate")
+    command = shlex.join(["perdure", "extrapolate", *args])
+    if any(name.endswith(".onnx") for name in flags.policies):
+        _one_model(flags, command)
+        return
     from perdure.extrapolate import Extrapolation
     from perdure.extrapolate import extrapolate as evaluate
-    from perdure.policy.shipped import find_policy
     from perdure.runs.progress import show_progress
 
+    options = Sb3Options(flags.env, flags.normalizer, flags.time_feature, flags.trust)
     evaluation = Extrapolation(
-        tuple(find_policy(name) for name in flags.policies),
+        policy_files(flags.policies, options, flags.out / IMPORTED),
         flags.steps,
         flags.clocks,
         flags.eval_seeds,
         first_eval_seed=flags.first_eval_seed,
         max_lanes=flags.max_lanes,
-        modules=flags.modules,
+        modules=(*flags.modules, *options.modules),
     )
-    command = shlex.join(["perdure", "extrapolate", *args])
     with show_progress("extrapolate", "steps") as observe:
         result = evaluate(
             evaluation,
@@ -68,4 +83,25 @@ def main(args: list[str]) -> None:
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
         )
-    write_and_show(result.path, flags.out)
+    write_and_show(result.path or flags.out, flags.out)
+
+
+def _one_model(flags: Extrapolate, command: str) -> None:
+    """Evaluate an ONNX model, in this process."""
+    from perdure.cli.errors import CommandError
+    from perdure.extrapolate import extrapolate
+
+    if len(flags.policies) > 1 or flags.env is None:
+        raise CommandError("an ONNX model is evaluated alone, and needs its environment: --env Hopper-v5")
+    result = extrapolate(
+        flags.policies[0],
+        flags.env,
+        steps=flags.steps,
+        clocks=None if flags.clocks == ("default",) else flags.clocks,
+        eval_seeds=flags.eval_seeds,
+        first_eval_seed=flags.first_eval_seed,
+        out=flags.out,
+        command=command,
+    )
+    print(result)
+    print(f"\nReport: {(flags.out / 'report.html').resolve()}")

@@ -49,7 +49,7 @@ def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
 
 
 def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) -> FloatArray:
-    """Actions clipped to the task's box, in an array of our own.
+    """Actions clipped to the task's box, in an array of our own; discrete actions are refused outside their range.
 
     Args:
         actions: Shape (n, action_size).
@@ -60,7 +60,7 @@ def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) ->
         Shape (n, action_size), float64, C-contiguous.
 
     Raises:
-        WorldError: If the shape is wrong or an entry is NaN.
+        WorldError: If the shape is wrong, an entry is NaN, or a discrete action is no whole number in range.
     """
     try:
         values = np.asarray(actions, dtype=np.float64)
@@ -72,9 +72,23 @@ def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) ->
     if np.count_nonzero(np.isnan(values)):
         row = int(np.flatnonzero(np.isnan(values).any(axis=1))[0])
         raise WorldError(f"{spec.name}: the action for lane {chosen[row]} is NaN: {values[row]}.")
+    if spec.discrete_actions:
+        return _checked_discrete(values, chosen, spec)
     clipped = np.empty(expected)
     np.maximum(values, spec.action_low, out=clipped)
     return np.minimum(clipped, spec.action_high, out=clipped)
+
+
+def _checked_discrete(values: FloatArray, chosen: IntArray, spec: TaskSpec) -> FloatArray:
+    legal = (values == np.rint(values)) & (values >= spec.action_low) & (values <= spec.action_high)
+    if not legal.all():
+        row, component = (int(each[0]) for each in np.nonzero(~legal))
+        low, high = spec.action_low[component], spec.action_high[component]
+        raise WorldError(
+            f"{spec.name}: actions are whole numbers from {low:g} to {high:g}; lane {chosen[row]} got "
+            f"{values[row, component]:g}."
+        )
+    return values.copy()
 
 
 def checked_seeds(seeds: Sequence[int]) -> list[int]:

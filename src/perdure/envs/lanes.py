@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from perdure.envs.checks import checked_lanes, named_lanes
@@ -96,6 +98,17 @@ class LaneTracker:
             self._running[chosen[ended]] = False
         return elapsed
 
+    def abandon(self, lanes: IntArray) -> None:
+        """Notes that these lanes are not stepped on.
+
+        Args:
+            lanes: Lane numbers, shape (n,).
+
+        Raises:
+            WorldError: If a lane does not exist or is named twice.
+        """
+        self._running[self._chosen(lanes)] = False
+
     def _chosen(self, lanes: IntArray | None) -> IntArray:
         if self.closed:
             raise WorldError("This world is closed; build a new one with make_world.")
@@ -113,11 +126,18 @@ class TrackedWorld:
 
     _spec: TaskSpec
     _tracker: LaneTracker
+    _space: Any = None
+    _action_space: Any = None
 
     @property
     def spec(self) -> TaskSpec:
         """See `World.spec`."""
         return self._spec
+
+    @property
+    def spaces(self) -> tuple[Any, Any]:
+        """See `World.spaces`."""
+        return self._space, self._action_space
 
     @property
     def num_lanes(self) -> int:
@@ -128,3 +148,7 @@ class TrackedWorld:
     def elapsed(self) -> IntArray:
         """See `World.elapsed`."""
         return self._tracker.elapsed
+
+    def abandon(self, lanes: IntArray) -> None:
+        """See `World.abandon`."""
+        self._tracker.abandon(lanes)

@@ -9,7 +9,7 @@ do the wrappers of `perdure.horizon` for other learners.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,9 @@ class TaskSpec:
     """Highest action per component, shape (action_size,); read-only."""
     default_horizon: int
     """Steps per episode the suite itself would use. A fact about the suite: no world applies it."""
+    discrete_actions: bool = False
+    """Each action component is a whole number from its lowest to its highest (Gymnasium's Discrete, MultiDiscrete and
+    MultiBinary); otherwise actions are a box."""
 
     def __post_init__(self) -> None:
         """Takes read-only copies of the bounds, so that no caller can move the box of a running world."""
@@ -83,6 +86,10 @@ class World(Protocol):
         """What is being simulated."""
 
     @property
+    def spaces(self) -> tuple[Any, Any]:
+        """Gymnasium's observation and action space of one lane; (None, None) where both are flat vectors already."""
+
+    @property
     def num_lanes(self) -> int:
         """Number of lanes."""
 
@@ -107,7 +114,8 @@ class World(Protocol):
         """Moves these lanes by one step and leaves the others untouched.
 
         Args:
-            actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it.
+            actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it. Discrete
+                actions are whole numbers in range.
             lanes: Lane numbers, shape (n,), each at most once; None for all.
 
         Returns:
@@ -116,6 +124,16 @@ class World(Protocol):
         Raises:
             WorldError: If a lane has ended or was never reset, or an action is NaN or has the wrong shape; nothing
                 was stepped.
+        """
+
+    def abandon(self, lanes: IntArray) -> None:
+        """Ends the episodes of these lanes from outside; they must be reset before they are stepped again.
+
+        Args:
+            lanes: Lane numbers, shape (n,), each at most once. Lanes that have ended already may be among them.
+
+        Raises:
+            WorldError: If a lane does not exist.
         """
 
     def close(self) -> None:

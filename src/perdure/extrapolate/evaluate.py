@@ -13,7 +13,7 @@ from perdure.extrapolate.checkpoints import checkpoint_steps
 from perdure.extrapolate.divergence import DivergenceDetector
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
 from perdure.extrapolate.movement import MovementRecorder
-from perdure.policy import ClosedLoop, LanePolicy, Policy
+from perdure.policy import Actor, ClosedLoop, LanePolicy
 from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
@@ -44,7 +44,7 @@ class LaneRecords:
 
 
 def evaluate_lanes(
-    policies: Sequence[Policy],
+    policies: Sequence[Actor],
     lanes: Sequence[LaneSpec],
     steps: int,
     progress: ProgressCallback = lambda step, living: None,
@@ -89,7 +89,7 @@ class _Recorder:
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._observation = loop.observations.copy()
         self._divergence = DivergenceDetector(
-            self._observation, np.stack([_scale(each.policy) for each in lane_policies])
+            self._observation, np.stack([each.policy.observation_std for each in lane_policies])
         )
         self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
 
@@ -146,8 +146,3 @@ class _Recorder:
             component = self._movement.left_component[lane]
             parts.append(f"observation[{component}] left its training range at step {step:,}")
         return "; ".join(parts)
-
-
-def _scale(policy: Policy) -> NDArray[np.float64]:
-    std: NDArray[np.float64] = np.sqrt(policy.normalizer.var[: policy.task.observation_size])
-    return std

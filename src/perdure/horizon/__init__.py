@@ -2,7 +2,7 @@
 
 | file | what it holds |
 |---|---|
-| `embedding.py` | the idea of phi(t, T); `linear.py`, `geometric.py` |
+| `embedding.py` | the idea of phi(t, T); `linear.py`, `geometric.py`, `time_feature.py` |
 | `clock.py` | the idea of a clock, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
 | `distribution.py` | the idea of a distribution of T; `fixed.py`, `uniform.py`, `infinite.py` |
 | `protocol.py` | `HorizonProtocol`: all of it in one record |
@@ -24,6 +24,7 @@ from perdure.horizon.lane_clocks import LaneClocks
 from perdure.horizon.linear import Linear
 from perdure.horizon.periodic import Periodic
 from perdure.horizon.protocol import End, HorizonProtocol
+from perdure.horizon.time_feature import TimeFeature
 from perdure.horizon.uniform import Uniform
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "LaneClocks",
     "Linear",
     "Periodic",
+    "TimeFeature",
     "Uniform",
     "clock_from_json",
     "distribution_from_json",

@@ -7,3 +7,7 @@ class PolicyError(ValueError):
 
 class PolicyFileError(PolicyError):
     """A file is not a policy of this library, is damaged, or was changed after it was written."""
+
+
+class PolicyWarning(UserWarning):
+    """A policy can be read, but what is said about it is unusual and perhaps a mistake."""

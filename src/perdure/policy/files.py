@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 
 from perdure.horizon import HorizonProtocol, clock_from_json
 from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy
+from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
 from perdure.runs import write_whole
 
 FORMAT = "perdure.policy"
-VERSION = 2
-"""Version 1, which is still read, had neither the scale of the returns nor reference episodes."""
+VERSION = 3
+"""Of policies with a squashed output, which older readers would clip. All others are written as version 2. Version 1,
+which is still read, had neither the scale of the returns nor reference episodes."""
 MAX_HEADER = 10_000_000
 """Bytes; a policy's header is a few thousand."""
 
@@ -75,6 +78,11 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
     with path.open("rb") as file:
         start = file.read(8)
         size = int.from_bytes(start, "little")
+        if start.startswith(b"PK\x03\x04"):
+            raise PolicyFileError(
+                f"{path} is a zip archive; a model of Stable-Baselines3 is read with its environment: --env Hopper-v5 "
+                "(in Python: Policy.from_sb3(path, env=...))"
+            )
         if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8):
             raise PolicyFileError(foreign)
         text = file.read(size)
@@ -103,7 +111,7 @@ def _tensors(path: Path, data: bytes) -> Tensors:
 def _describe(policy: Policy) -> str:
     task = policy.task
     description = {
-        "version": VERSION,
+        "version": 2 if policy.squash is None else VERSION,
         "task": {
             "name": task.name,
             "observation_size": task.observation_size,
@@ -118,13 +126,15 @@ def _describe(policy: Policy) -> str:
         "return_scale": policy.return_scale,
         "reference": None if policy.reference is None else {"horizon": policy.reference.horizon},
     }
+    if policy.squash is not None:
+        description["squash"] = policy.squash.to_json()
     return json.dumps(description, sort_keys=True, indent=1)
 
 
 def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
     if not isinstance(description["provenance"], dict):
         raise PolicyError("its provenance is not a table")
-    if description["version"] not in (1, VERSION):
+    if description["version"] not in (1, 2, VERSION):
         raise PolicyError(f"its format is version {description['version']}; this perdure reads versions 1 to {VERSION}")
     reference = description.get("reference")
     measured = None
@@ -133,7 +143,7 @@ def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
         measured = Reference(horizon=reference["horizon"], **arrays)
     task = description["task"]
     normalizer = Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description["normalizer"])
-    clock = description["clock"]
+    clock, squash = description["clock"], description.get("squash")
     return Policy(
         task=TaskInfo(task["name"], task["observation_size"], tuple(task["action_low"]), tuple(task["action_high"])),
         weights=tensors,
@@ -144,6 +154,7 @@ def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
         provenance=description["provenance"],
         return_scale=description.get("return_scale"),
         reference=measured,
+        squash=None if squash is None else TanhSquash.from_json(squash),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.policy.activations import ACTIVATIONS
 from perdure.policy.errors import PolicyError
 from perdure.policy.one_thread import one_thread
 
@@ -23,8 +24,6 @@ TILES = (16, 8, 4, 2, 1)
 more on the last few lanes, and not all of them treat every row alike."""
 PROBES = 4
 """Random rows that a tile is tried with."""
-
-ACTIVATIONS = ("relu", "tanh")
 
 Float32Array = NDArray[np.float32]
 Weights = Mapping[str, NDArray[np.floating[Any]]]
@@ -40,7 +39,7 @@ class Perceptron:
         Args:
             weights: All of a policy's weights.
             name: "policy" or "value".
-            activation: "relu" or "tanh", between layers.
+            activation: One of ``ACTIVATIONS``, between layers.
 
         Raises:
             PolicyError: If layers are missing or do not fit, or there is no such activation.
@@ -53,7 +52,7 @@ class Perceptron:
         self._layers = [(np.asarray(weight, np.float32), np.asarray(bias, np.float32)) for weight, bias in layers]
         if activation not in ACTIVATIONS:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
-        self._rectify = activation == "relu"
+        self._activate = ACTIVATIONS[activation]
         self._check(name)
         with one_thread():
             self._tiles = [_largest_fair_tile(weight) for weight, _ in self._layers]
@@ -95,10 +94,7 @@ class Perceptron:
             hidden = hidden.reshape(-1, tile, len(weight)) @ weight
             hidden += bias
             if layer < len(self._layers) - 1:
-                if self._rectify:
-                    np.maximum(hidden, 0.0, out=hidden)
-                else:
-                    np.tanh(hidden, out=hidden)
+                hidden = self._activate(hidden)
         return hidden
 
 

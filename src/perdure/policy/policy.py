@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.errors import PolicyError
 from perdure.policy.network import Perceptron, Weights
+from perdure.policy.policy_lanes import PolicyLanes
 from perdure.policy.reference import Reference
+from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
 
 FloatArray = NDArray[np.float64]
 
 CRITIC = "value."
 """What the names of the critic's weights begin with."""
+LARGEST_OBSERVATION = 1e6
+"""Where observations are cut that no normalizer cuts: far beyond every world that has not blown up."""
+SMALLEST_EPSILON = 1e-30
+"""Stands for 0: adding it to a variance of 1 changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,16 @@ class Normalizer:
     epsilon: float = 1e-8
     """Added to the variance before its square root."""
 
+    @classmethod
+    def identity(cls, size: int) -> Normalizer:
+        """Return the normalizer of a policy that sees raw observations, up to a size of LARGEST_OBSERVATION."""
+        return cls(np.zeros(size), np.ones(size), LARGEST_OBSERVATION, SMALLEST_EPSILON)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether observations pass unchanged, so that nothing is known about their spread."""
+        return bool(self.epsilon == SMALLEST_EPSILON and not self.mean.any() and (self.var == 1).all())
+
     @cached_property
     def _std(self) -> FloatArray:
         return np.sqrt(self.var + self.epsilon)
@@ -47,24 +65,9 @@ class Normalizer:
         return np.minimum(scaled, self.clip, out=scaled)
 
 
-@dataclass(frozen=True)
-class TaskInfo:
-    """What the policy was trained on, so that it is not run on something else unnoticed."""
-
-    name: str
-    observation_size: int
-    action_low: tuple[float, ...]
-    action_high: tuple[float, ...]
-
-    @property
-    def action_size(self) -> int:
-        """Length of one action."""
-        return len(self.action_low)
-
-
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: the mean of the trained Gaussian, cut to the action box.
+    """A deterministic policy: the mean of the trained Gaussian, cut to the action box or squashed into it.
 
     Raises:
         PolicyError: If weights, normalizer and protocol do not fit together.
@@ -75,7 +78,7 @@ class Policy:
     """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value`` (unless it was left
     out, see :meth:`without_critic`), and ``log_std``."""
     activation: str
-    """"relu" or "tanh"."""
+    """Between layers; a name of `perdure.policy.activations.ACTIVATIONS`, such as "relu" or "tanh"."""
     normalizer: Normalizer
     protocol: HorizonProtocol
     clock: Clock | None = None
@@ -87,6 +90,8 @@ class Policy:
     end), so the critic's output times it is in reward units. None where it is not known."""
     reference: Reference | None = None
     """What the policy does within its training horizon; None where that was not measured."""
+    squash: TanhSquash | None = None
+    """How the network's output becomes an action: None cuts it to the action box."""
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit together."""
@@ -112,11 +117,29 @@ class Policy:
         scale = self.return_scale
         if scale is not None and not (isinstance(scale, int | float) and 0 < scale < math.inf):
             raise PolicyError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
+        if self.squash is not None and not np.isfinite(self._box).all():
+            raise PolicyError(f"{self.task.name}: a squashed output needs an action box with finite bounds")
         if self.reference is not None and len(self.reference.observation_low) != self.task.observation_size:
             raise PolicyError(
                 f"{self.task.name}: the reference has {len(self.reference.observation_low)} observation components, "
                 f"the task {self.task.observation_size}"
             )
+
+    @classmethod
+    def from_sb3(
+        cls,
+        path: str | Path,
+        env: str,
+        *,
+        normalizer: str | Path | None = None,
+        time_feature: str | None = None,
+        trust: bool = False,
+        measure: bool = True,
+    ) -> Policy:
+        """Return the policy in a Stable-Baselines3 zip; see `perdure.policy.readers.import_sb3`."""
+        from perdure.policy.readers import import_sb3
+
+        return import_sb3(path, env, normalizer=normalizer, time_feature=time_feature, trust=trust, measure=measure)
 
     @cached_property
     def _actor(self) -> Perceptron:
@@ -157,10 +180,37 @@ class Policy:
 
     def act_with(self, observations: ArrayLike, phi: FloatArray) -> FloatArray:
         """As :meth:`act`, with phi computed already (by :meth:`embed`), shape (n, embedding_size)."""
-        actions = self._actor(self.inputs(observations, phi)).astype(np.float64)
-        low, high = self._box
+        outputs, (low, high) = self._actor(self.inputs(observations, phi)), self._box
+        actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
         np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
+
+    def start(self, clocks: Sequence[Clock | None]) -> PolicyLanes:
+        """Begin episodes, one for each clock; see `perdure.policy.Actor`."""
+        return PolicyLanes(self, clocks)
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the policy has a time-to-go input."""
+        return self.protocol.embedding is not None
+
+    @property
+    def training_horizon(self) -> float:
+        """The longest horizon the policy was trained for, in steps; may be infinite."""
+        return float(self.protocol.horizon.longest)
+
+    @property
+    def observation_std(self) -> FloatArray:
+        """Standard deviation of each observation component in training, shape (observation_size,).
+
+        A policy that sees raw observations does not know it. Its reference episodes stand in: the standard deviation of
+        numbers spread evenly over the range that they covered.
+        """
+        if self.normalizer.is_identity and self.reference is not None:
+            width: FloatArray = (self.reference.observation_high - self.reference.observation_low) / math.sqrt(12)
+            return width
+        std: FloatArray = np.sqrt(self.normalizer.var[: self.task.observation_size])
+        return std
 
     @property
     def has_critic(self) -> bool:

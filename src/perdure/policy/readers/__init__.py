@@ -1,0 +1,17 @@
+"""Policies of other libraries, read without running the code in their files.
+
+| file | what it holds |
+|---|---|
+| `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model, checked against its environment, as a `Policy` |
+| `sb3.py`, `sb3_data.py` | the zip: its layers, and its settings |
+| `vecnormalize.py` | observation statistics |
+| `torch_state.py` | a state dict of PyTorch |
+| `inert_pickle.py`, `numpy_arrays.py` | a pickle as data, and the arrays in it |
+| `zip_members.py` | archives, with limits on their sizes |
+| `trusted.py` | the same through Stable-Baselines3 itself, for files that the user trusts |
+"""
+
+from perdure.policy.readers.sb3 import is_sb3_zip
+from perdure.policy.readers.sb3_import import import_once, import_sb3
+
+__all__ = ["import_once", "import_sb3", "is_sb3_zip"]

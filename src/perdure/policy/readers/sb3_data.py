@@ -1,0 +1,194 @@
+"""The settings in a Stable-Baselines3 zip: the plain JSON values of its member `data`.
+
+Whatever is not plain JSON is stored there as pickled code (`:serialized:`). It is never decoded. Beside it stand the
+texts of its parts, which say enough: the class of the activation function, the shape and the bounds of a space.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy.activations import ACTIVATIONS
+from perdure.policy.errors import PolicyFileError
+
+DOOR = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
+"""Where policies go that cannot be read."""
+ACTOR_CRITIC = "stable_baselines3.common.policies"
+SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
+TD3 = "stable_baselines3.td3.policies"
+DEFAULT_ACTIVATION = {ACTOR_CRITIC: "tanh", SAC: "relu", TQC: "relu", TD3: "relu"}
+"""Modules of the policy classes that are read, and the activation function each uses unless told otherwise."""
+TORCH_ACTIVATIONS = {
+    **{"ReLU": "relu", "Tanh": "tanh", "ELU": "elu", "SELU": "selu", "LeakyReLU": "leaky_relu", "Sigmoid": "sigmoid"},
+    **{"SiLU": "silu", "GELU": "gelu", "Softplus": "softplus", "Mish": "mish"},
+}
+"""Classes of `torch.nn` and our names."""
+_SIGNS = (
+    ("TRPO", "cg_max_steps"),
+    ("PPO", "clip_range"),
+    ("A2C", "normalize_advantage"),
+    ("TQC", "top_quantiles_to_drop_per_net"),
+    ("SAC", "target_entropy"),
+    ("TD3", "policy_delay"),
+)
+"""Algorithms, each with a setting that those below it do not have."""
+_HARMLESS = {
+    *("net_arch", "activation_fn", "squash_output", "clip_mean", "features_extractor_class"),
+    *("use_sde", "log_std_init", "full_std", "use_expln", "ortho_init", "normalize_images", "n_critics", "n_quantiles"),
+    *("optimizer_class", "optimizer_kwargs", "share_features_extractor"),
+}
+"""Settings of a policy that are read, or do not change what it does once it is trained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sb3Settings:
+    """What a zip says about its policy."""
+
+    algorithm: str
+    """Such as "PPO"."""
+    policy_module: str
+    """Module of the policy class, a key of ``DEFAULT_ACTIVATION``."""
+    activation: str
+    squashed: bool
+    """Whether the output goes through tanh and is stretched to the action box."""
+    clip_mean: float
+    """Limit of the output before tanh under ``use_sde``; 0: none."""
+    use_sde: bool
+    action_bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None
+    """As written in the zip, rounded; None where it does not say."""
+    gamma: float
+    behind_vecnormalize: bool
+    """Whether training certainly ran behind a VecNormalize. PPO, A2C and TRPO tell."""
+    seed: int | None
+    steps: int | None
+    """Environment steps trained."""
+
+    @property
+    def limits_mean(self) -> bool:
+        """Whether the output is cut to +-clip_mean before tanh."""
+        return self.use_sde and self.policy_module in (SAC, TQC) and self.clip_mean > 0
+
+
+def read_settings(data: bytes, what: str) -> Sb3Settings:
+    """Return the settings in a zip's member `data`.
+
+    Raises:
+        PolicyFileError: If it is no JSON, or describes a policy that cannot be read, with the way to evaluate it.
+    """
+    try:
+        values = json.loads(data)
+    except (ValueError, RecursionError):
+        raise PolicyFileError(f"{what}: its settings ('data') are not readable JSON") from None
+    if not isinstance(values, dict):
+        raise PolicyFileError(f"{what}: its settings ('data') are not a table")
+    _check_observations(_table(values, "observation_space"), what)
+    bounds = _action_bounds(_table(values, "action_space"), what)
+    kwargs = _table(values, "policy_kwargs")
+    module = _policy_module(_table(values, "policy_class"), what)
+    _check_kwargs(kwargs, what)
+    algorithm = next((name for name, sign in _SIGNS if sign in values), "Stable-Baselines3")
+    return Sb3Settings(
+        algorithm=algorithm,
+        policy_module=module,
+        activation=_activation(kwargs, module, what),
+        squashed=module != ACTOR_CRITIC or kwargs.get("squash_output") is True,
+        clip_mean=_float(kwargs.get("clip_mean", 2.0), "clip_mean", what),
+        use_sde=values.get("use_sde") is True,
+        action_bounds=bounds,
+        gamma=_float(values.get("gamma", 0.99), "gamma", what),
+        behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
+        seed=_whole(values.get("seed")),
+        steps=_whole(values.get("num_timesteps")),
+    )
+
+
+def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
+    table = values.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _check_observations(space: dict[str, Any], what: str) -> None:
+    kind = _class_name(space)
+    if kind != "Box":
+        raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read from zips: {DOOR}")
+    shape = space.get("_shape")
+    if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
+        raise PolicyFileError(f"{what} is for image observations of shape {_short(shape)}: {DOOR}")
+
+
+def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    kind = _class_name(space)
+    if kind != "Box":
+        raise PolicyFileError(f"{what} is for {kind} actions; only continuous ones (Box) are read from zips: {DOOR}")
+    low, high = (_written_numbers(space.get(name)) for name in ("low", "high"))
+    return None if low is None or high is None else (low, high)
+
+
+def _written_numbers(text: Any) -> NDArray[np.float64] | None:
+    """Numbers as NumPy prints them; None where it leaves some out."""
+    if not isinstance(text, str) or "..." in text:
+        return None
+    try:
+        return np.array([float(word) for word in text.replace("[", " ").replace("]", " ").split()])
+    except ValueError:
+        return None
+
+
+def _class_name(table: dict[str, Any]) -> str:
+    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", str(table.get(":type:"))[:200])
+    return found[1] if found else "unknown"
+
+
+def _policy_module(policy_class: dict[str, Any], what: str) -> str:
+    module = policy_class.get("__module__")
+    if module not in DEFAULT_ACTIVATION:
+        raise PolicyFileError(
+            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
+            f"and TD3: {DOOR}"
+        )
+    return str(module)
+
+
+def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
+    unknown = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
+    extractor = str(kwargs.get("features_extractor_class", "FlattenExtractor"))
+    if unknown or "FlattenExtractor" not in extractor:
+        name = unknown[0] if unknown else "features_extractor_class"
+        raise PolicyFileError(f"{what}: its policy has the setting {_short(name)}, which is not read: {DOOR}")
+
+
+def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
+    written = kwargs.get("activation_fn")
+    if written is None:
+        return DEFAULT_ACTIVATION[module]
+    found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(written)[:200])
+    if found is None or found[1] not in TORCH_ACTIVATIONS:
+        raise PolicyFileError(
+            f"{what}: its activation function is {_short(written)}; known are {', '.join(TORCH_ACTIVATIONS)}: {DOOR}"
+        )
+    return TORCH_ACTIVATIONS[found[1]]
+
+
+def _float(value: Any, name: str, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e9:
+        raise PolicyFileError(f"{what}: {name} must be a number, 0 or more; it is {_short(value)}")
+    return float(value)
+
+
+def _whole(value: Any) -> int | None:
+    return value if type(value) is int and 0 <= value < 2**63 else None
+
+
+def _short(value: Any) -> str:
+    """Return a value from the file for a message: printable, and not long."""
+    text = value if isinstance(value, str) else json.dumps(value) if not isinstance(value, dict | list) else str(value)
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:80])
+
+
+assert set(TORCH_ACTIVATIONS.values()) == set(ACTIVATIONS)

@@ -1,0 +1,219 @@
+"""A Stable-Baselines3 model becomes a policy of this library, checked against its environment."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.envs import TaskSpec, make_world, task_of_environment
+from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
+from perdure.policy.errors import PolicyError, PolicyFileError, PolicyWarning
+from perdure.policy.files import load_policy, save_policy
+from perdure.policy.measure import measure_reference
+from perdure.policy.policy import Normalizer, Policy
+from perdure.policy.readers.sb3 import Sb3Model, read_sb3
+from perdure.policy.readers.sb3_data import DOOR
+from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
+from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
+
+NO_NORMALIZER = "none"
+"""Says that observations were not normalized, where the model suggests otherwise."""
+
+
+def import_sb3(
+    path: str | Path,
+    env: str,
+    *,
+    normalizer: str | Path | None = None,
+    time_feature: str | None = None,
+    trust: bool = False,
+    measure: bool = True,
+) -> Policy:
+    """Return the deterministic policy of a Stable-Baselines3 or sb3-contrib model.
+
+    Its actions are those of `model.predict(observation, deterministic=True)` up to rounding in 32 bits. Read are PPO,
+    A2C, TRPO, SAC, TQC, TD3 and DDPG with MlpPolicy and continuous actions.
+
+    Args:
+        path: The zip that `model.save` wrote.
+        env: The environment it was trained in, see `perdure.envs.task_of_environment`.
+        normalizer: The file that `VecNormalize.save` wrote; "none" where only rewards were normalized.
+        time_feature: "linear:1000" if the environment was wrapped in sb3-contrib's TimeFeatureWrapper with these steps;
+            "linear" takes the environment's own step limit, as the wrapper does.
+        trust: Load the files with Stable-Baselines3 itself, which runs the code pickled in them.
+        measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
+
+    Raises:
+        PolicyFileError: If a file is damaged or holds something that is not read.
+        PolicyError: If model, normalizer, time feature and environment do not fit together.
+        WorldError: If the environment cannot be made.
+        OSError: If a file cannot be read.
+    """
+    task = task_of_environment(env)
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    path, written = Path(path), None if normalizer in (None, NO_NORMALIZER) else Path(str(normalizer))
+    if trust:
+        from perdure.policy.readers.trusted import load_sb3, load_vecnormalize
+
+        model, statistics = load_sb3(path), None if written is None else load_vecnormalize(written)
+    else:
+        model, statistics = read_sb3(path), None if written is None else read_vecnormalize(written)
+    if normalizer is None and model.settings.behind_vecnormalize:
+        raise PolicyError(
+            f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
+            f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
+        )
+    steps = _time_feature_steps(time_feature, spec)
+    policy = _policy(model, spec, statistics, steps, str(path))
+    policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
+    return replace(policy, reference=measure_reference(policy)) if measure else policy
+
+
+def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
+    """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
+
+    The file's name contains a digest of the files' contents, the options and the versions that decide the outcome.
+
+    Args:
+        path: As in `import_sb3`.
+        folder: Made if it is missing.
+        env: As in `import_sb3`.
+        options: `normalizer`, `time_feature` and `trust` of `import_sb3`.
+    """
+    normalizer = options.get("normalizer")
+    identity = {
+        **options,
+        "env": task_of_environment(env),
+        "model": _digest(path),
+        "normalizer": None if normalizer in (None, NO_NORMALIZER) else _digest(Path(normalizer)),
+        "no normalizer": normalizer == NO_NORMALIZER,
+        "versions": _versions(),
+    }
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
+    try:
+        if target.exists():
+            load_policy(target)
+            return target
+    except PolicyFileError:
+        pass  # damaged: it is made again
+    policy = import_sb3(path, env, **options)
+    folder.mkdir(parents=True, exist_ok=True)
+    return save_policy(policy, target)
+
+
+def _policy(model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, steps: int | None, what: str) -> Policy:
+    settings = model.settings
+    _check_sizes(model, spec, steps, what)
+    weights: dict[str, NDArray[np.float32]] = {}
+    for i, (weight, bias) in enumerate(model.layers):
+        weights |= {f"policy.{i}.weight": weight, f"policy.{i}.bias": bias}
+    size = spec.observation_size + (steps is not None)
+    normalizer = None if statistics is None else statistics.normalizer
+    if normalizer is not None and len(normalizer.mean) != size:
+        raise PolicyError(
+            f"{what}: the normalizer has statistics of {len(normalizer.mean)} numbers, but the policy is given {size}"
+        )
+    protocol = HorizonProtocol(
+        embedding=None if steps is None else TimeFeature(steps),
+        horizon=Fixed(spec.default_horizon if steps is None else steps),
+        end="truncated",
+        gamma=min(settings.gamma, 1.0),
+        normalizer_gamma=min(settings.gamma if statistics is None else statistics.gamma, 1.0),
+        normalize_embedding=steps is not None and normalizer is not None,
+    )
+    squash = None
+    if settings.squashed:
+        squash = TanhSquash(settings.clip_mean) if settings.limits_mean else TanhSquash()
+    return Policy(
+        task=TaskInfo(
+            spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
+        ),
+        weights=weights,
+        activation=settings.activation,
+        normalizer=normalizer or Normalizer.identity(spec.observation_size),
+        protocol=protocol,
+        clock=None if steps is None else Countdown(float(steps)),
+        squash=squash,
+    )
+
+
+def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) -> None:
+    inputs, outputs = len(model.layers[0][0]), len(model.layers[-1][1])
+    expected = spec.observation_size + (steps is not None)
+    if inputs != expected:
+        hint = " (was it wrapped in TimeFeatureWrapper? --time-feature linear:1000)" if inputs == expected + 1 else ""
+        raise PolicyError(
+            f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
+            f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {DOOR}"
+        )
+    if outputs != spec.action_size:
+        raise PolicyError(f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}")
+    if model.settings.action_bounds is None:
+        return
+    for name, written, needed in zip(
+        ("lower", "upper"), model.settings.action_bounds, (spec.action_low, spec.action_high), strict=True
+    ):
+        if not np.allclose(written, needed, rtol=1e-5, atol=1e-6):
+            raise PolicyError(
+                f"{what}: its actions have the {name} bounds {written.tolist()}, those of {spec.name} "
+                f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {DOOR}"
+            )
+
+
+def _time_feature_steps(written: str | None, spec: TaskSpec) -> int | None:
+    if written is None:
+        return None
+    name, colon, number = written.partition(":")
+    steps = int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
+    if name != "linear" or (colon and steps < 1):
+        raise PolicyError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
+    if colon and steps != spec.default_horizon:
+        warnings.warn(
+            PolicyWarning(
+                f"the time feature counts down from {steps} steps, but episodes of {spec.name} end after "
+                f"{spec.default_horizon}; TimeFeatureWrapper takes the environment's own limit if there is one"
+            ),
+            stacklevel=3,
+        )
+    return steps or spec.default_horizon
+
+
+def _provenance(
+    model: Sb3Model, path: Path, normalizer: Path | None, env: str, time_feature: str | None
+) -> dict[str, Any]:
+    settings = model.settings
+    name = "".join(letter for letter in path.stem if letter.isprintable())
+    provenance: dict[str, Any] = {
+        # Models of one name are taken for training runs of one method, told apart by their seeds.
+        "method": f"SB3 {settings.algorithm} ({name})",
+        **({} if settings.seed is None else {"seed": settings.seed}),
+        "steps": settings.steps,
+        "source": {"file": path.name, "sha256": _digest(path), "stable-baselines3": model.version, "env": env},
+        "versions": _versions(),
+    }
+    if normalizer is not None:
+        provenance["source"] |= {"normalizer": normalizer.name, "normalizer sha256": _digest(normalizer)}
+    if time_feature is not None:
+        provenance["source"]["time feature"] = time_feature
+    return provenance
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}

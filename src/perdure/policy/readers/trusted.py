@@ -1,0 +1,133 @@
+"""Models loaded by Stable-Baselines3 itself, which runs the code pickled in them: for files that the user trusts."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.policy.errors import PolicyFileError
+from perdure.policy.readers.sb3 import Sb3Model, read_layers
+from perdure.policy.readers.sb3_data import DEFAULT_ACTIVATION, DOOR, TORCH_ACTIVATIONS, Sb3Settings
+from perdure.policy.readers.vecnormalize import Statistics, checked_normalizer
+
+ALGORITHMS = (
+    *(("stable_baselines3", name) for name in ("PPO", "A2C", "SAC", "TD3", "DDPG")),
+    *(("sb3_contrib", name) for name in ("TQC", "TRPO")),
+)
+INSTALL = "--trust needs Stable-Baselines3: pip install stable-baselines3 sb3-contrib"
+
+
+def load_sb3(path: Path) -> Sb3Model:
+    """Return the deterministic policy in a zip, loaded by Stable-Baselines3. Runs the code in the file.
+
+    Raises:
+        PolicyFileError: If Stable-Baselines3 is not installed, cannot load the file, or holds a policy of a kind that
+            is not read.
+    """
+    what = str(path)
+    with _named(what):
+        model = _load(path)
+        settings = _settings(model, what)
+        state = _TorchTensors(model.policy.state_dict())
+        return Sb3Model(settings, read_layers(state, settings, what), import_module("stable_baselines3").__version__)
+
+
+def load_vecnormalize(path: Path) -> Statistics:
+    """Return the statistics of a VecNormalize, loaded by pickle. Runs the code in the file.
+
+    Raises:
+        PolicyFileError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
+    """
+    what = str(path)
+    with _named(what), path.open("rb") as file:
+        import_module("stable_baselines3")
+        saved = pickle.load(file)
+        if not saved.norm_obs:
+            return Statistics(None, float(saved.gamma))
+        mean, var = (np.asarray(each, np.float64).ravel() for each in (saved.obs_rms.mean, saved.obs_rms.var))
+        normalizer = checked_normalizer(mean, var, float(saved.clip_obs), float(saved.epsilon), what)
+        return Statistics(normalizer, float(saved.gamma))
+
+
+class _TorchTensors:
+    """Tensors of a state dict as arrays."""
+
+    def __init__(self, tensors: Any) -> None:
+        self._tensors = tensors
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._tensors)
+
+    def array(self, name: str) -> NDArray[np.float32]:
+        array: NDArray[np.float32] = self._tensors[name].detach().cpu().numpy().astype(np.float32)
+        if not np.isfinite(array).all():
+            raise PolicyFileError(f"the weights {name!r} hold numbers that are not finite")
+        return array
+
+
+@contextlib.contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Whatever foreign code raises becomes one line that names the file."""
+    try:
+        yield
+    except (PolicyFileError, OSError):
+        raise
+    except ImportError as error:
+        raise PolicyFileError(f"{what}: {INSTALL} ({error})") from None
+    except Exception as error:
+        raise PolicyFileError(f"{what}: Stable-Baselines3 cannot load it: {type(error).__name__}: {error}") from error
+
+
+def _load(path: Path) -> Any:
+    """Try one algorithm after the other: a zip does not name its own."""
+    settings = import_module("stable_baselines3.common.save_util").load_from_zip_file(str(path), device="cpu")[0]
+    policy_class = settings["policy_class"]
+    for package, name in ALGORITHMS:
+        try:
+            algorithm = getattr(import_module(package), name)
+        except ImportError:
+            continue
+        if policy_class in algorithm.policy_aliases.values() and _has_settings_of(algorithm, settings):
+            return algorithm.load(str(path), device="cpu")
+    raise PolicyFileError(f"{path}: its policy class {policy_class.__name__} is not read: {DOOR}")
+
+
+def _has_settings_of(algorithm: Any, settings: dict[str, Any]) -> bool:
+    import inspect
+
+    own = set(inspect.signature(algorithm.__init__).parameters) & {
+        *("clip_range", "rms_prop_eps", "cg_max_steps", "target_entropy", "top_quantiles_to_drop_per_net"),
+        "policy_delay",
+    }
+    return own <= set(settings)
+
+
+def _settings(model: Any, what: str) -> Sb3Settings:
+    policy = model.policy
+    actor = getattr(policy, "actor", policy)
+    activation = TORCH_ACTIVATIONS.get(policy.activation_fn.__name__)
+    module = type(policy).__module__
+    if activation is None or module not in DEFAULT_ACTIVATION:
+        raise PolicyFileError(f"{what}: {module} with {policy.activation_fn.__name__} is not read: {DOOR}")
+    space = model.action_space
+    return Sb3Settings(
+        algorithm=type(model).__name__,
+        policy_module=module,
+        activation=activation,
+        squashed=bool(policy.squash_output),
+        clip_mean=float(getattr(actor, "clip_mean", 0.0)),
+        use_sde=bool(model.use_sde),
+        action_bounds=(space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)),
+        gamma=float(model.gamma),
+        behind_vecnormalize=False,
+        seed=model.seed,
+        steps=model.num_timesteps,
+    )
