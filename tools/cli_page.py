@@ -24,7 +24,7 @@ written as `100000`, `100_000` or `1e5`. A wrong flag or value ends with one lin
 def commands() -> dict[str, str]:
     """Return every command, such as "home run", with the module that carries it out."""
     outer = {name: module for name, module in COMMANDS.items() if name != "home"}
-    return outer | {f"home {name}": module for name, module in home.COMMANDS.items()}
+    return outer | {f"home {name}": f"home.{name}" for name in home.COMMANDS}
 
 
 def section(command: str, module: str) -> str:
