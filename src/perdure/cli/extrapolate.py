@@ -59,7 +59,7 @@ def main(args: list[str]) -> None:
     )
     command = shlex.join(["perdure", "extrapolate", *args])
     with show_progress("extrapolate", "steps") as observe:
-        result = evaluate(
+        table = evaluate(
             evaluation,
             flags.out,
             cores=flags.cores,
@@ -67,5 +67,5 @@ def main(args: list[str]) -> None:
             command=command,
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
-        )
-    write_and_show(result.path, flags.out)
+        ).path  # the table itself is not kept: the report needs the memory
+    write_and_show(table, flags.out)

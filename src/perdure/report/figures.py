@@ -20,6 +20,8 @@ from perdure.report.theme import Style
 
 MOST_CURVES = 8
 """Curves one figure shows without a color scale; sweeps of C get figures of their own."""
+MOST_ROWS = 40
+"""Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
 
 
@@ -239,8 +241,9 @@ def _bounds(interval: Interval) -> tuple[float, float]:
 
 
 def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
-    """Hold score at the end, where it is known of any policy."""
-    known = [item for item in estimates if np.isfinite(float(item.final_hold.estimate))]
+    """Hold score at the end, where it is known of any policy; of the first figures' groups where there are too many."""
+    shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
+    known = [item for item in shown if np.isfinite(float(item.final_hold.estimate))]
     if not known:
         return []
     intervals = [item.final_hold for item in known]
