@@ -49,13 +49,35 @@ class TestWhatItSays:
         lines = summary_text(silent).splitlines()
         assert lines[0].endswith("fails silently")
         assert "8 of 8 episodes that still run" in lines[1]
-        assert "since step 90,000 (median); the robot does not move" in lines[1]
+        assert "since step 90,000 (median); 8 of 8 robots are nearly motionless." in lines[1]
+
+    @pytest.mark.parametrize(
+        ("first", "last", "doing"),
+        [
+            (0.3, 0.3, "moving as much as before"),
+            (0.3, 0.1, "moving less than before"),
+            (0.3, 0.9, "moving more than before"),
+            (0.3, 0.01, "nearly motionless"),
+        ],
+    )
+    def test_what_a_robot_does_instead_is_said(self, synthetic, first, last, doing):
+        silent = synthetic([{"rate": 2.0, "last_rate": -1.0, "movement_first": first, "movement_last": last}])
+        assert f"8 of 8 robots are {doing}; 8 earn less than an idle robot." in summary_text(silent)
+
+    def test_a_robot_that_failed_at_once_is_not_compared_with_before(self, synthetic):
+        silent = synthetic([{"rate": 2.0, "last_rate": 0.0, "failed_step": 0}])
+        assert "from the start; 8 of 8 robots are moving." in summary_text(silent)
+
+    def test_pauses_of_episodes_that_hold_are_said(self, synthetic):
+        assert "8 of them earned no more than an idle robot for a while" in summary_text(
+            synthetic([{"rate": 2.0, "ever_idle": True}])
+        )
 
     def test_a_policy_that_holds_is_said_to_with_its_interval(self, synthetic):
         lines = summary_text(synthetic([{"rate": 2.0}])).splitlines()
         assert lines[0].endswith("holds for 100,000 steps")
         assert "8 of 8 episodes (95 % interval 68 % to 100 %)" in lines[1]  # Wilson
-        assert "100 % of that in training" in lines[1]
+        assert "gain over an idle robot at the end: 100 % of that in training." in lines[1]
 
     def test_where_nothing_beats_an_idle_robot_this_is_said_first(self, synthetic):
         stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_hold": math.nan}

@@ -109,7 +109,12 @@ def _since(scores: NDArray[np.float64], bound: float) -> int:
 
 
 def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
-    """Whether the last windows are below HOLDS_FROM by more than chance: as many as it takes; None if all are too few."""
+    """Whether the last windows are below HOLDS_FROM by more than chance; None if even all of them are too few to tell.
+
+    Args:
+        scores: Of a lane.
+        count: Windows to begin with; doubled until it can be told.
+    """
     while True:
         part = scores[-count:]
         mean, error = float(part.mean()), float(part.std(ddof=1)) / len(part) ** 0.5

@@ -58,8 +58,10 @@ class Group:
     """Hold score at the end or before the lane ended, shape (lanes,); nan where it is not known."""
     ever_idle: BoolArray
     """Whether the lane was ever no better than idle for a while, shape (lanes,)."""
+    movement_first: FloatArray
+    """Movement per step in the first tenth of the steps, in training standard deviations, shape (lanes,)."""
     movement_last: FloatArray
-    """Movement per step in the last tenth, shape (lanes,)."""
+    """Likewise in the last tenth; nan for lanes that ended before."""
     level: FloatArray
     """Level of each lane's policy within its training horizon, shape (lanes,); nan: no level is known."""
 
@@ -192,6 +194,7 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         failed_steps=part["failed_step"].to_numpy(),
         end_hold=part["end_hold"].to_numpy(),
         ever_idle=part["ever_idle"].to_numpy(),
+        movement_first=part["movement_first"].to_numpy(),
         movement_last=part["movement_last"].to_numpy(),
         level=part.select(_level(pl.col("reference_rate"))).to_series().to_numpy(),
     )
