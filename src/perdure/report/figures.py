@@ -152,7 +152,9 @@ def _working_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
         steps=True,
     )
     shown = ": ".join(filter(None, ("Episodes that have not failed", title)))
-    note = "A failure: a fall, a divergence, or less than three quarters of the reward rate of training until the end. "
+    note = (
+        "A failure: a fall, a divergence, or a gain over an idle robot below three quarters of training's, to the end. "
+    )
     return Figure(slug("working", title), shown, chart, note + _notes(chosen, "working", _AT_THE_END))
 
 
@@ -259,4 +261,4 @@ def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     note = (
         f"{_notes(known, 'final_hold', 'Bars:')} Mean of the last tenth of the steps; an episode that ended counts 0."
     )
-    return [Figure("hold", "Reward rate at the end beside that in training", chart, note, wide=wide)]
+    return [Figure("hold", "Gain over an idle robot at the end, beside that in training", chart, note, wide=wide)]

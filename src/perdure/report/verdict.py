@@ -1,7 +1,7 @@
 """The verdict on each policy and clock, and the words for it on top of the page.
 
-Each episode has a verdict of its own in the table. A group of episodes gets the commonest one; it *holds* only if at
-least HOLDING_SHARE of its episodes do.
+Each episode has a verdict of its own in the table. A group of episodes *holds* if at least HOLDING_SHARE of
+its episodes do; otherwise it gets the commonest failure.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MUCH = 2.0
 """Movement in the last tenth of the steps differs from that in the first if it is this many times as much, or less."""
 FAILURES = ("falls", "fails silently", "decays", "diverges", "never worked", "cannot tell")
 """Verdicts other than "holds"; the earlier one wins where two are equally common."""
-_MOST_NAMED = 4
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -43,21 +43,23 @@ class Verdict:
 
     @property
     def short(self) -> str:
-        """Who, and the verdict: "ppo falls"."""
-        after = f" for {wording.whole(float(self.group.test_horizon))} steps" if self.label == "holds" else ""
-        return f"{self.group.label}: {self.label}{after}"
+        """Who, and the verdict: "ppo: falls in 4 of 10 episodes"."""
+        group = self.group
+        if self.label == "holds":
+            return f"{group.label}: holds for {wording.whole(float(group.test_horizon))} steps"
+        counted = "" if self.count == group.lanes else f" in {self.count} of {wording.count(group.lanes, 'episode')}"
+        return f"{group.label}: {self.label}{counted}"
 
     @property
     def sentence(self) -> str:
         """Who, the verdict, how many episodes, and the evidence."""
-        group = self.group
         low, high = float(self.share.lower), float(self.share.upper)
-        counted = f"{self.count} of {wording.count(group.lanes, 'episode')}"
+        counted = ""
+        if self.label == "holds" or self.count == self.group.lanes:
+            counted = f" in {self.count} of {wording.count(self.group.lanes, 'episode')}"
         if self.label == "holds" and np.isfinite(low):
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label in ("fails silently", "decays"):
-            counted += " that still run" if self.label == "fails silently" else " that still earn something"
-        return f"{self.short} ({counted})" + (f"; {self.evidence}." if self.evidence else ".")
+        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".")
 
 
 def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Verdict:
@@ -126,11 +128,7 @@ def _instead(group: Group, failed: BoolArray) -> list[str]:
         ["", "nearly motionless", "moving", "moving less than before", "moving more than before"],
         "moving as much as before",
     )
-    parts = []
     kind, number = Counter(kinds.tolist()).most_common(1)[0]
-    if kind:
-        parts.append(f"{number} of {wording.count(len(last), 'robot')} {'is' if number == 1 else 'are'} {kind}")
     worse = int((group.end_hold[failed] < -0.05).sum())
-    if worse:
-        parts.append(f"{worse} {'earns' if worse == 1 else 'earn'} less than an idle robot")
-    return parts
+    parts = [(kind, number)] * bool(kind) + [("earning less than an idle robot", worse)] * bool(worse)
+    return [what if count == len(last) else f"{what} in {count} of {len(last)}" for what, count in parts]
