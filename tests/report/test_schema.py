@@ -126,7 +126,7 @@ def test_a_table_of_version_1_is_read_and_its_policies_cannot_be_judged(tmp_path
         stuck_steps=pl.lit(0, pl.Int64), first_tenth=pl.lit(1.0), last_tenth=pl.lit(math.nan)
     ).select(list(schema._COLUMNS_1))
     notes = {"schema": "perdure.extrapolation", "version": "1", "command": "x"}
-    digest = schema._digest(old, notes, schema._COLUMNS_1)
+    digest = schema._digest(old.get_column, notes, schema._COLUMNS_1)
     old.write_parquet(tmp_path / "old", metadata={**notes, "sha256": digest})
     back, metadata = read_table(tmp_path / "old")
     assert metadata == {"command": "x"}

@@ -74,7 +74,7 @@ def main(args: list[str]) -> None:
         modules=(*flags.modules, *options.modules),
     )
     with show_progress("extrapolate", "steps") as observe:
-        result = evaluate(
+        table = evaluate(
             evaluation,
             flags.out,
             cores=flags.cores,
@@ -82,8 +82,9 @@ def main(args: list[str]) -> None:
             command=command,
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
-        )
-    write_and_show(result.path or flags.out, flags.out)
+        ).path  # the table itself is not kept: the report needs the memory
+    assert table is not None
+    write_and_show(table, flags.out)
 
 
 def _one_model(flags: Extrapolate, command: str) -> None:

@@ -239,17 +239,17 @@ def _collect(
     """Return the rows of these lanes in their order, policies by their labels."""
     import polars as pl
 
-    columns = list(zip(*(_identity(lane, digests) for lane in lanes), strict=True))
-    wanted = pl.DataFrame(
-        {
-            **dict(zip(("policy", "clock", "eval_seed"), columns, strict=True)),
-            "label": [labels[lane.policy] for lane in lanes],
-            "lane": range(len(lanes)),
-        }
-    )
-    frame = pl.concat([pl.read_parquet(store.get(key) / TABLE) for key in keys])
-    names = frame.columns
-    frame = frame.join(wanted, on=["policy", "clock", "eval_seed"], maintain_order="left")
-    if frame["lane"].n_unique() < len(lanes):
+    told, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
+    wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
+    wanted = wanted.with_columns(told[[lane.policy for lane in lanes]]).with_row_index("lane")
+    files = [store.get(key) / TABLE for key in keys]
+    found = pl.read_parquet(files, columns=[*identity, "step"]).join(wanted, identity, "left", maintain_order="left")
+    order = found.select(pl.arg_sort_by("lane", "step", nulls_last=True)).to_series()
+    order = order[: len(found) - found["lane"].null_count()]
+    if found["lane"].n_unique() - (len(order) < len(found)) < len(lanes):
         raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}")
-    return frame.sort("lane", "step").with_columns(policy=pl.col("label")).select(names)
+    policies = found["label"].gather(order).alias("policy")
+    del found
+    # Column by column: a table of a million rows is never held twice.
+    names = [name for name in pl.read_parquet_schema(files[0]) if name != "policy"]
+    return pl.DataFrame([policies, *(pl.read_parquet(files, columns=[name])[name].gather(order) for name in names)])

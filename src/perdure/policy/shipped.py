@@ -23,6 +23,7 @@ LABELS = {
     "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
     "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
     "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
     "Hopper-v3/ppo": "falls, half of its episodes by step 4,000",
     "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
     "Walker2d-v3/geometric": "holds under constant:500",
