@@ -7,10 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perdure.horizon import Geometric, HorizonError, Linear, geometric_size
+from perdure.horizon import (
+    Constant,
+    Countdown,
+    Geometric,
+    HorizonError,
+    Linear,
+    Periodic,
+    TimeFeature,
+    geometric_size,
+)
 
 INF = np.inf
-EMBEDDINGS = [Linear(), Geometric(5), Geometric(10), Geometric(4, low=0.0, high=1.0)]
+SHARES = [Linear(), Geometric(5), Geometric(10), Geometric(4, low=0.0, high=1.0)]
+EMBEDDINGS = [*SHARES, TimeFeature(1000)]
 steps = st.integers(0, 200_000)
 
 
@@ -85,7 +95,7 @@ def test_small_whole_steps_to_go_give_the_same_bits_alone_and_in_company(size, r
         np.testing.assert_array_equal(together, np.tile(Geometric(size)(0.0, float(left)), (rows, 1)))
 
 
-@pytest.mark.parametrize("embedding", EMBEDDINGS, ids=str)
+@pytest.mark.parametrize("embedding", SHARES, ids=str)
 @given(elapsed=steps, horizon=st.one_of(steps, st.just(INF)))
 def test_every_component_lies_between_0_and_1(embedding, elapsed, horizon):
     values = phi(embedding, [elapsed], [horizon])
@@ -162,3 +172,34 @@ def test_a_geometric_embedding_without_whole_components_is_refused(size):
 def test_factors_outside_0_and_1_are_refused(low, high):
     with pytest.raises(HorizonError, match=r"0 <= low <= high <= 1"):
         Geometric(3, low, high)
+
+
+TIME_FEATURES = {
+    Countdown(1000): [1.0, 0.75, 0.0, -1.0, -99.0],
+    Constant(1000): [1.0, 1.0, 1.0, 1.0, 1.0],
+    Constant(250): [0.25, 0.25, 0.25, 0.25, 0.25],
+    Constant(0): [0.0, 0.0, 0.0, 0.0, 0.0],
+    Constant(5000): [1.0, 1.0, 1.0, 1.0, 1.0],
+    Periodic(1000): [1.0, 0.75, 1.0, 1.0, 1.0],
+    Periodic(500): [0.5, 0.25, 0.5, 0.5, 0.5],
+    Countdown(100_000): [1.0, 1.0, 1.0, 1.0, 0.0],
+    Countdown(INF): [1.0, 1.0, 1.0, 1.0, 1.0],
+}
+
+
+@pytest.mark.parametrize("clock", TIME_FEATURES, ids=lambda clock: clock.label)
+def test_the_time_feature_of_1000_steps_under_every_clock(clock):
+    elapsed = np.array([0.0, 250.0, 1000.0, 2000.0, 100_000.0])
+    assert TimeFeature(1000)(*clock.time(elapsed))[:, 0].tolist() == TIME_FEATURES[clock]
+
+
+@given(st.integers(1, 3000), st.integers(0, 10_000))
+def test_the_time_feature_is_that_of_the_wrapper_to_the_last_bit(horizon, elapsed):
+    """`1 - (self._current_step / self._max_steps)` in sb3-contrib 2.9."""
+    assert phi(TimeFeature(horizon), [elapsed], [horizon])[0, 0] == 1 - elapsed / horizon
+
+
+@pytest.mark.parametrize("bad", [0, -1, 2.5])
+def test_a_time_feature_of_no_steps_is_refused(bad):
+    with pytest.raises(HorizonError, match=f"at least 1, got {bad}"):
+        TimeFeature(bad)

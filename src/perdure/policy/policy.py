@@ -24,6 +24,10 @@ FloatArray = NDArray[np.float64]
 
 CRITIC = "value."
 """What the names of the critic's weights begin with."""
+LARGEST_OBSERVATION = 1e6
+"""Where observations are cut that no normalizer cuts: far beyond every world that has not blown up."""
+SMALLEST_EPSILON = 1e-30
+"""Stands for 0: adding it to a variance of 1 changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,16 @@ class Normalizer:
     """Normalized values are cut to +-clip."""
     epsilon: float = 1e-8
     """Added to the variance before its square root."""
+
+    @classmethod
+    def identity(cls, size: int) -> Normalizer:
+        """Return the normalizer of a policy that sees raw observations, up to a size of LARGEST_OBSERVATION."""
+        return cls(np.zeros(size), np.ones(size), LARGEST_OBSERVATION, SMALLEST_EPSILON)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether observations pass unchanged, so that nothing is known about their spread."""
+        return bool(self.epsilon == SMALLEST_EPSILON and not self.mean.any() and (self.var == 1).all())
 
     @cached_property
     def _std(self) -> FloatArray:
@@ -188,6 +202,19 @@ class Policy:
     @property
     def observation_std(self) -> FloatArray:
         """Standard deviation of each observation component in training, shape (observation_size,)."""
+        std: FloatArray = np.sqrt(self.normalizer.var[: self.task.observation_size])
+        return std
+
+    @property
+    def observation_std(self) -> FloatArray:
+        """Standard deviation of each observation component in training, shape (observation_size,).
+
+        A policy that sees raw observations does not know it. Its reference episodes stand in: the standard deviation of
+        numbers spread evenly over the range that they covered.
+        """
+        if self.normalizer.is_identity and self.reference is not None:
+            width: FloatArray = (self.reference.observation_high - self.reference.observation_low) / math.sqrt(12)
+            return width
         std: FloatArray = np.sqrt(self.normalizer.var[: self.task.observation_size])
         return std
 

@@ -142,16 +142,11 @@ def _policy(model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, step
         ),
         weights=weights,
         activation=settings.activation,
-        normalizer=normalizer or _no_normalizer(spec.observation_size),
+        normalizer=normalizer or Normalizer.identity(spec.observation_size),
         protocol=protocol,
         clock=None if steps is None else Countdown(float(steps)),
         squash=squash,
     )
-
-
-def _no_normalizer(size: int) -> Normalizer:
-    """A normalizer that changes nothing: a number that it would cut is infinite in 32 bits anyway."""
-    return Normalizer(np.zeros(size), np.ones(size), clip=float(np.finfo(np.float32).max), epsilon=0.0)
 
 
 def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) -> None:
@@ -199,9 +194,11 @@ def _provenance(
     model: Sb3Model, path: Path, normalizer: Path | None, env: str, time_feature: str | None
 ) -> dict[str, Any]:
     settings = model.settings
+    name = "".join(letter for letter in path.stem if letter.isprintable())
     provenance: dict[str, Any] = {
-        "method": f"SB3 {settings.algorithm}",
-        "seed": settings.seed,
+        # Models of one name are taken for training runs of one method, told apart by their seeds.
+        "method": f"SB3 {settings.algorithm} ({name})",
+        **({} if settings.seed is None else {"seed": settings.seed}),
         "steps": settings.steps,
         "source": {"file": path.name, "sha256": _digest(path), "stable-baselines3": model.version, "env": env},
         "versions": _versions(),

@@ -70,6 +70,8 @@ class TorchState:
         """
         try:
             array = self._build(self._tensors[name])
+        except PolicyFileError:
+            raise
         except (KeyError, TypeError, ValueError, AttributeError):
             raise PolicyFileError(f"{self._what}: {name!r} is not a tensor of floating-point numbers") from None
         with np.errstate(over="ignore"):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyFileError
-from perdure.policy.policy import Normalizer
+from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer
 from perdure.policy.readers.inert_pickle import Call, read_pickle
 from perdure.policy.readers.numpy_arrays import NUMPY_NAMES, read_numbers
 
@@ -83,7 +83,7 @@ def checked_normalizer(
     fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
     if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
         raise PolicyFileError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
-    return Normalizer(mean, var, min(clip, float(np.finfo(np.float32).max)), epsilon)
+    return Normalizer(mean, var, min(clip, LARGEST_OBSERVATION), max(epsilon, SMALLEST_EPSILON))
 
 
 def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:

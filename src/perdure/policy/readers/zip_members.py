@@ -28,13 +28,17 @@ class ZipMembers:
             PolicyFileError: If it is no zip archive, is damaged or has too many members.
         """
         self._what = what
+        missing = f"{what} is not a zip archive, or its end is missing"
         if data.count(_ENTRY) > MAX_MEMBERS:
             raise PolicyFileError(f"{what} has more than {MAX_MEMBERS:,} members; it is not a model")
         try:
             self._archive = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError, OSError):
-            raise PolicyFileError(f"{what} is not a zip archive, or its end is missing") from None
+            raise PolicyFileError(missing) from None
         self._members = {member.filename: member for member in self._archive.infolist()}
+        if min((member.header_offset for member in self._members.values()), default=0):
+            # A model contains archives. Where its own end is missing, `zipfile` finds the end of one of these.
+            raise PolicyFileError(missing)
 
     @property
     def names(self) -> list[str]:

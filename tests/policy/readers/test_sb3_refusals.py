@@ -1,0 +1,290 @@
+"""What is refused, each in one line and without running anything."""
+
+from __future__ import annotations
+
+import base64
+import io
+import pickle
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+from hostile import FIXTURES, Payload, model, payload, rebuilt, with_settings, with_state
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from perdure.policy import Policy, PolicyError, PolicyFileError, load_policy
+from perdure.policy.readers.vecnormalize import read_vecnormalize
+
+BOX = "<class 'gymnasium.spaces.box.Box'>"
+
+
+def read(data, folder, env="Pendulum-v1", **options):
+    path = folder / "model.zip"
+    path.write_bytes(data)
+    options.setdefault("normalizer", "none")
+    return Policy.from_sb3(path, env, measure=False, **options)
+
+
+def refused(data, folder, pattern, kind=PolicyFileError, **options):
+    with pytest.raises(kind, match=pattern) as caught:
+        read(data, folder, **options)
+    message = str(caught.value)
+    assert message.startswith(str(folder / "model.zip"))
+    assert "\n" not in message
+    assert len(message) < 400
+
+
+def nan_weights(contents):
+    """A storage whose first number is not a number."""
+    return struct.pack("<f", float("nan")) + contents[4:]
+
+
+BOMB = 70_000_000
+"""Bytes of zeros, more than settings may have; packed they take 70,000."""
+
+
+def bomb():
+    return rebuilt(model(), {"data": bytes(BOMB)}, zipfile.ZIP_DEFLATED)
+
+
+def declaring(data, true_size, declared):
+    """An archive with a member that declares another size."""
+    old, new = (size.to_bytes(4, "little") for size in (true_size, declared))
+    assert old in data
+    return data.replace(old, new)
+
+
+def weights_bomb():
+    with zipfile.ZipFile(FIXTURES / "ppo.zip") as archive:
+        return declaring(model(), archive.getinfo("policy.pth").file_size, 600_000_000)
+
+
+def many_members():
+    written = io.BytesIO()
+    with zipfile.ZipFile(written, "w") as archive:
+        for number in range(10_001):
+            archive.writestr(str(number), b"")
+    return written.getvalue()
+
+
+DAMAGED = {
+    "empty": (lambda: b"", "not a zip archive"),
+    "text": (lambda: b"a shopping list\n", "not a zip archive"),
+    "truncated": (lambda: model()[:-500], "its end is missing"),
+    "first half": (lambda: model()[: len(model()) // 2], "its end is missing"),
+    "bomb in the settings": (bomb, "'data' unpacks to 70,000,000 bytes"),
+    "bomb in the weights": (weights_bomb, "'policy.pth' unpacks to 600,000,000"),
+    "bomb that declares a small size": (lambda: declaring(bomb(), BOMB, 1000), "'data' is damaged"),
+    "many members": (many_members, "more than 10,000 members"),
+    "no settings": (lambda: rebuilt(model(), {"data": None}), "no member 'data'"),
+    "no weights": (lambda: rebuilt(model(), {"policy.pth": None}), "no member 'policy.pth'"),
+    "settings that are no JSON": (lambda: rebuilt(model(), {"data": b"{"}), "not readable JSON"),
+    "nested JSON": (lambda: rebuilt(model(), {"data": b"[" * 1_000_000}), "not readable JSON"),
+    "nested table": (lambda: rebuilt(model(), {"data": b'{"a":' * 200_000}), "not readable JSON"),
+    "a list of settings": (lambda: rebuilt(model(), {"data": b"[]"}), "not a table"),
+    "weights that are no archive": (lambda: rebuilt(model(), {"policy.pth": b"\x80\x02x."}), "before 1.6.*--trust"),
+    "weights cut off": (lambda: rebuilt(model(), {"policy.pth": lambda old: old[:-300]}), "policy.pth.*end is missing"),
+    "a storage cut off": (lambda: with_state({"data/3": lambda old: old[:-4]}), "is not a tensor"),
+    "a storage missing": (lambda: with_state({"data/3": None}), "has no member 'archive/data/3'"),
+    "not a number": (lambda: with_state({"data/3": nan_weights}), "not finite"),
+    "big-endian": (lambda: with_state({"byteorder": b"big"}), "big-endian"),
+    "no state dict": (lambda: with_state({"data.pkl": pickle.dumps([1, 2], 2)}), "not a state dict"),
+}
+
+
+@pytest.mark.parametrize("case", DAMAGED)
+def test_damaged_files_are_refused(case, tmp_path):
+    make, pattern = DAMAGED[case]
+    refused(make(), tmp_path, pattern)
+
+
+def test_the_builder_of_these_tests_keeps_a_model_readable(tmp_path):
+    """The control: what is refused above is refused for what was changed."""
+    rows = np.random.default_rng(0).normal(size=(5, 3))
+    expected = read(model(), tmp_path).act(rows, np.zeros(5))
+    packed = rebuilt(model(), {"policy.pth": lambda old: rebuilt(old, {})}, zipfile.ZIP_DEFLATED)
+    np.testing.assert_array_equal(read(packed, tmp_path).act(rows, np.zeros(5)), expected)
+
+
+def discrete(settings):
+    settings["action_space"] = {":type:": "<class 'gymnasium.spaces.discrete.Discrete'>", "n": "4"}
+
+
+OTHER_KINDS = {
+    "image observations": (
+        lambda s: s.update(observation_space={":type:": BOX, "dtype": "uint8", "_shape": [84, 84, 3]}),
+        "image observations",
+    ),
+    "dict observations": (
+        lambda s: s.update(observation_space={":type:": "<class 'gymnasium.spaces.dict.Dict'>"}),
+        "Dict observations",
+    ),
+    "discrete actions": (discrete, "Discrete actions"),
+    "recurrent": (lambda s: s["policy_class"].update(__module__="sb3_contrib.common.recurrent.policies"), "recurrent"),
+    "CrossQ": (lambda s: s["policy_class"].update(__module__="sb3_contrib.crossq.policies"), "crossq"),
+    "own policy class": (lambda s: s["policy_class"].update(__module__="__main__"), "__main__"),
+    "own features": (lambda s: s["policy_kwargs"].update(features_extractor_class="<class 'x.Mine'>"), "features_extr"),
+    "own setting": (lambda s: s["policy_kwargs"].update(depth=3), "depth"),
+    "own activation": (lambda s: s["policy_kwargs"].update(activation_fn="<class '__main__.Sine'>"), "Sine"),
+    "no spaces": (lambda s: s.pop("observation_space"), "unknown observations"),
+    "spaces of another type": (lambda s: s.update(observation_space=7), "unknown observations"),
+}
+
+
+@pytest.mark.parametrize("case", OTHER_KINDS)
+def test_policies_of_other_kinds_are_sent_to_the_door_for_functions(case, tmp_path):
+    change, pattern = OTHER_KINDS[case]
+    refused(with_settings(change), tmp_path, rf"{pattern}.*perdure\.extrapolate\(function, env")
+
+
+def test_a_network_with_other_parts_is_refused(tmp_path):
+    """A module of another policy class: its weights have other names."""
+    data = with_settings(lambda s: s["policy_class"].update(__module__="stable_baselines3.sac.policies"))
+    refused(data, tmp_path, "not a plain perceptron.*perdure.extrapolate")
+
+
+@pytest.mark.parametrize("value", [-1, "0.99", None, True, float("nan"), 1e300], ids=str)
+def test_a_gamma_that_is_none_is_refused(value, tmp_path):
+    refused(with_settings(lambda s: s.update(gamma=value)), tmp_path, "gamma must be a number")
+
+
+class TestWhatDoesNotFitTheEnvironment:
+    def test_observations(self, tmp_path):
+        refused(model(), tmp_path, r"takes 3 numbers, but gymnasium:Hopper-v5 gives 11", PolicyError, env="Hopper-v5")
+
+    def test_observations_that_lack_the_time_feature(self, tmp_path):
+        refused(model("sac-time"), tmp_path, r"takes 4 .* gives 3 .*--time-feature linear", PolicyError)
+
+    def test_a_time_feature_too_many(self, tmp_path):
+        refused(model(), tmp_path, r"takes 3 .* gives 4 with the time feature", PolicyError, time_feature="linear:200")
+
+    def test_actions(self, tmp_path):
+        def narrow(settings):
+            settings["action_space"]["high"] = "[1.]"
+
+        refused(with_settings(narrow), tmp_path, r"upper bounds \[1.0\].*\[2.0\].*rescales", PolicyError)
+
+    def test_a_normalizer_for_other_observations(self, tmp_path):
+        statistics = FIXTURES / "ppo-time.pkl"
+        refused(model(), tmp_path, "statistics of 4 numbers.*given 3", PolicyError, normalizer=statistics)
+
+    def test_a_normalizer_that_was_forgotten(self, tmp_path):
+        refused(model(), tmp_path, "trained behind VecNormalize.*--normalizer", PolicyError, normalizer=None)
+        read(model("trpo"), tmp_path, normalizer=None)  # was trained without one
+
+    @pytest.mark.parametrize("text", ["1000", "linear:", "linear:0", "linear:-5", "linear:1e3", "geometric:10"])
+    def test_a_time_feature_that_is_none(self, text, tmp_path):
+        with pytest.raises(PolicyError, match=r"linear:1000, got"):
+            read(model("sac-time"), tmp_path, time_feature=text)
+
+
+class TestPayload:
+    """A pickle that would create a file."""
+
+    @pytest.fixture
+    def trace(self, tmp_path):
+        return tmp_path / "trace"
+
+    @pytest.mark.parametrize("protocol", range(2, 6))
+    def test_it_works_where_pickles_are_run(self, trace, protocol):
+        pickle.loads(payload(trace, protocol)).close()
+        assert trace.exists()
+
+    @pytest.mark.parametrize("protocol", range(2, 6))
+    def test_in_the_weights_is_refused(self, trace, tmp_path, protocol):
+        data = with_state({"data.pkl": payload(trace, protocol)})
+        refused(data, tmp_path, r"policy.pth asks for the Python object '_?io.open', which was not run.*--trust")
+        assert not trace.exists()
+
+    def test_instead_of_the_weights_is_refused(self, trace, tmp_path):
+        refused(rebuilt(model(), {"policy.pth": payload(trace)}), tmp_path, "not a zip archive.*--trust")
+        assert not trace.exists()
+
+    def test_in_the_settings_is_not_decoded(self, trace, tmp_path):
+        code = base64.b64encode(payload(trace, 4)).decode()
+
+        def plant(settings):
+            for value in settings.values():
+                if isinstance(value, dict) and ":serialized:" in value:
+                    value[":serialized:"] = code
+
+        read(with_settings(plant), tmp_path)
+        assert not trace.exists()
+
+    @pytest.mark.parametrize("protocol", range(2, 6))
+    def test_in_the_statistics_is_refused(self, trace, tmp_path, protocol):
+        path = tmp_path / "vecnormalize.pkl"
+        path.write_bytes(payload(trace, protocol))
+        with pytest.raises(PolicyFileError, match=r"vecnormalize.pkl asks for the Python object '_?io.open'"):
+            read_vecnormalize(path)
+        path.write_bytes(pickle.dumps({"obs_rms": [Payload(trace)]}, protocol))
+        with pytest.raises(PolicyFileError, match=r"asks for the Python object"):
+            read(model(), tmp_path, normalizer=path)
+        assert not trace.exists()
+
+
+def test_a_zip_where_a_policy_file_is_expected_is_named(tmp_path):
+    path = tmp_path / "model.zip"
+    path.write_bytes(model())
+    with pytest.raises(PolicyFileError, match=r"Stable-Baselines3.*--env.*from_sb3"):
+        load_policy(path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz")
+
+
+def read_or_refused(path, function):
+    try:
+        return function(path)
+    except PolicyError as error:
+        return error
+
+
+FUZZ = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@FUZZ
+@given(noise=st.binary(max_size=300), start=st.sampled_from([b"", b"PK\x03\x04", b"\x80\x04\x95"]))
+def test_any_bytes_are_refused_with_our_own_error(noise, start, folder):
+    for name, function in (("model.zip", _model), ("statistics.pkl", read_vecnormalize)):
+        path = folder / name
+        path.write_bytes(start + noise)
+        assert isinstance(read_or_refused(path, function), PolicyFileError)
+
+
+@FUZZ
+@given(place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255), part=st.sampled_from(["zip", "pth", "pkl"]))
+def test_a_changed_byte_is_refused_with_our_own_error_or_harmless(place, byte, part, folder):
+    def change(contents):
+        at = int(place * len(contents))
+        return contents[:at] + bytes([byte]) + contents[at + 1 :]
+
+    path = folder / ("statistics.pkl" if part == "pkl" else "model.zip")
+    if part == "pkl":
+        path.write_bytes(change((FIXTURES / "ppo.pkl").read_bytes()))
+        read_or_refused(path, read_vecnormalize)
+    else:
+        path.write_bytes(change(model()) if part == "zip" else rebuilt(model(), {"policy.pth": change}))
+        read_or_refused(path, _model)
+
+
+@FUZZ
+@given(place=st.floats(0, 1, exclude_max=True), noise=st.binary(max_size=8))
+def test_a_changed_description_of_tensors_is_refused_with_our_own_error_or_harmless(place, noise, folder):
+    def change(contents):
+        at = int(place * len(contents))
+        return contents[:at] + noise + contents[at + len(noise) :]
+
+    path = folder / "model.zip"
+    path.write_bytes(with_state({"data.pkl": change}))
+    read_or_refused(path, _model)
+
+
+def _model(path):
+    from perdure.policy.readers.sb3 import read_sb3
+
+    return read_sb3(path)
