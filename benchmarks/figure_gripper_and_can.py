@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from perdure.home.video.beside import make_take
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.sim.world import CONTROL_HZ, World
-from perdure.home.video.beside import make_take
 from perdure.home.video.cameras import Shot
 from perdure.home.video.files import save_picture
 from perdure.home.video.render_scene import RenderScene

@@ -86,7 +86,7 @@ def numbers(comparison: Comparison, arm: str, assignment: PolicyAssignment) -> R
         "failed_at": {name: count for name, count in outcomes.items() if name.startswith("place_")},
         "did_not_last": outcomes["success that did not last"],
         "modes": {
-            f"{row['stage']}, {row['mechanism']}": row["count"]
+            f"{row['stage']}, {row['cause']}": row["count"]
             for row in comparison.modes[arm].filter(counting="stabilizing").iter_rows(named=True)
         },
         "hand_overs": dict(assignment.hand_overs.get((comparison.task, comparison.split, arm), {})),
@@ -104,7 +104,7 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
     for world in WORLDS:
         for first, second in PAIRS:
             names = [" ".join(filter(None, (strategy, world))) for strategy in (first, second)]
-            if not set(names) <= set(comparison.arms):
+            if not set(names) <= set(comparison.strategies):
                 continue
             left, right = (comparison.episodes[name] for name in names)
             found = paired_difference(left, right)
@@ -173,7 +173,7 @@ def main(folder: Path) -> None:
     if RESULTS.exists():
         known = json.loads(RESULTS.read_text())
     new = {
-        "rows": [numbers(each, arm, assignment) for each in compared for arm in each.arms],
+        "rows": [numbers(each, arm, assignment) for each in compared for arm in each.strategies],
         "pairs": [pair for each in compared for pair in pairs(each)],
     }
     kept: dict[str, list[Any]] = {"commands": sorted({*known["commands"], *assignment.commands})}

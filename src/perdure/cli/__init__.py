@@ -17,6 +17,7 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
   perdure card POLICY --table TABLE          write a policy's model card
   perdure list tasks|methods|policies        what there is
   perdure inspect POLICY                     what is in a policy file
+  perdure study NAME                         repeat a study of many runs, or extend it
   perdure home ...                           the Home Assistant Benchmark: does the object stay where it was put?
 
 Each command explains its options with --help.
@@ -32,6 +33,7 @@ COMMANDS = {
     "card": "card",
     "list": "listing",
     "inspect": "inspect",
+    "study": "study",
     "home": "home",
 }
 """Command to the module of this package that carries it out; loaded only when it is asked for."""

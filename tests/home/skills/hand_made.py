@@ -79,7 +79,7 @@ def succeeds(skill, *moments):
 
 def failure(skill, *moments):
     """The label of the failure at the last moment."""
-    return skill.failures[int(skill.failure(moments[-1], course(skill, *moments))[0])]
+    return skill.failure_labels[int(skill.failure(moments[-1], course(skill, *moments))[0])]
 
 
 def step_reward(skill, *moments):

@@ -6,7 +6,17 @@ from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, state, s
 
 from perdure.home import HomeError
 from perdure.home.sim.world import ACTION_SIZE, FORWARD, STOP, TURN
-from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
+from perdure.home.skills import (
+    SKILLS,
+    CloseDrawer,
+    CloseFridge,
+    Navigate,
+    OpenDrawer,
+    OpenFridge,
+    Pick,
+    Place,
+    get_skill,
+)
 
 HELD = state(held=BOWL, object=[1.0, 0.0, 0.8])
 PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))
@@ -32,7 +42,7 @@ def test_place_does_not_succeed_when_one_condition_is_off(off):
 
 
 @pytest.mark.parametrize(
-    ("steps", "lacking"),
+    ("steps", "unmet"),
     [
         ([HELD], ["not let go", "object not in its goal", "object not long enough in its goal"]),
         ([PLACED], ["object not long enough in its goal"]),
@@ -44,12 +54,12 @@ def test_place_does_not_succeed_when_one_condition_is_off(off):
         ([PLACED, change(PLACED, **gripper_off(0.06))], ["gripper not at rest"]),
     ],
 )
-def test_place_says_what_it_lacks_and_lacks_nothing_exactly_when_it_succeeds(steps, lacking):
+def test_place_names_its_unmet_conditions_and_has_none_exactly_when_it_succeeds(steps, unmet):
     skill = Place(delta=2)
     moments = [HELD, *steps]
     progress = course(skill, *moments)
-    assert [what for what, so in skill.lacks(moments[-1], progress).items() if so[0]] == lacking
-    assert succeeds(skill, *moments) == (not lacking)
+    assert [what for what, so in skill.unmet(moments[-1], progress).items() if so[0]] == unmet
+    assert succeeds(skill, *moments) == (not unmet)
 
 
 @pytest.mark.parametrize("delta", [1, 2, 30])
@@ -136,7 +146,7 @@ def test_navigate_succeeds_when_it_stops_near_the_region_turned_to_the_aim():
 def test_navigate_that_stops_elsewhere_has_failed_and_the_executor_goes_on(off):
     skill, there = Navigate(), change(ARRIVED, **off)
     assert not succeeds(skill, there)
-    assert skill.failures[skill.failure(there, course(skill, there))[0]] == "stopped elsewhere"
+    assert skill.failure_labels[skill.failure(there, course(skill, there))[0]] == "stopped elsewhere"
     assert skill.stop(there, course(skill, there))[0]
 
 
@@ -180,3 +190,20 @@ def test_skills_are_found_by_name():
     assert sorted(SKILLS) == sorted(
         ["pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "navigate", "reset_arm"]
     )
+
+
+def test_skills_are_stopped_after_the_steps_of_m3():
+    limits = {name: get_skill(name).limit for name in SKILLS}
+    assert limits.pop("navigate") == 500
+    assert limits.pop("reset_arm") == 50
+    assert set(limits.values()) == {200}
+
+
+def test_an_unknown_skill_is_refused_with_the_nearest_name():
+    with pytest.raises(HomeError, match=r"open_drawr.*did you mean open_drawer\?"):
+        get_skill("open_drawr")
+
+
+def test_navigation_without_a_next_skill_is_refused():
+    with pytest.raises(HomeError, match="needs toward"):
+        Navigate().skill_goal(None, 0, {})

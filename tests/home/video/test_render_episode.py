@@ -1,4 +1,4 @@
-"""What is shown is what happened: an episode before an audience takes the course that it takes without one."""
+"""Rendering does not change an episode: its trajectory is that of an execution without frames."""
 
 import numpy as np
 import pytest
@@ -20,18 +20,18 @@ class EnoughError(Exception):
     pass
 
 
-def test_an_audience_changes_nothing():
+def test_a_frame_observer_changes_nothing():
     episode = load_episodes("set_table", "val")[5]
     shown, seen = [], []
 
-    def audience(world, double, narrator):
+    def observe(world, lane, narrator):
         shown.append(world.lane(0).qpos.copy())
-        assert np.array_equal(double.qpos, shown[-1])
-        assert double.model.ngeom > world.lane(0).model.ngeom
-        seen.append(double.data.site("gripper").xpos.copy())
+        assert np.array_equal(lane.qpos, shown[-1])
+        assert lane.model.ngeom > world.lane(0).model.ngeom
+        seen.append(lane.data.site("gripper").xpos.copy())
         return len(shown) < STEPS
 
-    assert render_episode(episode, audience, ExecutorOptions(eval_seed=1, scene=SCENE)) is None
+    assert render_episode(episode, observe, ExecutorOptions(eval_seed=1, scene=SCENE)) is None
 
     alone = []
 

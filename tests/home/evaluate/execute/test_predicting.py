@@ -31,9 +31,7 @@ def test_a_function_acts_as_the_policy_that_it_calls():
     ran = []
     for actors in (shipped, {**shipped, **foreign}):
         logs = list(Executor(Protocol("set_table").skills(), actors, options).run(episodes))
-        ran.append(
-            {log.episode.name: [(run.skill, run.begin, run.end, run.ending) for run in log.skills] for log in logs}
-        )
+        ran.append({log.index: [(run.skill, run.begin, run.end, run.ending) for run in log.runs] for log in logs})
     assert ran[0] == ran[1]
     assert all([run[0] for run in runs].count("place") == 2 for runs in ran[0].values())
 

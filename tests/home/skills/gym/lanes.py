@@ -5,11 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from perdure.home.benchmark.tasks import TASKS, get_task
+from perdure.home.skills import learned_skills
 from perdure.home.skills.gym import HomeSkillVectorEnv
-from perdure.home.skills.starts import STARTS, put
+from perdure.home.skills.starts import put
 
 LESSONS = [
-    (skill, task) for skill in STARTS for task in TASKS if any(step.skill == skill for step in get_task(task).skills)
+    (skill, task)
+    for skill in learned_skills()
+    for task in TASKS
+    if any(step.skill == skill for step in get_task(task).skills)
 ]
 """Every skill with every task that uses it."""
 

@@ -6,14 +6,14 @@ from lanes import make
 
 from perdure.home.agents.oracle import Oracle
 from perdure.home.sim.world import SCAN_RANGE
-from perdure.home.skills.starts import STARTS
+from perdure.home.skills import learned_skills
 
 STEPS = {"place": 200, "navigate": 80}
 CONSTANT = {"open_fridge": {"handle_in_base_z"}, "close_fridge": {"handle_in_base_z"}}
 """The fridge's handle is 1.14 m above the floor in every apartment."""
 
 
-@pytest.mark.parametrize("skill", STARTS)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_no_element_of_an_observation_is_constant(skill):
     env = make(skill, "set_table", lanes=6, episodes=64, delta=3 if skill == "place" else 1, clutter=skill == "pick")
     oracle, rng = Oracle(), np.random.default_rng(0)
@@ -37,7 +37,7 @@ def test_no_element_of_an_observation_is_constant(skill):
     assert idle == CONSTANT.get(skill, set())
 
 
-@pytest.mark.parametrize("skill", STARTS)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_what_a_skill_does_not_look_at_does_not_change_what_it_sees(skill):
     """The executor scans once for all skills, as far as the one that looks farthest."""
     env = make(skill, "set_table", lanes=6, episodes=64)

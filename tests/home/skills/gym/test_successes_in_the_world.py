@@ -108,7 +108,7 @@ def test_a_robot_that_stands_right_has_arrived_when_it_has_stood_long_enough_and
     env = make("navigate", "tidy_house", episodes=1)
     episode = env.sampler.episodes[0]
     point = episode.objects[0].position
-    space, cells = region(episode.apartment(), {}, Aim("pick", point))
+    space, cells = region(episode.apartment(), {}, Aim(point))
     x, y = space.centers[cells[0]]
     yaw = float(np.arctan2(point[1] - y, point[0] - x))
     skill_goal = SkillGoal(0, point, toward="pick", aim=point, route=space.distances(cells))

@@ -12,7 +12,7 @@ from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import handle_grabs
 from perdure.home.agents.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go, unjam
 from perdure.home.agents.oracle.pick import ATTEMPTS, SAFE, approach
-from perdure.home.agents.oracle.placing import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
+from perdure.home.agents.oracle.reach_plan import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.world.handles import Handles

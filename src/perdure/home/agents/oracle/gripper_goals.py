@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.oracle.placing import GripperGoal
+from perdure.home.agents.oracle.reach_plan import GripperGoal
 
 FloatArray = NDArray[np.float64]
 

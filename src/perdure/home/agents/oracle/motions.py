@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
+from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
 from perdure.home.sim.world import (
     ACTION_SIZE,
@@ -246,7 +247,7 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     far = float(np.linalg.norm(away))
     away = away * min(1.0, speed / CONTROL_HZ / max(far, 1e-9))
     rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
-    inverse = rows.T @ np.linalg.inv(rows @ rows.T + 0.03**2 * np.eye(3))
+    inverse = damped_inverse(rows, 0.03)
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
     step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)

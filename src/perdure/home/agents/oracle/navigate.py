@@ -13,11 +13,11 @@ from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.motions import Motion, View, follow, turn_to
 from perdure.home.agents.oracle.pick import plan_pick
 from perdure.home.agents.oracle.place import plan_place
-from perdure.home.agents.oracle.placing import ReachPlan, ahead, around
+from perdure.home.agents.oracle.reach_plan import ReachPlan, ahead, around
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
 from perdure.home.sim.world import SkillGoal
-from perdure.home.skills.skill_goals import positions
+from perdure.home.skills.starts.containers import open_links
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
     route = skill_goal.route
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
-    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
+    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(open_links(view.lane).items())))
     stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, toward, stands)

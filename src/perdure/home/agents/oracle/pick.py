@@ -21,7 +21,7 @@ from perdure.home.agents.oracle.motions import (
     unjam,
     unwound,
 )
-from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
+from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.world import GRASP, GRASP_RADIUS
 from perdure.home.sim.world.handles import Handles

@@ -9,7 +9,7 @@ from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import place_gripper_goals
 from perdure.home.agents.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.agents.oracle.pick import approach, retreat
-from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
+from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import YcbObjects
 from perdure.home.sim.world import RELEASE

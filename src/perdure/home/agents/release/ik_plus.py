@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
-from perdure.home.sim.robot import gripper_pose
+from perdure.home.sim.robot import gripper_pose, toward
 from perdure.home.sim.robot.data import TORSO_HEIGHT
-from perdure.home.sim.robot.toward import toward
 from perdure.home.sim.world import CONTROL_HZ
 
 FloatArray = NDArray[np.float64]

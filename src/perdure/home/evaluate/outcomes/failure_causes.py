@@ -1,9 +1,9 @@
 """What went wrong, in one word, from a record alone.
 
 A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). From there the first line that
-applies gives the mechanism:
+applies gives the cause:
 
-| blamed | line | applies when | mechanism |
+| blamed | line | applies when | cause |
 |---|---|---|---|
 | anything | 1 | the simulation blew up | diverged |
 | | 2 | the stage's own skill never ended, or the task's limit ended it | time-out |
@@ -15,11 +15,11 @@ applies gives the mechanism:
 | a door's | 8 | contact force above `COLLISION_FORCE` in its skill or on the way to it | collision |
 | | 9 | otherwise | door not open, door not closed |
 | `not_holding()` | 10 | always | time-out |
-| `at(k)` | 11 | the mechanism of k's placement, below | |
+| `at(k)` | 11 | the cause of k's placement, below | |
 
 For a placement, blamed or counted as not goal-stabilizing:
 
-| line | applies when | mechanism |
+| line | applies when | cause |
 |---|---|---|
 | 1 | the simulation blew up | diverged |
 | 2 | the hand never let go of it | time-out |
@@ -49,15 +49,15 @@ from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import AT, SOMETHING_ELSE, Predicate
 from perdure.home.benchmark.tasks.predicates import DRAWER_OPEN, FRIDGE_OPENED
+from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.evaluate.outcomes.counting import handled
-from perdure.home.evaluate.outcomes.records import EpisodeRecord, Release, Run
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.world import GRASP_RADIUS
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-Mechanism = Literal[
+FailureCause = Literal[
     "diverged",
     "time-out",
     "wrong object grasped",
@@ -72,7 +72,7 @@ Mechanism = Literal[
     "tipped",
     "rolled",
 ]
-MECHANISMS: tuple[Mechanism, ...] = get_args(Mechanism)
+FAILURE_CAUSES: tuple[FailureCause, ...] = get_args(FailureCause)
 
 COLLISION_FORCE = 2000.0
 """In [N], OURS. The arm presses with 150 N at most (its shoulder's 132 Nm over 0.9 m), and hands that succeed meet the
@@ -94,7 +94,7 @@ NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
 or the base's middle within 0.5 m of it in the plane (base and half the largest object), OURS."""
 
 
-def placement(record: EpisodeRecord, target: int) -> Release | None:
+def placement(record: EpisodeLog, target: int) -> Release | None:
     """The placement of a target: the last time it was let go while the plan handled it, None if it never was."""
     span = handled(record, target)
     if span is None:
@@ -103,7 +103,7 @@ def placement(record: EpisodeRecord, target: int) -> Release | None:
     return found[-1] if found else None
 
 
-def failure_mechanism(record: EpisodeRecord, stage: int, condition: Predicate | None) -> Mechanism:
+def failure_cause(record: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
     """Why an episode failed: the first table of this file.
 
     Args:
@@ -115,19 +115,19 @@ def failure_mechanism(record: EpisodeRecord, stage: int, condition: Predicate | 
         return "diverged"
     if condition is not None and condition.name == "at":
         assert condition.target is not None
-        return placement_mechanism(record, condition.target)
+        return placement_cause(record, condition.target)
     skill, _, target = record.home_task.stages[stage].name.partition("_")
     run = record.run(skill, int(target))
     if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
         return "time-out"
     if condition.name == "holding":
-        return _pick_mechanism(record, run)
+        return _pick_cause(record, run)
     if _collided(record, run):
         return "collision"
     return "door not open" if condition.name.startswith("opened") else "door not closed"
 
 
-def _pick_mechanism(record: EpisodeRecord, run: Run) -> Mechanism:
+def _pick_cause(record: EpisodeLog, run: SkillRun) -> FailureCause:
     held = {e.held for e in record.events if run.begin <= e.step < run.end} | {record.at(run.begin).held}
     if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
         return "wrong object grasped"
@@ -140,13 +140,13 @@ def _pick_mechanism(record: EpisodeRecord, run: Run) -> Mechanism:
     return "not reached" if run.reach > GRASP_RADIUS else "grasp missed"
 
 
-def _collided(record: EpisodeRecord, run: Run) -> bool:
+def _collided(record: EpisodeLog, run: SkillRun) -> bool:
     """In the run or on the way to it: in the navigation for the same target that ended last before it."""
     ways = [r for r in record.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
     return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
 
 
-def placement_mechanism(record: EpisodeRecord, target: int) -> Mechanism:
+def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
     """Why a target does not lie in its goal, or did not all the time: the second table of this file."""
     release = placement(record, target)
     if record.diverged:
@@ -178,13 +178,13 @@ def placement_mechanism(record: EpisodeRecord, target: int) -> Mechanism:
     return "tipped" if _fell_over(record, release, 0, last) else "rolled"
 
 
-def release_offset(record: EpisodeRecord, release: Release) -> tuple[float, float]:
+def release_offset(record: EpisodeLog, release: Release) -> tuple[float, float]:
     """Where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
     offset = release.track.position[0] - np.array(record.targets[release.target].goal)
     return float(np.hypot(offset[0], offset[1])), float(offset[2])
 
 
-def in_goal_since(record: EpisodeRecord, release: Release) -> BoolArray:
+def in_goal_since(record: EpisodeLog, release: Release) -> BoolArray:
     """Whether the object was in its goal at each step of its track, the one at the release included. Shape (n,)."""
     steps = np.arange(release.step, int(release.track.step[-1]) + 1)
     events = np.searchsorted([event.step for event in record.events], steps, side="right") - 1
@@ -198,13 +198,13 @@ def _left(inside: BoolArray) -> int | None:
     return int(left[-1]) + 1 if len(left) else None
 
 
-def _taken_out(record: EpisodeRecord, release: Release) -> bool:
+def _taken_out(record: EpisodeLog, release: Release) -> bool:
     last = int(release.track.step[-1])
     again = last + 1 < record.length and record.at(last + 1).held == release.target
     return again and record.at(last).in_goal[release.target]
 
 
-def _rested(record: EpisodeRecord, release: Release, inside: BoolArray, left: int) -> int | None:
+def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
     """The step since the release at which the object's last rest in its goal, before it left, was half over."""
     window = _rest_steps(record)
     if left < window + 1:
@@ -225,7 +225,7 @@ def _robot_near(release: Release, first: int, last: int) -> bool:
     return bool((hand | base).any())
 
 
-def _fell_over(record: EpisodeRecord, release: Release, first: int, left: int) -> bool:
+def _fell_over(record: EpisodeLog, release: Release, first: int, left: int) -> bool:
     """Whether the object fell over between a step, counted from the release, and half a second after it left."""
     kind = KINDS.get(record.targets[release.target].kind)
     if kind is not None and kind.shape == "sphere":
@@ -238,7 +238,7 @@ def _fell_over(record: EpisodeRecord, release: Release, first: int, left: int) -
     return len(angle) > 0 and bool(np.abs(angle - angle[0]).max() > FELL_OVER)
 
 
-def _rest_steps(record: EpisodeRecord) -> int:
+def _rest_steps(record: EpisodeLog) -> int:
     return max(2, round(REST_SECONDS * record.control_hz))
 
 

@@ -1,4 +1,4 @@
-"""Who acted: which policy in which skill, as far as the files of logs tell."""
+"""Which policy acted in which skill, as far as the log files record it."""
 
 from __future__ import annotations
 
@@ -8,40 +8,41 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from perdure.home.evaluate.outcomes import EpisodeRecord, noted_hand_overs, noted_policies, read_logs, read_notes
+from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.evaluate.outcomes import noted_hand_overs, noted_policies, read_logs, read_notes
 from perdure.runs import Store, StoreError
 
 Group = tuple[str, str, str]
-"""Task, split, arm."""
+"""Task, split, strategy."""
 ORACLE = "oracle"
 
 
 @dataclass(frozen=True)
 class PolicyAssignment:
-    """What acted in each skill, and which commands made the logs."""
+    """The policy of each skill, and the commands that made the logs."""
 
     acting: Mapping[Group, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
-    """For each task, split and arm: skill to the names of what acted in it, one for each training seed."""
+    """For each task, split and strategy: skill to the names of its policies, one for each training seed."""
     commands: tuple[str, ...] = ()
     hand_overs: Mapping[Group, Mapping[str, int]] = field(default_factory=dict)
-    """For each task, split and arm: how often each outcome of the release strategy came, see `HandOver.outcomes`."""
+    """For each task, split and strategy: outcome of the hand-over to its count, see `HandOver.outcomes`."""
 
     def skills(self, task: str, split: str) -> list[str]:
-        """Skills of which anything is known."""
+        """Return the skills whose policies are recorded."""
         groups = [skills for group, skills in self.acting.items() if group[:2] == (task, split)]
         return list(dict.fromkeys(skill for skills in groups for skill in skills))
 
 
-def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeRecord], PolicyAssignment]:
-    """Reads files of logs, and who acted in them: from their notes, else from the store's record beside them.
+def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog], PolicyAssignment]:
+    """Return the logs of files and their policies, from the notes or else from the store's record beside the file.
 
     Args:
-        paths: From `run_protocol`, or files of another simulator (of which nothing is known).
+        paths: From `run_protocol`, or files of another simulator, which record no policies.
 
     Raises:
-        HomeError: A file is none of logs, see `read_logs`, or its note `policies` is no JSON object.
+        HomeError: A file holds no logs, see `read_logs`, or its note `policies` is no JSON object.
     """
-    records: list[EpisodeRecord] = []
+    records: list[EpisodeLog] = []
     acting: dict[Group, dict[str, dict[str, None]]] = {}
     commands: dict[str, None] = {}
     hand_overs: dict[Group, Counter[str]] = {}
@@ -51,7 +52,7 @@ def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Episo
         commands |= {notes["command"]: None} if notes.get("command") else {}
         policies = noted_policies(notes)
         policies = _beside(Path(path)) if policies is None else policies
-        for group in {(record.task, record.split, record.arm) for record in read}:
+        for group in {(record.task, record.split, record.strategy) for record in read}:
             if counts := noted_hand_overs(notes):
                 hand_overs.setdefault(group, Counter()).update(counts)
             for skill, name in policies.items():
@@ -61,7 +62,7 @@ def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Episo
 
 
 def _beside(path: Path) -> dict[str, str]:
-    """What the store's record of a unit says about its policies; nothing where there is none."""
+    """Return the policies in the store's record of a unit; nothing where there is none."""
     folder = path.resolve().parent
     try:
         policies = Store(folder.parent).config(folder.name).get("policies", {})

@@ -12,7 +12,7 @@ from perdure.home.evaluate.outcomes import COUNTINGS, Analysis
 from perdure.home.evaluate.page import tables, words
 from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons, listed, percent
-from perdure.home.evaluate.page.failures import mode_figure, outcome_figure
+from perdure.home.evaluate.page.failure_modes import mode_figure, outcome_figure
 from perdure.home.evaluate.page.placements import MEASURES, kind_figure, release_figure, shape_figure
 from perdure.home.evaluate.page.success import final_figure, stage_figure
 from perdure.report import document
@@ -21,7 +21,7 @@ from perdure.runs import write_whole
 
 PAGE = "report.html"
 METHOD = """A task plan runs skills one after the other, whatever became of the last one, from the same episodes and
-start poses under every placing arm. <em>Latched</em> counts as the benchmark does: a stage that was reached stays
+start poses under every release strategy. <em>Latched</em> counts as the benchmark does: a stage that was reached stays
 reached. <em>Goal-stabilizing</em> counts as the thesis does: from the end of its place to the end of the episode and of
 the settling time after it, the object is in its goal and out of the hand at every step. Every number comes from the
 logs alone; nothing is simulated for this page."""
@@ -37,7 +37,7 @@ def write_page(
     """Write `report.html`, which needs no network, and each figure as a file beside it.
 
     Args:
-        analysis: From `analyze`; several tasks, splits and arms may be in it.
+        analysis: From `analyze`; several tasks, splits and strategies may be in it.
         out: A folder; made if it is missing.
         command: What made the page; shown so that a reader can repeat it.
         assignment: Who acted, from `read_assignment`; the page says "not recorded" without it.
@@ -79,7 +79,7 @@ def make_figures(comparison: Comparison) -> list[Figure]:
 def verdict(comparison: Comparison) -> str:
     """One sentence: how often the whole task succeeded and stayed so, and what the benchmark counts."""
     lasting, latched = (
-        [percent(comparison.final(arm, counting)["mean"]) for arm in comparison.arms]
+        [percent(comparison.final(strategy, counting)["mean"]) for strategy in comparison.strategies]
         for counting in ("stabilizing", "latched")
     )
     stayed = "; ".join(f"{label} {share}" for label, share in zip(comparison.labels, lasting, strict=True))

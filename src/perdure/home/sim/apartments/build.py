@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from perdure.home.sim.apartments.colors import PALETTE
-from perdure.home.sim.apartments.records import Apartment, Articulation, Piece, Solid
+from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Solid
 
 if TYPE_CHECKING:
     import mujoco

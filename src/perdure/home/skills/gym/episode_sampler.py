@@ -1,4 +1,4 @@
-"""Begins episodes: draws episode, target and start, and keeps the scenes that were built."""
+"""Draws episode, target and start state for each new episode of a lane, and keeps the scenes that were built."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from perdure.home.skills.starts import begin
 
 @lru_cache(maxsize=8)
 def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
-    """Return the sampler of these options, kept: a learner that builds its worlds anew finds its scenes again."""
+    """Return the cached sampler of these options, so that a learner that rebuilds its worlds finds its scenes again."""
     return EpisodeSampler(options)
 
 
 class EpisodeSampler:
-    """Where lanes get their episodes from. What a lane gets depends on its own generator only."""
+    """Draws the episodes of lanes. A draw depends on the lane's own generator only."""
 
     def __init__(self, options: SkillEnvOptions) -> None:
-        """Loads the episodes; with `train`, the very first time makes them, about a second for each."""
+        """Load the episodes; those of `train` are generated the first time, which needs about a second for each."""
         self._options = options
         self.episodes = options.load()
-        self._draw = options.draw
+        self._draw = options.make_skill().draw_start
         self._scenes: dict[tuple[int, int], Scene] = {}
 
     def begin(self, world: World, lane: int, rng: np.random.Generator) -> Episode:
-        """Starts an episode in a lane and tells which one."""
+        """Begin an episode in a lane and return it."""
         number = int(rng.integers(len(self.episodes)))
         targets = self._options.chosen_targets
         target = targets[int(rng.integers(len(targets)))]
@@ -39,7 +39,7 @@ class EpisodeSampler:
         return episode
 
     def scene(self, number: int, target: int) -> Scene:
-        """The scene of an episode with one target (and the clutter, if wanted); built once, 0.3 MB each."""
+        """Return the scene of an episode with one target and, if wanted, the clutter; built once, 0.3 MB each."""
         key = number, target
         if key not in self._scenes:
             episode, options = self.episodes[number], replace(self._options.scene, targets=(target,))
