@@ -53,15 +53,16 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
 
 
 def load_policy(path: str | Path) -> Policy:
-    """Return the policy in a file, or a shipped policy by its name, such as "Hopper-v3/geometric".
+    """Return the policy in a file or a folder, or a shipped policy by its name, such as "Hopper-v3/geometric".
+
+    Args:
+        path: As `perdure.policy.find_policy` takes it.
 
     Raises:
-        PolicyFileError: If there is no such file or shipped policy, or the file is not a policy, is damaged or was
+        PolicyFileError: If there is no such policy, or the file is not a policy, is damaged or was
             changed, with what is wrong.
     """
     path = find_policy(path)
-    if path.is_dir():
-        raise PolicyFileError(f"{path} is a folder, not a policy file")
     description, checksum, data = _read(path)
     tensors = _tensors(path, data)
     if checksum != _digest(description, tensors):
