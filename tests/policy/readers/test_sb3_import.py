@@ -89,7 +89,7 @@ class TestImportOnce:
 
     def test_the_second_time_the_file_is_reused(self, tmp_path, monkeypatch):
         first = import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options())
-        monkeypatch.setattr("perdure.policy.readers.sb3_import.import_sb3", None)  # a call would fail
+        monkeypatch.setattr("perdure.policy.readers.import_folder.import_sb3", None)  # a call would fail
         assert import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options()) == first
         assert load_policy(first).reference is not None
 
