@@ -17,13 +17,13 @@ PROCESSES ?= 2
 PYTEST    ?=
 
 PYTHONS   ?= python3.11 python3.12 python3.13 python3
-EXTRAS    ?= dev,tensorboard,home
+EXTRAS    ?= dev,docs,tensorboard,home
 BIN       := .venv/bin
 SHIPPED   := src/perdure/policy/shipped
 ONE_THREAD = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format verify bench clean
+.PHONY: help setup demo test check format verify docs bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1|/p' $(MAKEFILE_LIST) | while IFS='|' read -r target text; do \
@@ -89,6 +89,10 @@ verify: EXTRAS := $(EXTRAS),ray
 verify: setup ## Run the long checks
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify -n $(PROCESSES) --dist worksteal $(PYTEST)
 
+docs: setup ## Build the documentation site into docs/_build/html; needs no network
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d docs/_build/doctrees docs docs/_build/html
+	@echo "$(abspath docs/_build/html)/index.html"
+
 PEERS = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	print(*project["optional-dependencies"]["$(1)"], sep="\n")
 
@@ -98,5 +102,5 @@ bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/late
 	@$(BIN)/python benchmarks/bench.py
 
 clean: ## Remove caches, build products and the demonstration; keep .venv and runs
-	@rm -rf build dist $(DEMO_OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md $(DEMO_OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +

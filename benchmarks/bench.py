@@ -2,7 +2,7 @@
 
 Each figure is a ratio of two measurements of one run, ours and the peer's, taken alternately over ROUNDS rounds; their
 median is kept. The peer runs in an environment of its own (.venv-bench), as a subprocess. Nothing else should run
-meanwhile. The table in docs/benchmarks.md and the ratios in README.md are filled from the same file.
+meanwhile. The table in docs/reference/speed.md and the ratios in README.md are filled from the same file.
 
 python benchmarks/bench.py [NAME ...]     only the cases whose names contain one of the words
 """
@@ -34,7 +34,7 @@ PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
 ROBOTICS_PYTHON = HERE.parent / ".venv-bench-robotics" / "bin" / "python"
 LATEST = HERE / "latest.json"
 ROUNDS = 2
-README, PAGE = HERE.parent / "README.md", HERE.parent / "docs" / "benchmarks.md"
+README, PAGE = HERE.parent / "README.md", HERE.parent / "docs" / "reference" / "speed.md"
 SUMMARY = (
     (
         "training one seed, one core (Hopper, HalfCheetah, Ant)",
@@ -217,7 +217,7 @@ def cases() -> dict[str, Callable[[], Figure]]:
 
 
 def fill_pages(results: dict[str, Any]) -> None:
-    """Put every row into docs/benchmarks.md, and the ratios of the main ones into README.md."""
+    """Put every row into docs/reference/speed.md, and the ratios of the main ones into README.md."""
     rows = ["| benchmark | ours | peer | ratio | how |", "|---|---|---|---|---|"]
     for name, row in sorted(results.items()):
         figures = f"{row['ours']:,.0f} | {row['peer']:,.0f} {row['unit']} | {row['ratio']:.2f}"

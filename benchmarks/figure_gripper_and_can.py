@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from perdure.home.video.beside import make_take
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.sim.world import CONTROL_HZ, World
-from perdure.home.video.beside import make_take
 from perdure.home.video.cameras import Shot
-from perdure.home.video.double import Double
 from perdure.home.video.files import save_picture
+from perdure.home.video.render_scene import RenderScene
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_title
 
@@ -70,7 +70,7 @@ def row(task: str, number: int, across: float, caption: str) -> Picture:
     later = f"{title}, {LATER / CONTROL_HZ:.2f} s later"
     texts = ((f"{title}, last moment in the hand", caption), (later, "The can lies on its curved wall."))
     panels: list[Picture] = []
-    with Double(episode, 0) as double, Studio(double.lane, SIZE) as studio:
+    with RenderScene(episode, 0) as double, Studio(double.lane, SIZE) as studio:
         double.put(before)
         point, level = double.lane.gripper.copy(), double.lane.gripper_axes[:2].copy()
         level /= np.linalg.norm(level, axis=0)  # a held can has the gripper's axes: z along the can, y from jaw to jaw

@@ -72,7 +72,7 @@ def outcomes(policy: Policy, episodes: int, halts: bool, noise: str, parts: str)
     observations, _ = env.reset(seed=1000)
     while left.any():
         actions = _told(policy, observations, env)
-        asks = (actions[:, GRIP] < 0.0) & env.sensors.holds_target & (env.sensors.object_to_goal <= GOAL_RADIUS)
+        asks = (actions[:, GRIP] < 0.0) & env.state.holds_target & (env.state.object_to_goal <= GOAL_RADIUS)
         since = np.where((since >= 0) | asks, since + 1, -1)
         asked: NDArray[np.bool_] = since >= 0
         if halts:

@@ -16,7 +16,7 @@ from perdure.home.agents.release import Ik
 from perdure.home.agents.release.ik import EPSILON, SPEED
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.outcomes import analyze, record_of
+from perdure.home.evaluate.outcomes import analyze
 from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
 from perdure.home.sim.world import SceneOptions
 
@@ -32,8 +32,8 @@ def row(epsilon: float, speed: float, count: int) -> str:
     actors = make_actors(choose_policies(TASK, 0), "rl")
     arm = actors["place"] = Ik(actors["place"], epsilon=epsilon, speed=speed)
     options = ExecutorOptions(scene=SceneOptions(rolling=ROLLING))
-    logs = Executor(Protocol(TASK).skills(), actors, options).run(load_episodes(TASK, "val").episodes[:count])
-    analysis = analyze([record_of(log, {"arm": "ik", "train_seed": "0"}) for log in logs])
+    executor = Executor(Protocol(TASK).skills(), actors, options, strategy="ik", train_seed=0)
+    analysis = analyze(list(executor.run(load_episodes(TASK, "val").episodes[:count])))
     placed = analysis.placements
     ways = Counter(arm.outcomes)
     cells = (

@@ -23,7 +23,7 @@ from marks import put
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.evaluate.outcomes import COUNTINGS, analyze, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
-from perdure.home.evaluate.page import Cast, read_cast
+from perdure.home.evaluate.page import PolicyAssignment, read_assignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.report.axes import Axis
 from perdure.report.render import Figure, render
@@ -40,7 +40,7 @@ BOUNDS = ("estimate", "lower", "upper")
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
 
 
-def numbers(comparison: Comparison, arm: str, cast: Cast) -> Row:
+def numbers(comparison: Comparison, arm: str, assignment: PolicyAssignment) -> Row:
     """Return one row: a task, a split, a release strategy in a world."""
     placed, episodes = comparison.placements[arm], comparison.episodes[arm]
     outcomes = {row["outcome"]: row["count"] for row in comparison.outcomes[arm].iter_rows(named=True)}
@@ -86,10 +86,10 @@ def numbers(comparison: Comparison, arm: str, cast: Cast) -> Row:
         "failed_at": {name: count for name, count in outcomes.items() if name.startswith("place_")},
         "did_not_last": outcomes["success that did not last"],
         "modes": {
-            f"{row['stage']}, {row['mechanism']}": row["count"]
+            f"{row['stage']}, {row['cause']}": row["count"]
             for row in comparison.modes[arm].filter(counting="stabilizing").iter_rows(named=True)
         },
-        "hand_overs": dict(cast.hand_overs.get((comparison.task, comparison.split, arm), {})),
+        "hand_overs": dict(assignment.hand_overs.get((comparison.task, comparison.split, arm), {})),
     }
 
 
@@ -104,7 +104,7 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
     for world in WORLDS:
         for first, second in PAIRS:
             names = [" ".join(filter(None, (strategy, world))) for strategy in (first, second)]
-            if not set(names) <= set(comparison.arms):
+            if not set(names) <= set(comparison.strategies):
                 continue
             left, right = (comparison.episodes[name] for name in names)
             found = paired_difference(left, right)
@@ -167,16 +167,16 @@ def key(row: Row) -> tuple[str, str, str]:
 
 def main(folder: Path) -> None:
     """Summarize all logs of a folder."""
-    records, cast = read_cast(sorted(folder.rglob("logs.parquet")))
+    records, assignment = read_assignment(sorted(folder.rglob("logs.parquet")))
     compared = comparisons(analyze(records))
     known: dict[str, list[Any]] = {"commands": [], "rows": [], "pairs": []}
     if RESULTS.exists():
         known = json.loads(RESULTS.read_text())
     new = {
-        "rows": [numbers(each, arm, cast) for each in compared for arm in each.arms],
+        "rows": [numbers(each, arm, assignment) for each in compared for arm in each.strategies],
         "pairs": [pair for each in compared for pair in pairs(each)],
     }
-    kept: dict[str, list[Any]] = {"commands": sorted({*known["commands"], *cast.commands})}
+    kept: dict[str, list[Any]] = {"commands": sorted({*known["commands"], *assignment.commands})}
     for name, found in new.items():
         merged = {**{key(row): row for row in known[name]}, **{key(row): row for row in found}}
         kept[name] = sorted(merged.values(), key=key)

@@ -15,7 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-from perdure.cli.home_run import HomeRun, make_protocol
+from perdure.cli.home.run import HomeRun, make_protocol
 from perdure.cli.parse import parse
 from perdure.home.evaluate.protocol import run_protocol
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from perdure.home.evaluate.protocol.naming import read_arm
+from perdure.home.evaluate.protocol.naming import read_strategy
 from perdure.home.sim.objects import KINDS
 
 Row = dict[str, Any]
@@ -22,7 +22,7 @@ WORLDS = {
     "": "rolling friction",
     "jaws-apart drag": "no rolling resistance, `--jaws apart`",
 }
-"""What a name of `arm_name` adds to the strategy, and how the tables call that world."""
+"""What a name of `strategy_name` adds to the strategy, and how the tables call that world."""
 TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}
 SHOWN = ("rl", "stop", "ik")
 THESIS = {"rl": 0.418, "ik": 0.653}
@@ -62,7 +62,7 @@ def lost(row: Row) -> str:
 
 def strategy_and_world(row: Row) -> tuple[str, str]:
     """Return the two parts of a row's name: `ik drag hull-apple` -> ("ik", "drag hull-apple")."""
-    strategy = read_arm(row["arm"])[0]
+    strategy = read_strategy(row["arm"])[0]
     return strategy, row["arm"].removeprefix(strategy).strip()
 
 
@@ -183,8 +183,8 @@ def mode_table(rows: list[Row], differences: list[Row]) -> str:
         if (strategy := strategy_and_world(row)[0]) not in SHOWN:
             continue
         left, counts = dict(row["modes"]), []
-        for stage, mechanisms in groups.values():
-            names = [n for n in left if n.startswith(stage) and n.split(", ")[1] in mechanisms]
+        for stage, causes in groups.values():
+            names = [n for n in left if n.startswith(stage) and n.split(", ")[1] in causes]
             counts.append(sum(left.pop(name) for name in names))
         failed = sum(counts) + sum(left.values())
         cells = (TITLES[row["task"]], f"`{strategy}`", f"{failed} of {row['episodes']}")

@@ -21,9 +21,9 @@ from home_tables import GROUPS
 from marks import put
 
 from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_cast
-from perdure.home.evaluate.protocol import placing
-from perdure.home.evaluate.protocol.naming import read_arm
+from perdure.home.evaluate.page import read_assignment
+from perdure.home.evaluate.protocol import read_release
+from perdure.home.evaluate.protocol.naming import read_strategy
 from perdure.home.sim.objects import KINDS
 from perdure.report.axes import Axis
 from perdure.report.curves import Curve, curve_chart
@@ -42,17 +42,17 @@ SHAPES = ("apples", "cans", "bowls", "boxes")
 
 def placements(folder: Path) -> pl.DataFrame:
     """One row for each: its group of objects, its speed's interval, who let go, whether it stayed."""
-    records, _ = read_cast(sorted(folder.rglob("logs.parquet")))
+    records, _ = read_assignment(sorted(folder.rglob("logs.parquet")))
     found = analyze(records).placements.filter(split="eval")
     alone = {}
-    for label in found["arm"].unique():
-        arm, options = read_arm(label)
-        if options == read_arm("rl drag")[1]:
-            alone[label] = arm == "rl" or placing(arm).delta > 1
-    found = found.filter(pl.col("arm").is_in(list(alone)))
+    for label in found["strategy"].unique():
+        arm, options = read_strategy(label)
+        if options == read_strategy("rl drag")[1]:
+            alone[label] = arm == "rl" or read_release(arm).delta > 1
+    found = found.filter(pl.col("strategy").is_in(list(alone)))
     return found.select(
         pl.col("kind").replace_strict({name: GROUPS[kind.shape] for name, kind in KINDS.items()}).alias("group"),
-        pl.col("arm").replace_strict(alone).alias("alone"),
+        pl.col("strategy").replace_strict(alone).alias("alone"),
         pl.Series("interval", np.digitize(found["object_speed"].to_numpy(), EDGES[1:], right=True)),
         pl.col("object_speed").alias("speed"),
         pl.col("stabilizing").alias("stayed"),

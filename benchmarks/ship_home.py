@@ -25,9 +25,10 @@ import polars as pl
 from marks import put
 
 from perdure.home.benchmark.tasks import TASKS
-from perdure.home.evaluate.protocol import placing
+from perdure.home.evaluate.protocol import read_release
 from perdure.home.evaluate.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
-from perdure.home.skills.training import RECIPES, evaluate_skill
+from perdure.home.skills import learned_skills
+from perdure.home.skills.training import evaluate_skill
 from perdure.policy import Policy, load_policy, save_policy
 from perdure.report import theme
 from perdure.report.axes import Axis
@@ -56,13 +57,13 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
     found: dict[tuple[str, str, int], tuple[bool, Path]] = {}
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
         named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
-        if named is None or path.parent.name not in RECIPES:
+        if named is None or path.parent.name not in learned_skills():
             continue
         options = dict(pair.split("=", 1) for pair in named[1].split(","))
         name = path.parent.name
         if "delta" in options:
             within = f"-in-{options['limited_to']}" if "limited_to" in options else ""
-            name = placing(f"delta-{options['delta']}{within}").policy
+            name = read_release(f"delta-{options['delta']}{within}").policy
         key, elsewhere = (options["task"], name, int(path.name.removeprefix("seed-"))), "rolling" in options
         if key not in found or found[key][0] > elsewhere:
             found[key] = elsewhere, path
@@ -71,7 +72,7 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
     """From val starts, with clutter; what places also with Habitat's drag."""
-    options = placing(name.removeprefix("place-")).options if name.startswith("place-") else {}
+    options = read_release(name.removeprefix("place-")).options if name.startswith("place-") else {}
     skill = "place" if name.startswith("place-") else name
     result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
     scored = {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}

@@ -1,6 +1,6 @@
 """Logs of another simulator of the Home Assistant Benchmark, such as Habitat, as perdure reads them, and what they say.
 
-    python examples/habitat_log_to_perdure.py log.json --arm TP+SRL --train-seed 100 --out logs.parquet
+    python examples/habitat_log_to_perdure.py log.json --strategy TP+SRL --train-seed 100 --out logs.parquet
 
 The JSON is what a few lines in an evaluation loop can write, in the simulator's own axes (y up):
 
@@ -22,12 +22,12 @@ Skills have the names of `perdure.home.benchmark.tasks`, `ending` is "stopped", 
 import argparse
 import hashlib
 import json
-from dataclasses import replace
 
 import numpy as np
 
 from perdure.home.benchmark.tasks import WorldFacts
-from perdure.home.evaluate.outcomes import EpisodeRecord, History, Target, analyze, read_logs, write_records
+from perdure.home.evaluate.log import EpisodeLog, History, SkillRun, Target
+from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
 
 
 def z_up(points) -> np.ndarray:
@@ -52,21 +52,22 @@ def history_of(episode: dict, control_hz: float) -> History:
     )
 
 
-def record_of(episode: dict, control_hz: float, arm: str, train_seed: int) -> EpisodeRecord:
+def log_of(episode: dict, control_hz: float, strategy: str, train_seed: int) -> EpisodeLog:
     history = history_of(episode, control_hz)
     start = json.dumps([episode["targets"], episode["history"][0]["objects"]])
     runs = [
-        replace(
-            history.run(number, skill["name"], skill["target"], skill["begin"], skill["end"], skill["ending"]),
+        SkillRun(
+            *(number, skill["name"], skill["target"], skill["begin"], skill["end"], skill["ending"]),
+            success=False,
             forced_release=skill.get("forced", False),
         )
         for number, skill in enumerate(episode["skills"])
     ]
-    return EpisodeRecord(
+    return EpisodeLog(
         **{name: episode[name] for name in ("task", "split", "eval_seed", "steps", "diverged")},
         index=episode["episode_id"],
         episode_hash=hashlib.sha256(start.encode()).hexdigest(),
-        arm=arm,
+        strategy=strategy,
         train_seed=train_seed,
         control_hz=control_hz,
         length=len(episode["history"]),
@@ -74,7 +75,7 @@ def record_of(episode: dict, control_hz: float, arm: str, train_seed: int) -> Ep
             Target(t["kind"], t["cylinder"], t["container"], tuple(z_up(t["goal"]).tolist()))
             for t in episode["targets"]
         ),
-        runs=tuple(runs),
+        runs=tuple(map(history.measured, runs)),
         events=history.events,
         releases=history.releases,
     )
@@ -83,14 +84,14 @@ def record_of(episode: dict, control_hz: float, arm: str, train_seed: int) -> Ep
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("log")
-    parser.add_argument("--arm", required=True)
+    parser.add_argument("--strategy", required=True)
     parser.add_argument("--train-seed", type=int, default=-1)
     parser.add_argument("--out", required=True)
     args = parser.parse_args(arguments)
     with open(args.log, encoding="utf-8") as stream:
         log = json.load(stream)
-    records = [record_of(each, float(log["control_hz"]), args.arm, args.train_seed) for each in log["episodes"]]
-    write_records(args.out, records, {"arm": args.arm, "made from": args.log})
+    logs = [log_of(each, float(log["control_hz"]), args.strategy, args.train_seed) for each in log["episodes"]]
+    write_logs(args.out, logs, {"made from": args.log})
     print(analyze(read_logs(args.out)).summary())
 
 

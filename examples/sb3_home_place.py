@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 import perdure.home.skills.gym  # noqa: F401  registers the skills
 from perdure.home import load_episodes
 from perdure.home.agents import Predicting
-from perdure.home.agents.release import make_arm
+from perdure.home.agents.release import make_strategy
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
 from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
@@ -57,13 +57,14 @@ def main() -> None:
 
     model, env = learn(args.train_steps, args.lanes, args.seed)
     place = Predicting(lambda observed: model.predict(env.normalize_obs(observed), deterministic=True)[0])
-    for arm in ("rl", "ik"):
+    for strategy in ("rl", "ik"):
         actors = make_actors(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
-        actors["place"] = make_arm(arm, place)
-        executor = Executor(Protocol(TASK).skills(), actors, options)
-        path = args.out / f"sb3-{arm}.parquet"
-        write_logs(path, list(executor.run(episodes)), {"arm": f"sb3 {arm}", "train_seed": str(args.seed)})
-        print(f"sb3 {arm}:\n{analyze(read_logs(path)).summary()}")
+        actors["place"] = make_strategy(strategy, place)
+        names = {"strategy": f"sb3 {strategy}", "train_seed": args.seed}
+        executor = Executor(Protocol(TASK).skills(), actors, options, **names)
+        path = args.out / f"sb3-{strategy}.parquet"
+        write_logs(path, list(executor.run(episodes)), {})
+        print(f"sb3 {strategy}:\n{analyze(read_logs(path)).summary()}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
-cli -> extrapolate, home -> ppo -> policy -> envs -> horizon
+cli -> studies -> extrapolate, home -> ppo -> policy -> envs -> horizon
 report, runs: nothing of ours, but that report writes files with runs.write_whole
 """
 
@@ -23,7 +23,8 @@ ALLOWED = {
     "ppo": {"horizon", "envs", "policy", "runs"},
     "extrapolate": {"horizon", "envs", "policy", "ppo", "report", "runs"},
     "home": {"horizon", "envs", "policy", "ppo", "report", "runs"},
-    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
+    "studies": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
+    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "studies", "report", "runs"},
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
     "__main__": {"cli"},
 }

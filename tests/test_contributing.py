@@ -52,6 +52,17 @@ def test_the_task(run):
     assert ended[-1]
 
 
+def test_the_method(run):
+    """Its row, beside the embedding of that section, gives a method that trains with this embedding."""
+    from perdure.ppo import methods
+
+    embedding = run("An embedding").Reciprocal
+    row = eval(f"{{{snippet('A method')}}}", {**vars(methods), "Reciprocal": embedding})
+    (method,) = row.values()
+    assert list(row) == ["reciprocal"]
+    assert method.embedding(11, "Hopper-v3") == embedding()
+
+
 def test_the_release_strategy(run):
     """It holds base and arm for one second: thirty actions without any arm motion."""
     from types import SimpleNamespace

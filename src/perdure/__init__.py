@@ -12,7 +12,7 @@
 | `perdure.runs` | long work: units that run once each, here or on a cluster, and resume |
 
 The names below are the ones most programs need. Each is loaded when it is first used, so that ``import perdure`` loads
-nothing. A package and a function cannot share a name: the evaluation itself is ``perdure.extrapolate.extrapolate``.
+nothing. The package `perdure.extrapolate` can be called: ``perdure.extrapolate(function, env="Hopper-v5")``.
 """
 
 from importlib import import_module
@@ -80,6 +80,8 @@ _HOME = {name: package for package, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
+    if name == "extrapolate":
+        return import_module(f"{__name__}.extrapolate")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

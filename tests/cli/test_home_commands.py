@@ -2,7 +2,7 @@
 
 import pytest
 
-from perdure.cli.parse import policies
+from perdure.cli.home.flags import policies
 from perdure.home.errors import HomeError
 
 
@@ -52,7 +52,7 @@ def test_the_plan_of_set_table_opens_the_drawer_first(perdure, tmp_path):
 
 
 def test_a_run_is_kept_and_analyzed(perdure, tmp_path):
-    arguments = ("set_table", "--episodes", 1, "--lanes", 1, "--policies", "place=oracle", "--out", "kept")
+    arguments = ("set_table", "--episodes", 1, "--max-lanes", 1, "--policies", "place=oracle", "--out", "kept")
     text = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))
     assert "close_1" in text
     again = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time

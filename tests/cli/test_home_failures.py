@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from perdure.__main__ import main
-from perdure.home.benchmark.tasks import LIMITS
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.outcomes import read_logs, write_logs, write_records
+from perdure.home.evaluate.outcomes import read_logs, write_logs
 from perdure.home.evaluate.protocol import Protocol, run_protocol
 from perdure.home.sim.camera.gl import open_context
 from perdure.home.skills import SKILLS
@@ -19,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "out
 from home_stories import good
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")
-RUN = {"arm": "ik drag"}
-OF_IT = "set_table, val, {arm}, training seed -1, evaluation seed 0, 000, open_0, {why}, 024_bowl"
+NOTES = {"strategy": "ik drag"}
+OF_IT = "set_table, val, {strategy}, training seed -1, evaluation seed 0, 000, open_0, {why}, 024_bowl"
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def record(tmp_path_factory):
     options = ExecutorOptions(lanes=1, settle_steps=2)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
-            patch.setitem(LIMITS, skill, 3)
+            patch.setattr(SKILLS[skill], "step_limit", 3)
         protocol = Protocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
         (path,) = run_protocol(protocol, tmp_path_factory.mktemp("runs"))
         yield read_logs(path)[0]
@@ -55,7 +54,7 @@ def command(monkeypatch, capsys):
 @pytest.fixture
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
-    monkeypatch.setattr("perdure.home.video.failures.SIZE", (240, 160))
+    monkeypatch.setattr("perdure.home.video.failure_sheet.SIZE", (240, 160))
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
     try:
         open_context(16, 16).free()
@@ -66,17 +65,19 @@ def pictures(monkeypatch):
 def hit(record):
     """The same episode, but its log says that the arm hit something with 3000 N while it reached for the drawer."""
     runs = [replace(run, force=3000.0) if run.skill == "open_drawer" else run for run in record.runs]
-    return replace(record, runs=tuple(runs), arm="ik", eval_seed=0)
+    return replace(record, runs=tuple(runs), strategy="ik", eval_seed=0)
 
 
 def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, command, tmp_path):
-    write_records(tmp_path / "logs.parquet", [record, hit(record)], RUN)
+    write_logs(tmp_path / "logs.parquet", [record, hit(record)], NOTES)
     code, told, complaint = command(tmp_path, "--out", tmp_path / "out", "--policies", "oracle")
     lines = {line.split(", ")[2]: line for line in told.splitlines()}
-    paths = {arm: tmp_path / "out" / f"set_table-val-{arm}-train--1-eval-0-000.png" for arm in ("rl", "ik")}
-    assert lines["rl"] == f"{OF_IT.format(arm='rl', why='door not open')}, {paths['rl']}"
+    paths = {
+        strategy: tmp_path / "out" / f"set_table-val-{strategy}-train--1-eval-0-000.png" for strategy in ("rl", "ik")
+    }
+    assert lines["rl"] == f"{OF_IT.format(strategy='rl', why='door not open')}, {paths['rl']}"
     told_otherwise = "replayed: open_0, door not open, 024_bowl"
-    assert lines["ik"] == f"{OF_IT.format(arm='ik', why='collision')}, {paths['ik']}, {told_otherwise}"
+    assert lines["ik"] == f"{OF_IT.format(strategy='ik', why='collision')}, {paths['ik']}, {told_otherwise}"
     assert len(lines) == 2
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths.values())
     assert code.startswith("perdure: 1 of 2 episodes got another label")  # a sentence means exit code 1
@@ -84,7 +85,7 @@ def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, comma
 
 
 def test_logs_without_failures_are_no_mistake(command, tmp_path):
-    write_logs(tmp_path / "logs.parquet", [good()], RUN)
+    write_logs(tmp_path / "logs.parquet", [good()], NOTES)
     assert command(tmp_path, "--counting", "latched") == (0, "no episode of these logs failed (latched)\n", "")
 
 
@@ -101,20 +102,20 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
         (("{logs}", "{logs}"), "twice"),
-        (("{foreign}",), "'TP+SRL' is no arm of this package"),
+        (("{foreign}",), "'TP+SRL' is no strategy of this package"),
         (("{changed}",), "is not the episode that this package has"),
     ],
 )
 def test_what_a_user_gets_wrong_ends_in_one_line(record, command, tmp_path, monkeypatch, arguments, names):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("perdure.home.video.run_again", lambda *given: pytest.fail("it was found out too late"))
+    monkeypatch.setattr("perdure.home.video.replay_failure", lambda *given: pytest.fail("it was found out too late"))
     others = {
         "logs": record,
-        "foreign": replace(record, arm="TP+SRL"),
+        "foreign": replace(record, strategy="TP+SRL"),
         "changed": replace(record, episode_hash="other"),
     }
     for name, each in others.items():
-        write_records(tmp_path / f"{name}.parquet", [each], RUN)
+        write_logs(tmp_path / f"{name}.parquet", [each], NOTES)
     files = {name: f"{name}.parquet" for name in others}
     code, told, complaint = command("--out", "out", *(str(each).format(**files) for each in arguments))
     assert (code, told, complaint.count("\n")) == (2, "", 1)

@@ -13,28 +13,18 @@ from perdure.envs.gymnasium_world import GymnasiumWorld
 def test_every_number_of_the_counting_environment_arrives() -> None:
     world = counting_world([5, 6], falls_after=3)
     starts = [first_starts(seed, 1)[0] for seed in (5, 6)]
-    assert world.reset(horizons=np.array([2.0, np.inf])).tolist() == [[starts[0], 0], [starts[1], 0]]
+    assert world.reset().tolist() == [[starts[0], 0], [starts[1], 0]]
     first = world.step(np.array([[0.25], [-9.0]]))
     assert first.observations.tolist() == [[starts[0], 1], [starts[1], 1]]
     assert first.rewards.tolist() == [10.25, 9.0]  # the action -9 is clipped to -1
     second = world.step(np.array([[0.0], [0.5]]))
     assert second.rewards.tolist() == [20.0, 20.5]
-    assert second.horizon_end.tolist() == [True, False]
+    assert not second.ended.any()
     third = world.step(np.array([[0.5]]), np.array([1]))
     assert third.observations.tolist() == [[starts[1], 3]]
     assert third.rewards.tolist() == [30.5]
     assert third.terminated.tolist() == [True]
     assert third.elapsed.tolist() == [3]
-
-
-def test_a_fall_on_the_last_step_is_both_terminated_and_horizon_end() -> None:
-    world = counting_world([5], falls_after=2)
-    world.reset(horizons=2)
-    world.step(np.zeros((1, 1)))
-    step = world.step(np.zeros((1, 1)))
-    assert step.terminated[0]
-    assert step.horizon_end[0]
-    assert not step.truncated[0]
 
 
 def test_a_lane_draws_its_starts_from_its_seed_alone() -> None:
@@ -72,7 +62,6 @@ def test_a_time_limit_inside_a_factory_is_reported_as_truncated() -> None:
     step = world.step(np.zeros((1, 1)))
     assert step.truncated[0]
     assert not step.terminated[0]
-    assert not step.horizon_end[0]
 
 
 def test_a_registered_environment_comes_without_its_own_limit() -> None:
@@ -92,9 +81,17 @@ def test_a_mujoco_environment_names_its_engine() -> None:
     assert engine == f"Gymnasium {gymnasium.__version__}, MuJoCo {mujoco.__version__}"
 
 
+class Worded(Counting):
+    """Its actions are words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.action_space = gymnasium.spaces.Text(5)
+
+
 def test_what_does_not_fit_the_contract_is_refused_with_a_reason() -> None:
-    with pytest.raises(WorldError, match=r"continuous \(a Box\).*Discrete"):
-        make_world("gymnasium:CartPole-v1", [1])
+    with pytest.raises(WorldError, match=r"continuous \(a Box\) or discrete.*Text"):
+        GymnasiumWorld([Worded], [1])
     with pytest.raises(WorldError, match="2 environments need as many seeds, got 1"):
         GymnasiumWorld(factories(2), [1])
     with pytest.raises(WorldError, match="same spaces"):

@@ -35,8 +35,9 @@ def test_the_last_observation_is_that_of_the_fall_in_every_mode(mode: AutoresetM
 @every_mode
 def test_ended_lanes_are_ignored_and_leave_no_trace_in_their_next_episode(mode: AutoresetMode) -> None:
     def second_start(steps_of_the_other_lane: int) -> float:
-        world = counting_vector([5, 6], mode, falls_after=7)
-        world.reset(horizons=np.array([2.0, np.inf]))
+        built = [*factories(1, falls_after=2), *factories(1, falls_after=9)]
+        world = VectorEnvWorld(SyncVectorEnv(built, autoreset_mode=mode), [5, 6])
+        world.reset()
         for _ in range(2):
             world.step(np.zeros((2, 1)))
         for k in range(steps_of_the_other_lane):
@@ -65,16 +66,17 @@ def test_ended_lanes_get_the_action_of_the_box_nearest_to_zero() -> None:
     given: list[list[float]] = []
 
     class Recording(Counting):
-        def __init__(self) -> None:
-            super().__init__()
+        def __init__(self, falls_after: float = np.inf) -> None:
+            super().__init__(falls_after)
             self.action_space = gymnasium.spaces.Box(np.array([-1.0, 0.5]), np.array([1.0, 2.0]), (2,), np.float64)
 
         def step(self, action: Any) -> Any:
             given.append(action.tolist())
             return super().step(action)
 
-    world = VectorEnvWorld(SyncVectorEnv([Recording] * 2, autoreset_mode=AutoresetMode.DISABLED), [1, 2])
-    world.reset(horizons=np.array([1.0, 9.0]))
+    built = [lambda: Recording(falls_after=1), Recording]
+    world = VectorEnvWorld(SyncVectorEnv(built, autoreset_mode=AutoresetMode.DISABLED), [1, 2])
+    world.reset()
     world.step(np.ones((2, 2)))
     world.step(np.ones((1, 2)), np.array([1]))
     assert given == [[1, 1], [1, 1], [0, 0.5], [1, 1]]

@@ -17,7 +17,7 @@ import pytest
 
 from perdure.envs import make_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
-from perdure.ppo import CheckpointError, PPOConfig, TrainRun, on_report, train
+from perdure.ppo import CheckpointError, ConfigError, PPOConfig, TrainRun, on_report, train
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
@@ -58,6 +58,11 @@ def die_at(step, *seeds):
             raise Killed
 
     return on_report(run(*seeds), told)
+
+
+def test_discrete_actions_are_refused_by_name():
+    with pytest.raises(ConfigError, match="gymnasium:CartPole-v1: PPO here needs continuous actions"):
+        _ = SegmentRunner("gymnasium:CartPole-v1", TINY, 1).spec
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,11 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
   perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
   perdure extrapolate POLICY...              run policies far beyond their training horizon, and report
   perdure import MODEL.zip --env ID          make a policy file of a Stable-Baselines3 model
+  perdure export POLICY policy.onnx          write a policy as an ONNX model
   perdure report TABLE                       make the report of an evaluation again
   perdure list tasks|methods|policies        what there is
   perdure inspect POLICY                     what is in a policy file
+  perdure study NAME                         repeat a study of many runs, or extend it
   perdure home ...                           the Home Assistant Benchmark: does the object stay where it was put?
 
 Each command explains its options with --help.
@@ -23,9 +25,11 @@ COMMANDS = {
     "train": "train",
     "extrapolate": "extrapolate",
     "import": "importing",
+    "export": "export",
     "report": "report",
     "list": "listing",
     "inspect": "inspect",
+    "study": "study",
     "home": "home",
 }
 """Command to the module of this package that carries it out; loaded only when it is asked for."""

@@ -20,7 +20,7 @@ class Extrapolate:
 
     policies: tyro.conf.Positional[tuple[str, ...]]
     """Policy files, names of shipped policies (`perdure list policies`), or models of Stable-Baselines3
-    (model.zip, with --env); all for one task."""
+    (model.zip, with --env); all for one task. Or one ONNX model (model.onnx, with --env)."""
     env: str | None = None
     """For models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
     make it; envpool:Hopper-v5 is EnvPool's, which is faster."""
@@ -55,6 +55,10 @@ class Extrapolate:
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(Extrapolate, args, "extrapolate")
+    command = shlex.join(["perdure", "extrapolate", *args])
+    if any(name.endswith(".onnx") for name in flags.policies):
+        _one_model(flags, command)
+        return
     from perdure.extrapolate import Extrapolation
     from perdure.extrapolate import extrapolate as evaluate
     from perdure.runs.progress import show_progress
@@ -69,7 +73,6 @@ def main(args: list[str]) -> None:
         max_lanes=flags.max_lanes,
         modules=(*flags.modules, *options.modules),
     )
-    command = shlex.join(["perdure", "extrapolate", *args])
     with show_progress("extrapolate", "steps") as observe:
         result = evaluate(
             evaluation,
@@ -80,4 +83,25 @@ def main(args: list[str]) -> None:
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
         )
-    write_and_show(result.path, flags.out)
+    write_and_show(result.path or flags.out, flags.out)
+
+
+def _one_model(flags: Extrapolate, command: str) -> None:
+    """Evaluate an ONNX model, in this process."""
+    from perdure.cli.errors import CommandError
+    from perdure.extrapolate import extrapolate
+
+    if len(flags.policies) > 1 or flags.env is None:
+        raise CommandError("an ONNX model is evaluated alone, and needs its environment: --env Hopper-v5")
+    result = extrapolate(
+        flags.policies[0],
+        flags.env,
+        steps=flags.steps,
+        clocks=None if flags.clocks == ("default",) else flags.clocks,
+        eval_seeds=flags.eval_seeds,
+        first_eval_seed=flags.first_eval_seed,
+        out=flags.out,
+        command=command,
+    )
+    print(result)
+    print(f"\nReport: {(flags.out / 'report.html').resolve()}")

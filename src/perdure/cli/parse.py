@@ -47,32 +47,6 @@ def check_folder(path: Path) -> None:
             return
 
 
-def log_files(given: tuple[Path, ...]) -> list[Path]:
-    """Files of logs, as `perdure home` takes them: files, and folders that hold some; HomeError when there are none."""
-    from perdure.home.errors import HomeError
-
-    paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
-    if not paths:
-        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
-    return paths
-
-
-def policies(written: tuple[str, ...]) -> dict[str, str]:
-    """SKILL=FILE or SKILL=oracle, as `perdure home` takes them, to a mapping; HomeError for anything else.
-
-    The word "oracle" alone means the oracle in every skill.
-    """
-    from perdure.home.errors import HomeError
-    from perdure.home.skills import SKILLS
-
-    if written == ("oracle",):
-        return dict.fromkeys(SKILLS, "oracle")
-    chosen = dict(each.partition("=")[::2] for each in written)
-    if not all(chosen.values()):
-        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
-    return chosen
-
-
 def _whole(arg: str) -> str:
     """Return 100000 for 1e5 or 100_000, anything else unchanged."""
     if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", arg) and float(arg).is_integer():

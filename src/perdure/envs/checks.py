@@ -48,39 +48,8 @@ def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
     return chosen
 
 
-def checked_horizons(horizons: npt.ArrayLike, chosen: IntArray) -> FloatArray:
-    """Horizons as one number per lane, or a sentence about what is wrong with them.
-
-    Args:
-        horizons: One number or shape (n,): whole and at least 1, or infinite.
-        chosen: Lane numbers, shape (n,).
-
-    Returns:
-        Shape (n,).
-
-    Raises:
-        WorldError: If they are not that.
-    """
-    try:
-        values = np.asarray(horizons, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise WorldError(f"horizons must be numbers of steps, got {horizons!r}.") from None
-    if values.ndim and values.shape != chosen.shape:
-        raise WorldError(
-            f"horizons must be one number or one per lane, shape {chosen.shape}, got shape {values.shape}."
-        )
-    values = np.broadcast_to(values, chosen.shape)
-    legal = (values >= 1) & (values == np.floor(values))  # NaN fails both, infinity passes both
-    if not legal.all():
-        worst = int(np.flatnonzero(~legal)[0])
-        raise WorldError(
-            f"A horizon is a whole number of steps, at least 1, or infinite; lane {chosen[worst]} got {values[worst]}."
-        )
-    return values
-
-
 def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) -> FloatArray:
-    """Actions clipped to the task's box, in an array of our own.
+    """Actions clipped to the task's box, in an array of our own; discrete actions are refused outside their range.
 
     Args:
         actions: Shape (n, action_size).
@@ -91,7 +60,7 @@ def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) ->
         Shape (n, action_size), float64, C-contiguous.
 
     Raises:
-        WorldError: If the shape is wrong or an entry is NaN.
+        WorldError: If the shape is wrong, an entry is NaN, or a discrete action is no whole number in range.
     """
     try:
         values = np.asarray(actions, dtype=np.float64)
@@ -103,9 +72,23 @@ def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) ->
     if np.count_nonzero(np.isnan(values)):
         row = int(np.flatnonzero(np.isnan(values).any(axis=1))[0])
         raise WorldError(f"{spec.name}: the action for lane {chosen[row]} is NaN: {values[row]}.")
+    if spec.discrete_actions:
+        return _checked_discrete(values, chosen, spec)
     clipped = np.empty(expected)
     np.maximum(values, spec.action_low, out=clipped)
     return np.minimum(clipped, spec.action_high, out=clipped)
+
+
+def _checked_discrete(values: FloatArray, chosen: IntArray, spec: TaskSpec) -> FloatArray:
+    legal = (values == np.rint(values)) & (values >= spec.action_low) & (values <= spec.action_high)
+    if not legal.all():
+        row, component = (int(each[0]) for each in np.nonzero(~legal))
+        low, high = spec.action_low[component], spec.action_high[component]
+        raise WorldError(
+            f"{spec.name}: actions are whole numbers from {low:g} to {high:g}; lane {chosen[row]} got "
+            f"{values[row, component]:g}."
+        )
+    return values.copy()
 
 
 def checked_seeds(seeds: Sequence[int]) -> list[int]:

@@ -17,7 +17,7 @@ from perdure.envs.lanes import LaneTracker, TrackedWorld
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9
-"""EnvPool's own step limit. It is one number per pool, so horizons are kept by us and this one must never be met."""
+"""EnvPool's own step limit. Lanes have no horizon, so it must never be met."""
 
 
 class EnvPoolWorld(TrackedWorld):
@@ -48,11 +48,11 @@ class EnvPoolWorld(TrackedWorld):
         self._action_dtype = self.pool.action_space.dtype
         self._tracker = LaneTracker(len(seeds))
 
-    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
+        chosen = self._tracker.lanes_to_reset(lanes)
         observations = self._channel.reset(chosen.astype(np.int32))
-        self._tracker.begin(chosen, checked)
+        self._tracker.begin(chosen)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
@@ -60,13 +60,12 @@ class EnvPoolWorld(TrackedWorld):
         chosen = self._tracker.lanes_to_step(lanes)
         clipped = checked_actions(actions, chosen, self._spec).astype(self._action_dtype, copy=False)
         observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
-        elapsed, horizon_end = self._tracker.advance(chosen, done)
+        elapsed = self._tracker.advance(chosen, done)
         return Step(
             observations,
             rewards.astype(np.float64),
             done & ~trunc,
             trunc,
-            horizon_end,
             elapsed,
             np.zeros(len(chosen), np.bool_),
         )

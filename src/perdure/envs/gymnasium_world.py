@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -36,7 +35,7 @@ class GymnasiumWorld(TrackedWorld):
     ) -> None:
         """Builds the environments.
 
-        A factory should not wrap its environment in Gymnasium's TimeLimit: horizons are set by `reset`. If it does, the
+        A factory should not wrap its environment in Gymnasium's TimeLimit: lanes have no horizon. If it does, the
         limit is reported as `truncated`.
 
         Args:
@@ -99,9 +98,9 @@ class GymnasiumWorld(TrackedWorld):
         factories = [build] * len(checked_seeds(seeds))
         return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
 
-    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
+        chosen = self._tracker.lanes_to_reset(lanes)
         observations = np.empty((len(chosen), self._spec.observation_size))
         for row, lane in enumerate(chosen):
             who, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
@@ -109,7 +108,7 @@ class GymnasiumWorld(TrackedWorld):
             observation, _ = read_tuple(who, "reset", returned, 2)
             self._next_seeds[lane] = None
             observations[row] = read_observation(who, "reset", self._space, observation)
-        self._tracker.begin(chosen, checked)
+        self._tracker.begin(chosen)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
@@ -128,8 +127,8 @@ class GymnasiumWorld(TrackedWorld):
             rewards[row] = read_reward(who, reward)
             terminated[row], truncated[row] = read_flag(who, "terminated", ended), read_flag(who, "truncated", cut)
             diverged[row] = blow_ups(self._envs[lane]) > 0
-        elapsed, horizon_end = self._tracker.advance(chosen, terminated | truncated)
-        return Step(observations, rewards, terminated, truncated, horizon_end, elapsed, diverged)
+        elapsed = self._tracker.advance(chosen, terminated | truncated)
+        return Step(observations, rewards, terminated, truncated, elapsed, diverged)
 
     def close(self) -> None:
         """See `World.close`."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from perdure.envs.checks import checked_horizons, checked_lanes, named_lanes
+from perdure.envs.checks import checked_lanes, named_lanes
 from perdure.envs.errors import WorldError
-from perdure.envs.world import BoolArray, FloatArray, IntArray, TaskSpec
-
-NEVER = 2**62  # more steps than any computer makes; an integer's stand-in for infinity
+from perdure.envs.world import BoolArray, IntArray, TaskSpec
 
 
 class LaneTracker:
-    """Which lanes run, how long they have run and how long they may.
+    """Which lanes run, and for how many steps.
 
     Worlds ask it before they touch their simulator (`lanes_to_reset`, `lanes_to_step`: nothing changes) and tell it
     what happened afterwards (`begin`, `advance`), so a refused call leaves both sides as they were.
@@ -31,16 +28,9 @@ class LaneTracker:
         self.closed = False
         self._everyone = np.arange(num_lanes, dtype=np.int64)
         self._everyone.flags.writeable = False
-        self._horizons = np.full(num_lanes, math.inf)
-        self._last_step = np.full(num_lanes, NEVER, dtype=np.int64)  # the horizons again: integers compare faster
         self._elapsed = np.zeros(num_lanes, dtype=np.int64)
         self._begun = np.zeros(num_lanes, dtype=np.bool_)
         self._running = np.zeros(num_lanes, dtype=np.bool_)
-
-    @property
-    def horizons(self) -> FloatArray:
-        """A copy of the horizons, shape (num_lanes,)."""
-        return self._horizons.copy()
 
     @property
     def elapsed(self) -> IntArray:
@@ -52,31 +42,23 @@ class LaneTracker:
         """A copy of which lanes may be stepped, shape (num_lanes,)."""
         return self._running.copy()
 
-    def lanes_to_reset(self, lanes: IntArray | None, horizons: npt.ArrayLike = math.inf) -> tuple[IntArray, FloatArray]:
-        """Checks a reset before it happens.
+    def lanes_to_reset(self, lanes: IntArray | None) -> IntArray:
+        """Check a reset before it happens and return the lane numbers, shape (n,).
 
         Args:
             lanes: As in `World.reset`.
-            horizons: As in `World.reset`.
-
-        Returns:
-            Lane numbers and their horizons, both of shape (n,).
 
         Raises:
-            WorldError: If a lane or a horizon is not legal.
+            WorldError: If a lane is not legal.
         """
-        chosen = self._chosen(lanes)
-        return chosen, checked_horizons(horizons, chosen)
+        return self._chosen(lanes)
 
-    def begin(self, chosen: IntArray, horizons: FloatArray) -> None:
-        """Notes that these lanes have a new episode.
+    def begin(self, chosen: IntArray) -> None:
+        """Note that these lanes have a new episode.
 
         Args:
             chosen: Checked lane numbers, shape (n,).
-            horizons: Checked horizons, shape (n,).
         """
-        self._horizons[chosen] = horizons
-        self._last_step[chosen] = np.minimum(horizons, NEVER).astype(np.int64)
         self._elapsed[chosen] = 0
         self._begun[chosen] = True
         self._running[chosen] = True
@@ -99,27 +81,33 @@ class LaneTracker:
             raise WorldError(self._why_not(chosen[~running]))
         return chosen
 
-    def advance(self, chosen: IntArray, engine_end: BoolArray) -> tuple[IntArray, BoolArray]:
-        """Notes that these lanes have made one step.
+    def advance(self, chosen: IntArray, ended: BoolArray) -> IntArray:
+        """Note that these lanes have made one step and return their elapsed steps, shape (n,).
 
         Args:
             chosen: Checked lane numbers, shape (n,).
-            engine_end: Where the task or the engine ended the episode, shape (n,).
-
-        Returns:
-            Elapsed steps and where the horizon is complete, both of shape (n,).
+            ended: Where the task or the engine ended the episode, shape (n,).
         """
         if chosen is self._everyone:
             self._elapsed += 1
-            elapsed, last_step = self._elapsed.copy(), self._last_step
+            elapsed = self._elapsed.copy()
         else:
-            elapsed, last_step = self._elapsed[chosen] + 1, self._last_step[chosen]
+            elapsed = self._elapsed[chosen] + 1
             self._elapsed[chosen] = elapsed
-        horizon_end = elapsed >= last_step
-        ended = horizon_end | engine_end
         if np.count_nonzero(ended):
             self._running[chosen[ended]] = False
-        return elapsed, horizon_end
+        return elapsed
+
+    def abandon(self, lanes: IntArray) -> None:
+        """Notes that these lanes are not stepped on.
+
+        Args:
+            lanes: Lane numbers, shape (n,).
+
+        Raises:
+            WorldError: If a lane does not exist or is named twice.
+        """
+        self._running[self._chosen(lanes)] = False
 
     def _chosen(self, lanes: IntArray | None) -> IntArray:
         if self.closed:
@@ -138,6 +126,8 @@ class TrackedWorld:
 
     _spec: TaskSpec
     _tracker: LaneTracker
+    _space: Any = None
+    _action_space: Any = None
 
     @property
     def spec(self) -> TaskSpec:
@@ -145,16 +135,20 @@ class TrackedWorld:
         return self._spec
 
     @property
+    def spaces(self) -> tuple[Any, Any]:
+        """See `World.spaces`."""
+        return self._space, self._action_space
+
+    @property
     def num_lanes(self) -> int:
         """See `World.num_lanes`."""
         return self._tracker.num_lanes
 
     @property
-    def horizons(self) -> FloatArray:
-        """See `World.horizons`."""
-        return self._tracker.horizons
-
-    @property
     def elapsed(self) -> IntArray:
         """See `World.elapsed`."""
         return self._tracker.elapsed
+
+    def abandon(self, lanes: IntArray) -> None:
+        """See `World.abandon`."""
+        self._tracker.abandon(lanes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,14 +68,14 @@ class VectorEnvWorld(TrackedWorld):
         self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
         self._shown: FloatArray | None = None  # what the vector showed last, all lanes
 
-    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen, checked = self._tracker.lanes_to_reset(lanes, horizons)
+        chosen = self._tracker.lanes_to_reset(lanes)
         mask = np.zeros(self.num_lanes, dtype=np.bool_)
         mask[chosen] = True
         shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
         self._episodes[chosen] += 1
-        self._tracker.begin(chosen, checked)
+        self._tracker.begin(chosen)
         return shown[chosen]
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
@@ -101,13 +100,12 @@ class VectorEnvWorld(TrackedWorld):
         last = self._shown
         if self._mode is AutoresetMode.SAME_STEP:
             last = self._with_final_observations(last, info)
-        elapsed, horizon_end = self._tracker.advance(chosen, self._over[chosen])
+        elapsed = self._tracker.advance(chosen, self._over[chosen])
         return Step(
             last[chosen],
             rewards[chosen],
             terminated[chosen],
             truncated[chosen],
-            horizon_end,
             elapsed,
             np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)[chosen],
         )

@@ -1,16 +1,15 @@
-"""The vector contract every world keeps: independent lanes, no reset that was not asked for, three separate ends.
+"""The vector contract every world keeps: independent lanes, no reset that was not asked for, two separate ends.
 
 A *lane* is one running episode. Its start states depend on its seed and on its own earlier episodes, never on its
-place in the batch nor on its neighbors. How an episode ended stays in three arrays: the task's own end (`terminated`),
-an end the engine imposed (`truncated`) and the horizon set from outside (`horizon_end`). Only a learner decides what
-`horizon_end` means for a value.
+place in the batch nor on its neighbors. How an episode ended stays in two arrays: the task's own end (`terminated`) and
+an end that the engine imposed (`truncated`). A world knows no horizon: the learner counts it (`ppo/rollout.py`), and so
+do the wrappers of `perdure.horizon` for other learners.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +37,9 @@ class TaskSpec:
     """Highest action per component, shape (action_size,); read-only."""
     default_horizon: int
     """Steps per episode the suite itself would use. A fact about the suite: no world applies it."""
+    discrete_actions: bool = False
+    """Each action component is a whole number from its lowest to its highest (Gymnasium's Discrete, MultiDiscrete and
+    MultiBinary); otherwise actions are a box."""
 
     def __post_init__(self) -> None:
         """Takes read-only copies of the bounds, so that no caller can move the box of a running world."""
@@ -63,9 +65,7 @@ class Step:
     terminated: BoolArray
     """Shape (n,): the task itself ended the episode (a fall)."""
     truncated: BoolArray
-    """Shape (n,): the engine cut the episode for a reason of its own, which is not our horizon."""
-    horizon_end: BoolArray
-    """Shape (n,): the lane has completed its horizon; may be true together with `terminated`."""
+    """Shape (n,): the engine cut the episode for a reason of its own; never a training horizon."""
     elapsed: IntArray
     """Shape (n,): steps since the lane's reset, this one included."""
     diverged: BoolArray
@@ -75,7 +75,7 @@ class Step:
     @property
     def ended(self) -> BoolArray:
         """Shape (n,): the lane must be reset before it can be stepped again."""
-        return self.terminated | self.truncated | self.horizon_end
+        return self.terminated | self.truncated
 
 
 class World(Protocol):
@@ -86,36 +86,36 @@ class World(Protocol):
         """What is being simulated."""
 
     @property
-    def num_lanes(self) -> int:
-        """Number of lanes."""
+    def spaces(self) -> tuple[Any, Any]:
+        """Gymnasium's observation and action space of one lane; (None, None) where both are flat vectors already."""
 
     @property
-    def horizons(self) -> FloatArray:
-        """A copy of each lane's horizon in steps, shape (num_lanes,); infinite before the first reset."""
+    def num_lanes(self) -> int:
+        """Number of lanes."""
 
     @property
     def elapsed(self) -> IntArray:
         """A copy of each lane's steps since its reset, shape (num_lanes,)."""
 
-    def reset(self, lanes: IntArray | None = None, horizons: FloatArray | float = math.inf) -> FloatArray:
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """Starts a new episode in these lanes and leaves the others untouched.
 
         Args:
             lanes: Lane numbers, shape (n,), each at most once; None for all. Running lanes may be reset too.
-            horizons: Steps each episode may last, one number or shape (n,): whole and at least 1, or infinite.
 
         Returns:
             First observations, shape (n, observation_size), rows as in `lanes`.
 
         Raises:
-            WorldError: If a lane or horizon is not legal; nothing was reset.
+            WorldError: If a lane is not legal; nothing was reset.
         """
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """Moves these lanes by one step and leaves the others untouched.
 
         Args:
-            actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it.
+            actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it. Discrete
+                actions are whole numbers in range.
             lanes: Lane numbers, shape (n,), each at most once; None for all.
 
         Returns:
@@ -124,6 +124,16 @@ class World(Protocol):
         Raises:
             WorldError: If a lane has ended or was never reset, or an action is NaN or has the wrong shape; nothing
                 was stepped.
+        """
+
+    def abandon(self, lanes: IntArray) -> None:
+        """Ends the episodes of these lanes from outside; they must be reset before they are stepped again.
+
+        Args:
+            lanes: Lane numbers, shape (n,), each at most once. Lanes that have ended already may be among them.
+
+        Raises:
+            WorldError: If a lane does not exist.
         """
 
     def close(self) -> None:

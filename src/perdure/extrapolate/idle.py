@@ -2,11 +2,16 @@
 
 An alive bonus is paid for standing and for lying on the back. So a policy is measured against the better of two that
 need no training: the zero action, and actions drawn uniformly from the action box.
+
+Discrete actions have no zero: which number means "do nothing", if any does, an environment does not say. In place of
+the zero action the best constant action is taken: each of MOST_CONSTANT actions is held for whole episodes.
 """
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import World, make_world
+from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.runs import Unit, Work, config_digest, write_whole
 
@@ -25,6 +30,8 @@ STEPS = 1000
 FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k, as the reference episodes of a policy do."""
 FILE = "idle.json"
+MOST_CONSTANT = 16
+"""Constant discrete actions that are tried: all, or as many of them evenly spread."""
 WITHOUT_BOUND = 1.0
 """Random actions stay within +-this where the action box has no bound."""
 
@@ -34,9 +41,11 @@ class Idle:
     """Mean reward of a step, over all steps of all episodes. A fall ends an episode and costs nothing else."""
 
     zero: float
-    """Under the zero action (clipped to the action box)."""
+    """Under the zero action (clipped to the action box), or under the best constant discrete action."""
     random: float
     """Under uniform random actions."""
+    discrete: bool = False
+    """Whether actions are discrete."""
 
     @property
     def rate(self) -> float:
@@ -44,34 +53,81 @@ class Idle:
         return max(self.zero, self.random)
 
     @property
-    def kind(self) -> Literal["zero action", "random actions"]:
+    def kind(self) -> Literal["zero action", "best constant action", "random actions"]:
         """Which one that is."""
-        return "zero action" if self.zero >= self.random else "random actions"
+        if self.zero < self.random:
+            return "random actions"
+        return "best constant action" if self.discrete else "zero action"
 
 
-def measure_idle(world: World, steps: int = STEPS) -> Idle:
-    """Run both from every start state of a world, one lane each, in this process."""
-    rng = np.random.default_rng(0)
-    low = np.where(np.isfinite(world.spec.action_low), world.spec.action_low, -WITHOUT_BOUND)
-    high = np.where(np.isfinite(world.spec.action_high), world.spec.action_high, WITHOUT_BOUND)
-    zero = np.clip(np.zeros_like(low), low, high)
-    rates = []
-    for scale in (0.0, 1.0):
-        earned, made = 0.0, 0
-        world.reset()
-        lanes: NDArray[np.int64] = np.arange(world.num_lanes)
-        for _ in range(steps):
-            actions = zero + scale * (rng.uniform(low, high, (len(lanes), len(low))) - zero)
-            step = world.step(actions, lanes)
-            valid = np.isfinite(step.rewards) & ~step.diverged
-            earned, made = earned + float(step.rewards[valid].sum()), made + int(valid.sum())
-            lanes = lanes[valid & ~step.ended]
-            if not len(lanes):
-                break
-        if not made:
-            raise ExtrapolationError(f"{world.spec.name}: no reward of an idle robot could be measured")
-        rates.append(earned / made)
-    return Idle(*rates)
+def measure_idle(world: World | Sequence[World], steps: int = STEPS) -> Idle:
+    """Run both from every start state of a world, one lane each, in this process.
+
+    Args:
+        world: Where; several worlds of one task count as one with all their lanes.
+        steps: Steps an episode may last.
+    """
+    worlds = world if isinstance(world, Sequence) else [world]
+    spec = worlds[0].spec
+    actions = _idle_actions(spec, np.random.default_rng(0))
+    total = np.sum([[_earned(each, choose, steps) for choose in actions] for each in worlds], axis=0)
+    if not total[:, 1].all():
+        raise ExtrapolationError(f"{spec.name}: no reward of an idle robot could be measured")
+    *constant, random = (total[:, 0] / total[:, 1]).tolist()
+    return Idle(max(constant), random, spec.discrete_actions)
+
+
+Choose = Callable[[int], NDArray[np.float64]]
+"""Number of lanes -> an action for each."""
+
+
+def _idle_actions(spec: TaskSpec, rng: np.random.Generator) -> list[Choose]:
+    """Constant actions, and at last random ones."""
+    if spec.discrete_actions:
+        low, high = spec.action_low.astype(np.int64), spec.action_high.astype(np.int64)
+        held: list[Choose] = [lambda n, row=row: np.tile(row, (n, 1)) for row in constant_actions(spec)]  # type: ignore[misc]
+        return [*held, lambda n: rng.integers(low, high + 1, (n, len(low))).astype(np.float64)]
+    low_box = np.where(np.isfinite(spec.action_low), spec.action_low, -WITHOUT_BOUND)
+    high_box = np.where(np.isfinite(spec.action_high), spec.action_high, WITHOUT_BOUND)
+    zero = np.clip(np.zeros_like(low_box), low_box, high_box)
+
+    def between(scale: float) -> Choose:
+        return lambda n: zero + scale * (rng.uniform(low_box, high_box, (n, len(zero))) - zero)
+
+    return [between(0.0), between(1.0)]
+
+
+def constant_actions(spec: TaskSpec) -> NDArray[np.float64]:
+    """Return the discrete actions that an idle robot holds, shape (at most MOST_CONSTANT, action_size)."""
+    sizes = [int(size) for size in spec.action_high - spec.action_low + 1]
+    total = math.prod(sizes)
+    chosen = [round(k) for k in np.linspace(0, total - 1, min(total, MOST_CONSTANT))]
+    rows = []
+    for number in chosen:
+        row = []
+        for size in reversed(sizes):
+            number, digit = divmod(number, size)
+            row.append(digit)
+        rows.append(row[::-1])
+    return np.array(rows, np.float64) + spec.action_low
+
+
+def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
+    """Sum of rewards, and steps made."""
+    earned, made = 0.0, 0
+    world.reset()
+    lanes: NDArray[np.int64] = np.arange(world.num_lanes)
+    for _ in range(steps):
+        step = world.step(choose(len(lanes)), lanes)
+        valid = np.isfinite(step.rewards) & ~step.diverged
+        earned, made = earned + float(step.rewards[valid].sum()), made + int(valid.sum())
+        stays = valid & ~step.ended
+        if not stays.all():
+            world.abandon(lanes[~stays])
+        lanes = lanes[stays]
+        if not len(lanes):
+            break
+    return earned, made
 
 
 def idle_unit(task: str, versions: dict[str, str]) -> Unit:

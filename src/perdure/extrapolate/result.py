@@ -9,15 +9,37 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import polars as pl
 
+TABLE = "lanes.parquet"
+"""Name of the table's file."""
+
 
 @dataclass(frozen=True, eq=False)
 class ExtrapolationResult:
-    """The table of all lanes, and where it was written."""
+    """The table of all lanes, and where it was written. As text: the verdicts and the summary table."""
 
     frame: pl.DataFrame
     """One row for each lane and checkpoint; columns as in ``perdure.report.schema``."""
-    path: Path
-    """The Parquet file."""
+    path: Path | None
+    """The Parquet file; None where nothing was written."""
+
+    def __str__(self) -> str:
+        """The verdict on each policy and clock, and the summary table."""
+        from perdure.report import summary_text
+
+        return summary_text(self.frame)
+
+    def write(self, out: str | Path, command: str = "") -> Path:
+        """Write the table and its report into a folder; return the page.
+
+        Args:
+            out: A folder; made if it is missing.
+            command: What made the table, for a reader who wants to repeat it.
+        """
+        from perdure.report import write_report, write_table
+
+        Path(out).mkdir(parents=True, exist_ok=True)
+        write_table(Path(out) / TABLE, self.frame, {"command": command})
+        return write_report(self.frame, out, command)
 
     def final(self) -> pl.DataFrame:
         """One row for each lane: where it stood at the last checkpoint."""

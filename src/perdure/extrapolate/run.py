@@ -14,7 +14,7 @@ from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.idle import idle_unit, read_idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
-from perdure.extrapolate.result import ExtrapolationResult
+from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import clock_from_json
@@ -25,7 +25,6 @@ from perdure.runs import Observer, Store, StoreError, Unit, Work, config_digest,
 if TYPE_CHECKING:
     import polars as pl
 
-TABLE = "lanes.parquet"
 MEASURED = "policy.safetensors"
 REFERENCES = "references"
 """Folder of the store that keeps reference episodes of policies whose files hold none."""

@@ -17,14 +17,14 @@ from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
 from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.verdict import LaneVerdict, judge_lane
-from perdure.policy import Policy
+from perdure.policy import Actor
 
 if TYPE_CHECKING:
     import polars as pl
 
 
 def lane_table(
-    labels: Sequence[str], policies: Sequence[Policy], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
+    labels: Sequence[str], policies: Sequence[Actor], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:
     """One row for each lane and checkpoint.
 
@@ -57,14 +57,14 @@ def lane_table(
     return pl.DataFrame(columns)
 
 
-def _lane_row(label: str, policy: Policy, lane: LaneSpec) -> dict[str, object]:
+def _lane_row(label: str, policy: Actor, lane: LaneSpec) -> dict[str, object]:
     clock = lane.clock
     return {
         "policy": label,
         "method": str(policy.provenance.get("method", "unknown")),
         "task": policy.task.name,
         "train_seed": int(policy.provenance.get("seed", 0)),
-        "train_horizon": float(policy.protocol.horizon.longest),
+        "train_horizon": float(policy.training_horizon),
         "clock": "none" if clock is None else clock.label,
         "clock_kind": "none" if clock is None else clock.name,
         "clock_steps": math.nan if clock is None else float(clock.steps),

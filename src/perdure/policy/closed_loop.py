@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import FloatArray, IntArray, Step, World
-from perdure.horizon import Clock, Constant, LaneClocks
+from perdure.horizon import Clock
+from perdure.policy.actor import ActingLanes, Actor
 from perdure.policy.errors import PolicyError
-from perdure.policy.policy import Policy
 
 
 @dataclass(frozen=True, eq=False)
 class LanePolicy:
     """A policy and the clock that sets its time-to-go input; the clock is None for a policy without that input."""
 
-    policy: Policy
+    policy: Actor
     clock: Clock | None
 
 
@@ -55,18 +55,18 @@ class ClosedLoop:
         if len(lane_policies) != world.num_lanes:
             raise PolicyError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
         for lane_policy in lane_policies:
-            if (lane_policy.clock is None) != (lane_policy.policy.protocol.embedding is None):
+            if (lane_policy.clock is not None) != lane_policy.policy.has_clock:
                 raise PolicyError(
-                    f"a lane of {lane_policy.policy.task.name} needs a clock exactly if its policy has an embedding; "
-                    f"this one has {'no clock' if lane_policy.clock is None else lane_policy.clock.label}"
+                    f"a lane of {lane_policy.policy.task.name} needs a clock exactly if its policy has a time-to-go "
+                    f"input; this one has {'no clock' if lane_policy.clock is None else lane_policy.clock.label}"
                 )
         for policy in {id(lane_policy.policy): lane_policy.policy for lane_policy in lane_policies}.values():
             check_fit(policy, world)
         self.world = world
-        self._lane_policies = list(lane_policies)
         self._observations = world.reset()
         self._elapsed = 0
-        self._live(np.arange(world.num_lanes))
+        self._living: IntArray = np.arange(world.num_lanes)
+        self._groups = _group(lane_policies)
 
     @property
     def living(self) -> IntArray:
@@ -93,57 +93,59 @@ class ClosedLoop:
     def drop(self, lanes: NDArray[np.int64]) -> None:
         """Takes lanes out; the others go on as if these had never been there."""
         stays = ~np.isin(self._living, lanes)
+        if stays.all():
+            return
+        self.world.abandon(self._living[~stays])
         self._observations = self._observations[stays]
-        self._live(self._living[stays])
+        self._living = self._living[stays]
+        place = np.cumsum(stays) - 1
+        for group in self._groups:
+            kept = stays[group.rows]
+            if not kept.all():
+                group.acting.keep(kept)
+            group.rows = place[group.rows[kept]]
+        self._groups = [group for group in self._groups if len(group.rows)]
 
     def _act(self, observations: FloatArray) -> FloatArray:
-        if len(self._by_policy) == 1:
-            return self._by_policy[0].act(observations, self._elapsed)
+        if len(self._groups) == 1:
+            return self._groups[0].acting.act(observations, self._elapsed)
         actions = np.empty((len(observations), self.world.spec.action_size))
-        for group in self._by_policy:
-            actions[group.rows] = group.act(observations[group.rows], self._elapsed)
+        for group in self._groups:
+            actions[group.rows] = group.acting.act(observations[group.rows], self._elapsed)
         return actions
 
-    def _live(self, living: IntArray) -> None:
-        self._living = living
-        by_policy: dict[int, list[int]] = {}
-        for row, lane in enumerate(living):
-            by_policy.setdefault(id(self._lane_policies[lane].policy), []).append(row)
-        self._by_policy = [
-            _PolicyRows(rows, [self._lane_policies[living[row]] for row in rows]) for rows in by_policy.values()
-        ]
+
+@dataclass(eq=False)
+class _Group:
+    """The living lanes of one actor."""
+
+    acting: ActingLanes
+    rows: IntArray
+    """Their places among all living lanes, rising."""
 
 
-class _PolicyRows:
-    """The living lanes of one policy."""
-
-    def __init__(self, rows: list[int], lane_policies: list[LanePolicy]) -> None:
-        self.rows = np.array(rows)
-        self._policy = lane_policies[0].policy
-        clocks = [lane_policy.clock for lane_policy in lane_policies if lane_policy.clock is not None]
-        self._clocks = LaneClocks(clocks) if clocks else None
-        # Clocks that stand still, and policies without phi, are told the same at every step.
-        still = all(isinstance(clock, Constant) for clock in clocks)
-        self._phi = self._embed(0) if still else None
-
-    def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
-        return self._policy.act_with(observations, self._embed(elapsed) if self._phi is None else self._phi)
-
-    def _embed(self, elapsed: int) -> FloatArray:
-        steps = np.full(len(self.rows), float(elapsed))
-        times, horizons = (steps, steps) if self._clocks is None else self._clocks.time(steps)
-        return self._policy.embed(times, horizons)
+def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
+    by_actor: dict[int, list[int]] = {}
+    for row, lane_policy in enumerate(lane_policies):
+        by_actor.setdefault(id(lane_policy.policy), []).append(row)
+    return [
+        _Group(lane_policies[rows[0]].policy.start([lane_policies[row].clock for row in rows]), np.array(rows))
+        for rows in by_actor.values()
+    ]
 
 
-def check_fit(policy: Policy, world: World) -> None:
+def check_fit(policy: Actor, world: World) -> None:
     """Refuses a policy for another task.
 
     Raises:
-        PolicyError: If observation or action sizes, or the action box, differ.
+        PolicyError: If observation or action sizes, or the action range, differ.
     """
     spec, task = world.spec, policy.task
-    same_box = np.array_equal(task.action_low, spec.action_low) and np.array_equal(task.action_high, spec.action_high)
-    if task.observation_size != spec.observation_size or not same_box:
+    same_range = np.array_equal(task.action_low, spec.action_low) and np.array_equal(task.action_high, spec.action_high)
+    if task.discrete_actions != spec.discrete_actions:
+        kinds = [("discrete" if each else "continuous") for each in (task.discrete_actions, spec.discrete_actions)]
+        raise PolicyError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
+    if task.observation_size != spec.observation_size or not same_range:
         raise PolicyError(
             f"a policy for {task.name} (observations of {task.observation_size}, actions of {task.action_size}) cannot "
             f"act in {spec.name} (observations of {spec.observation_size}, actions of {spec.action_size})"

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from perdure.horizon import HorizonProtocol, clock_from_json
 from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy
 from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
 from perdure.runs import write_whole
 
 FORMAT = "perdure.policy"

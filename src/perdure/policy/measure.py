@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from perdure.envs import World, make_world
 from perdure.horizon import Clock, Countdown
-from perdure.policy.closed_loop import ClosedLoop, LanePolicy
+from perdure.policy.actor import Actor
+from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep
 from perdure.policy.one_thread import one_thread
-from perdure.policy.policy import Policy
 from perdure.policy.reference import BIN_STEPS, Reference
 
 EPISODES = 20
@@ -19,19 +20,25 @@ FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
 
 
-def training_horizon(policy: Policy, default: int) -> int:
+def training_horizon(policy: Actor, default: int) -> int:
     """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
-    longest = policy.protocol.horizon.longest
+    longest = policy.training_horizon
     return int(longest) if math.isfinite(longest) else default
 
 
-def measure_reference(policy: Policy, episodes: int = EPISODES, world: World | None = None) -> Reference:
+def measure_reference(
+    policy: Actor,
+    episodes: int = EPISODES,
+    world: World | None = None,
+    observe: Callable[[LaneStep], None] = lambda lane_step: None,
+) -> Reference:
     """Run a policy within its training horizon, in this process, and return what it did.
 
     Args:
         policy: Acts with its mean; if it has a time-to-go input, it is told a countdown to T, as in training.
         episodes: How many, each from a start state of its own.
         world: Where to run, one lane for each episode; by default the policy's own task.
+        observe: Called with each step.
 
     Raises:
         PolicyError: If the policy does not fit the world.
@@ -39,7 +46,7 @@ def measure_reference(policy: Policy, episodes: int = EPISODES, world: World | N
     world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
     try:
         horizon = training_horizon(policy, world.spec.default_horizon)
-        clock: Clock | None = None if policy.protocol.embedding is None else Countdown(float(horizon))
+        clock: Clock | None = Countdown(float(horizon)) if policy.has_clock else None
         loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
         low, high = loop.observations.min(axis=0), loop.observations.max(axis=0)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
@@ -47,6 +54,7 @@ def measure_reference(policy: Policy, episodes: int = EPISODES, world: World | N
         with one_thread():
             for step in range(horizon):
                 lane_step = loop.advance()
+                observe(lane_step)
                 result = lane_step.step
                 valid = ~result.diverged & np.isfinite(result.rewards) & np.isfinite(result.observations).all(axis=1)
                 rewards[lane_step.lanes[valid], step // BIN_STEPS] += result.rewards[valid]

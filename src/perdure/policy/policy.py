@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.errors import PolicyError
 from perdure.policy.network import Perceptron, Weights
+from perdure.policy.policy_lanes import PolicyLanes
 from perdure.policy.reference import Reference
 from perdure.policy.squash import TanhSquash
+from perdure.policy.task import TaskInfo
 
 FloatArray = NDArray[np.float64]
 
@@ -61,21 +63,6 @@ class Normalizer:
         scaled /= self._std
         np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
         return np.minimum(scaled, self.clip, out=scaled)
-
-
-@dataclass(frozen=True)
-class TaskInfo:
-    """What the policy was trained on, so that it is not run on something else unnoticed."""
-
-    name: str
-    observation_size: int
-    action_low: tuple[float, ...]
-    action_high: tuple[float, ...]
-
-    @property
-    def action_size(self) -> int:
-        """Length of one action."""
-        return len(self.action_low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +184,20 @@ class Policy:
         actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
         np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
+
+    def start(self, clocks: Sequence[Clock | None]) -> PolicyLanes:
+        """Begin episodes, one for each clock; see `perdure.policy.Actor`."""
+        return PolicyLanes(self, clocks)
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the policy has a time-to-go input."""
+        return self.protocol.embedding is not None
+
+    @property
+    def training_horizon(self) -> float:
+        """The longest horizon the policy was trained for, in steps; may be infinite."""
+        return float(self.protocol.horizon.longest)
 
     @property
     def observation_std(self) -> FloatArray:

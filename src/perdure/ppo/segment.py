@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from perdure.envs import make_world
 from perdure.envs.traced import Handle, WorldSlot, trace
+from perdure.ppo.errors import ConfigError
 from perdure.ppo.iteration import COMPILER_OPTIONS, Iteration
 from perdure.ppo.rollout import Lanes, make_collect, observe, start_lanes
 from perdure.ppo.state import SeedState, lane_seeds, stream
@@ -48,10 +49,12 @@ class SegmentRunner:
 
     @cached_property
     def spec(self) -> TaskSpec:
-        """What the task is like."""
+        """What the task is like; ConfigError for a task with discrete actions."""
         world = make_world(self.task, [0])
         spec = world.spec
         world.close()
+        if spec.discrete_actions:
+            raise ConfigError(f"{self.task}: PPO here needs continuous actions (a Box); this task's are discrete")
         return spec
 
     @cached_property

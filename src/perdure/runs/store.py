@@ -164,6 +164,14 @@ class Store:
                 names.clear()
         return tuple(sorted(found))
 
+    def begun(self) -> tuple[str, ...]:
+        """Return the keys of units that are not finished but have a work folder: at work, or interrupted."""
+        return _noted(self.root / ".working", "")
+
+    def noted(self, kind: str) -> tuple[str, ...]:
+        """Return the keys of units about which there is a note of this kind, see `note_path`."""
+        return _noted(self.root / f".{kind}", ".json")
+
     def _folder(self, key: str) -> Path:
         folder = self.root / check_key(key)
         if not folder.parent.resolve().is_relative_to(self.root.resolve()):
@@ -213,6 +221,11 @@ class Store:
             os.replace(folder, target)
         with suppress(OSError):
             sync_folder(target.parent)
+
+
+def _noted(folder: Path, suffix: str) -> tuple[str, ...]:
+    names = os.listdir(folder) if folder.is_dir() else []
+    return tuple(sorted(name.removesuffix(suffix).replace("~", "/") for name in names if name.endswith(suffix)))
 
 
 def _flat(key: str) -> str:

@@ -1,18 +1,18 @@
-"""Sensors written by hand, of robots that stand at the room's origin with the gripper at rest and nothing in it."""
+"""PrivilegedState written by hand: robots at the room's origin, the gripper at rest and empty."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 
 from perdure.home.sim.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-from perdure.home.sim.world import BEAMS, RIVALS, SCAN_RANGE, Sensors
+from perdure.home.sim.world import BEAMS, NEIGHBORS, SCAN_RANGE, PrivilegedState
 
 REST = np.array(REST_POSITION)
 BOWL, OTHER, DRAWER = 0, 4, 3
-"""The errand's object, another one, the errand's link."""
+"""The skill_goal's object, another one, the skill_goal's link."""
 
 
-def sensors(**changes):
+def state(**changes):
     """One lane; vectors are given as lists."""
     numbers = {
         "base": np.zeros(3),
@@ -43,15 +43,15 @@ def sensors(**changes):
         "waypoint": np.zeros(3),
         "front": np.array([1.0, 0.0, 0.0]),
         "scan": np.full(BEAMS, SCAN_RANGE),
-        "rivals": np.zeros((RIVALS, 3)),
-        "rival_distance": np.inf,
+        "neighbors": np.zeros((NEIGHBORS, 3)),
+        "neighbor_distance": np.inf,
         "handle_distance": np.inf,
         "stopped": False,
         "contact_force": 0.0,
         "diverged": False,
     }
     assert set(changes) <= set(numbers)
-    return Sensors(**{name: np.array([changes.get(name, value)]) for name, value in numbers.items()})
+    return PrivilegedState(**{name: np.array([changes.get(name, value)]) for name, value in numbers.items()})
 
 
 def change(one, **changes):
@@ -79,7 +79,7 @@ def succeeds(skill, *moments):
 
 def failure(skill, *moments):
     """The label of the failure at the last moment."""
-    return skill.failures[int(skill.failure(moments[-1], course(skill, *moments))[0])]
+    return skill.failure_labels[int(skill.failure(moments[-1], course(skill, *moments))[0])]
 
 
 def step_reward(skill, *moments):
@@ -90,12 +90,12 @@ def step_reward(skill, *moments):
     return float(total[0]), {name: float(value[0]) for name, value in terms.items()}
 
 
-def random_sensors(n, seed):
+def random_state(n, seed):
     """n lanes of arbitrary numbers, for questions that do not depend on what they mean."""
     rng = np.random.default_rng(seed)
-    one = sensors()
+    one = state()
     columns = {}
-    for each in fields(Sensors):
+    for each in fields(PrivilegedState):
         value = getattr(one, each.name)
         shape = (n, *value.shape[1:])
         if value.dtype == bool:
@@ -105,4 +105,4 @@ def random_sensors(n, seed):
         else:
             columns[each.name] = rng.normal(0.0, 1.0, shape)
     columns["contact_force"] = 200.0 * rng.random(n)
-    return Sensors(**columns)
+    return PrivilegedState(**columns)

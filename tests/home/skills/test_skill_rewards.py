@@ -11,8 +11,8 @@ from hand_made import (
     change,
     failure,
     gripper_off,
-    random_sensors,
-    sensors,
+    random_state,
+    state,
     step_reward,
 )
 
@@ -20,7 +20,7 @@ from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM, GRIP
 from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, Pick, Place, ResetArm, get_skill
 
-HELD = sensors(held=BOWL, object=[1.0, 0.5, 0.8])
+HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])
 
 
 def close(value):
@@ -76,7 +76,7 @@ def test_success_earns_2_5():
 
 
 def test_pick_earns_4_per_metre_of_approach_1_for_the_grasp_and_4_per_metre_of_way_back():
-    far = sensors(object=[0.9, 0.0, 1.0])  # 0.4 m before the gripper
+    far = state(object=[0.9, 0.0, 1.0])  # 0.4 m before the gripper
     near = change(far, **gripper_off(0.1))
     assert step_reward(Pick(), far, near)[0] == close(4 * 0.1 - 0.002)
     held = change(near, held=BOWL, object=[0.6, 0.0, 1.0])
@@ -90,15 +90,15 @@ def test_pick_earns_4_per_metre_of_approach_1_for_the_grasp_and_4_per_metre_of_w
     [({"held": OTHER}, "wrong object"), ({"held_link": DRAWER}, "wrong object")],
 )
 def test_pick_fails_with_anything_else_in_the_hand(end, label):
-    assert failure(Pick(), sensors(), sensors(**end)) == label
+    assert failure(Pick(), state(), state(**end)) == label
 
 
 def test_pick_fails_when_it_drops_the_object():
-    assert failure(Pick(), sensors(), sensors(held=BOWL), sensors()) == "dropped"
+    assert failure(Pick(), state(), state(held=BOWL), state()) == "dropped"
 
 
 def test_opening_earns_2_per_metre_of_approach_1_for_the_grasp_2_per_metre_of_joint_and_1_for_letting_go():
-    skill, far = OpenDrawer(), sensors(handle=[0.8, 0.0, 1.0], **gripper_off(0.0))
+    skill, far = OpenDrawer(), state(handle=[0.8, 0.0, 1.0], **gripper_off(0.0))
     near = change(far, **gripper_off(0.1))
     assert step_reward(skill, far, near)[0] == close(2 * 0.1)
     held = change(near, held_link=DRAWER)
@@ -114,7 +114,7 @@ def test_opening_earns_2_per_metre_of_approach_1_for_the_grasp_2_per_metre_of_jo
 
 
 def test_a_drawer_moved_without_holding_its_handle_earns_nothing():
-    assert step_reward(CloseDrawer(), sensors(link_position=0.4), sensors(link_position=0.2))[1]["move"] == 0.0
+    assert step_reward(CloseDrawer(), state(link_position=0.4), state(link_position=0.2))[1]["move"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -128,13 +128,13 @@ def test_a_drawer_moved_without_holding_its_handle_earns_nothing():
     ],
 )
 def test_opening_fails_by_its_own_rules(moments, label):
-    assert failure(OpenDrawer(), *[sensors(**each) for each in moments]) == label
+    assert failure(OpenDrawer(), *[state(**each) for each in moments]) == label
 
 
 def test_navigation_earns_1_per_metre_of_way_and_the_last_5_cm_do_not_count():
-    assert step_reward(Navigate(), sensors(way=3.0), sensors(way=2.9))[0] == close(0.1 - 0.002)
-    assert step_reward(Navigate(), sensors(way=0.06), sensors(way=0.05))[1]["way"] == close(0.06)
-    assert step_reward(Navigate(), sensors(way=0.05), sensors(way=0.0))[1]["way"] == 0.0
+    assert step_reward(Navigate(), state(way=3.0), state(way=2.9))[0] == close(0.1 - 0.002)
+    assert step_reward(Navigate(), state(way=0.06), state(way=0.05))[1]["way"] == close(0.06)
+    assert step_reward(Navigate(), state(way=0.05), state(way=0.0))[1]["way"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -142,28 +142,28 @@ def test_navigation_earns_1_per_metre_of_way_and_the_last_5_cm_do_not_count():
     [(0.0, 19.0, 0.0), (0.0, 120.0, 0.12), (30.0, 120.0, 0.09), (120.0, 30.0, 0.0), (0.0, 900.0, 0.2)],
 )
 def test_a_rise_of_the_contact_force_costs_a_thousandth_per_newton_up_to_a_fifth(before, after, cost):
-    terms = step_reward(Pick(), sensors(contact_force=before), sensors(contact_force=after))[1]
+    terms = step_reward(Pick(), state(contact_force=before), state(contact_force=after))[1]
     assert terms["force"] == close(-cost)
 
 
 @pytest.mark.parametrize(("skill", "limit"), [(Pick(), 5000), (Place(), 7500)])
 def test_rises_of_the_force_are_summed_up_to_the_limit(skill, limit):
-    hits = [sensors(contact_force=0.0), sensors(contact_force=float(limit) / 2.0)]
+    hits = [state(contact_force=0.0), state(contact_force=float(limit) / 2.0)]
     assert failure(skill, *hits, *hits) == "none"
-    assert failure(skill, *hits, *hits, *[sensors(), sensors(contact_force=21.0)]) == "excess force"
+    assert failure(skill, *hits, *hits, *[state(), state(contact_force=21.0)]) == "excess force"
 
 
 @pytest.mark.parametrize(("what", "limit"), [({"held": BOWL}, 0.09), ({"held_link": DRAWER}, 0.2)])
 def test_a_grasp_torn_too_far_is_invalid(what, limit):
     skill = Pick() if "held" in what else OpenDrawer()
-    assert failure(skill, sensors(**what, hold_error=limit - 0.001)) == "none"
-    assert failure(skill, sensors(**what, hold_error=limit + 0.001)) == "invalid grasp"
+    assert failure(skill, state(**what, hold_error=limit - 0.001)) == "none"
+    assert failure(skill, state(**what, hold_error=limit + 0.001)) == "invalid grasp"
 
 
 def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_only():
-    actions, now = np.array([np.linspace(-0.9, 0.9, 11), np.linspace(0.9, -0.9, 11)]), random_sensors(2, 0)
+    actions, now = np.array([np.linspace(-0.9, 0.9, 11), np.linspace(0.9, -0.9, 11)]), random_state(2, 0)
     actions[:, GRIP] = 0.9, -0.9
-    alone = replace(now, rival_distance=np.full(2, np.inf), handle_distance=np.full(2, np.inf))
+    alone = replace(now, neighbor_distance=np.full(2, np.inf), handle_distance=np.full(2, np.inf))
     assert Pick().mask(actions, alone)[:, GRIP].tolist() == [0.9, 0.0]
     assert Place().mask(actions, now)[:, GRIP].tolist() == [0.0, -0.9]
     masked = Navigate().mask(actions, now)
@@ -176,8 +176,8 @@ def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_onl
 @pytest.mark.parametrize(
     ("around", "closes"),
     [
-        ({"rival_distance": 0.101}, True),
-        ({"rival_distance": 0.099}, False),
+        ({"neighbor_distance": 0.101}, True),
+        ({"neighbor_distance": 0.099}, False),
         ({"handle_distance": 0.151}, True),
         ({"handle_distance": 0.149}, False),  # the magic grasp prefers handles, however near the object is
     ],
@@ -185,7 +185,7 @@ def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_onl
 def test_pick_closes_its_hand_only_where_it_would_take_the_target(around, closes):
     action = np.zeros((1, 11))
     action[:, GRIP] = 0.5
-    now = sensors(gripper=[1.0, 0.0, 0.8], object=[1.1, 0.0, 0.8], **around)
+    now = state(gripper=[1.0, 0.0, 0.8], object=[1.1, 0.0, 0.8], **around)
     assert bool(Pick().mask(action, now)[0, GRIP] > 0.0) == closes
 
 
@@ -194,7 +194,7 @@ def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_roll
     target[0] += 0.05
     target[1] -= 0.5
     target[2] += 2.0 * np.pi - 0.04  # 0.04 below, once round
-    action = ResetArm().act(sensors(arm_target=target))[0]
+    action = ResetArm().act(state(arm_target=target))[0]
     np.testing.assert_allclose(action[ARM], [-0.5, 1.0, 0.4, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
 
 
@@ -204,12 +204,12 @@ NAMES = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_f
 @pytest.mark.parametrize("skill", [*map(get_skill, NAMES), Place(delta=30)], ids=[*NAMES, "place for 30 steps"])
 class TestEverySkill:
     def test_has_as_many_elements_as_numbers_and_each_by_its_own_name(self, skill):
-        now = random_sensors(3, 1)
+        now = random_state(3, 1)
         assert skill.observe(now, skill.begin(now)).shape == (3, len(skill.elements))
         assert len({each.name for each in skill.elements}) == len(skill.elements)
 
     def test_sees_a_lane_alone_as_it_sees_it_among_others_to_the_last_bit(self, skill):
-        before, after = random_sensors(17, 2), random_sensors(17, 3)
+        before, after = random_state(17, 2), random_state(17, 3)
         was = skill.begin(before)
         now = skill.advance(was, after)
         many = [skill.observe(after, now), *_judged(skill, before, after, was, now)]
@@ -222,7 +222,7 @@ class TestEverySkill:
                 np.testing.assert_array_equal(everyone[row], alone)
 
     def test_earns_the_sum_of_its_terms(self, skill):
-        before, after = random_sensors(17, 4), random_sensors(17, 5)
+        before, after = random_state(17, 4), random_state(17, 5)
         was = skill.begin(before)
         total, terms = skill.reward(before, after, was, skill.advance(was, after))
         np.testing.assert_allclose(total, np.sum(list(terms.values()), axis=0), atol=1e-12)
@@ -236,7 +236,7 @@ def _judged(skill, before, after, was, now):
 
 def test_what_is_seen_is_relative_to_a_turned_robot():
     """The robot at (1, 2) faces north; the goal is 1 m north and 2 m west of it: 1 m ahead, 2 m to the left."""
-    now = sensors(base=[1.0, 2.0, np.pi / 2.0], goal=[-1.0, 3.0, 0.8], object=[-1.0, 3.5, 0.8], gripper=[1.0, 2.5, 1.0])
+    now = state(base=[1.0, 2.0, np.pi / 2.0], goal=[-1.0, 3.0, 0.8], object=[-1.0, 3.5, 0.8], gripper=[1.0, 2.5, 1.0])
     skill = Place()
     seen = dict(zip([each.name for each in skill.elements], skill.observe(now, skill.begin(now))[0], strict=True))
     assert [seen[f"goal_in_base_{a}"] for a in "xyz"] == close([1.0, 2.0, 0.8])

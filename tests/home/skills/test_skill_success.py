@@ -2,13 +2,23 @@
 
 import numpy as np
 import pytest
-from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, sensors, succeeds
+from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, state, succeeds
 
 from perdure.home import HomeError
 from perdure.home.sim.world import ACTION_SIZE, FORWARD, STOP, TURN
-from perdure.home.skills import SKILLS, CloseDrawer, CloseFridge, Navigate, OpenDrawer, OpenFridge, Pick, Place
+from perdure.home.skills import (
+    SKILLS,
+    CloseDrawer,
+    CloseFridge,
+    Navigate,
+    OpenDrawer,
+    OpenFridge,
+    Pick,
+    Place,
+    get_skill,
+)
 
-HELD = sensors(held=BOWL, object=[1.0, 0.0, 0.8])
+HELD = state(held=BOWL, object=[1.0, 0.0, 0.8])
 PLACED = change(HELD, held=-1, object=[1.0, 0.149, 0.8], **gripper_off(0.049))
 """0.149 m from its goal, let go, the gripper 0.049 m from rest."""
 
@@ -32,7 +42,7 @@ def test_place_does_not_succeed_when_one_condition_is_off(off):
 
 
 @pytest.mark.parametrize(
-    ("steps", "lacking"),
+    ("steps", "unmet"),
     [
         ([HELD], ["not let go", "object not in its goal", "object not long enough in its goal"]),
         ([PLACED], ["object not long enough in its goal"]),
@@ -44,12 +54,12 @@ def test_place_does_not_succeed_when_one_condition_is_off(off):
         ([PLACED, change(PLACED, **gripper_off(0.06))], ["gripper not at rest"]),
     ],
 )
-def test_place_says_what_it_lacks_and_lacks_nothing_exactly_when_it_succeeds(steps, lacking):
+def test_place_names_its_unmet_conditions_and_has_none_exactly_when_it_succeeds(steps, unmet):
     skill = Place(delta=2)
     moments = [HELD, *steps]
     progress = course(skill, *moments)
-    assert [what for what, so in skill.lacks(moments[-1], progress).items() if so[0]] == lacking
-    assert succeeds(skill, *moments) == (not lacking)
+    assert [what for what, so in skill.unmet(moments[-1], progress).items() if so[0]] == unmet
+    assert succeeds(skill, *moments) == (not unmet)
 
 
 @pytest.mark.parametrize("delta", [1, 2, 30])
@@ -86,18 +96,18 @@ def test_a_place_that_must_last_longer_may_take_longer():
     assert (Place().limit, Place(delta=30).limit) == (200, 230)
 
 
-PICKED = sensors(held=BOWL, **gripper_off(0.049))
+PICKED = state(held=BOWL, **gripper_off(0.049))
 
 
 def test_pick_succeeds_with_the_target_held_at_rest():
-    assert succeeds(Pick(), sensors(), PICKED)
+    assert succeeds(Pick(), state(), PICKED)
 
 
 @pytest.mark.parametrize(
     "off", [{"held": -1}, {"held": OTHER}, gripper_off(0.051)], ids=["empty", "another object", "not at rest"]
 )
 def test_pick_does_not_succeed_when_one_condition_is_off(off):
-    assert not succeeds(Pick(), sensors(), change(PICKED, **off))
+    assert not succeeds(Pick(), state(), change(PICKED, **off))
 
 
 HALF_PI = np.pi / 2.0
@@ -113,8 +123,8 @@ RANGES = [
 @pytest.mark.parametrize(("skill", "first", "last", "outside"), RANGES)
 def test_opening_and_closing_succeed_in_their_range_of_the_joint_only(skill, first, last, outside):
     for q in (first, last):
-        assert succeeds(skill(), sensors(link_position=q, **gripper_off(0.149)))
-    assert not succeeds(skill(), sensors(link_position=outside, **gripper_off(0.149)))
+        assert succeeds(skill(), state(link_position=q, **gripper_off(0.149)))
+    assert not succeeds(skill(), state(link_position=outside, **gripper_off(0.149)))
 
 
 @pytest.mark.parametrize(("skill", "q"), [(each[0], each[1]) for each in RANGES[1:]])
@@ -122,10 +132,10 @@ def test_opening_and_closing_succeed_in_their_range_of_the_joint_only(skill, fir
     "off", [{"held_link": DRAWER}, {"held": OTHER}, gripper_off(0.151)], ids=["handle", "object", "not at rest"]
 )
 def test_opening_and_closing_do_not_succeed_when_one_condition_is_off(skill, q, off):
-    assert not succeeds(skill(), sensors(link_position=q, **{**gripper_off(0.149), **off}))
+    assert not succeeds(skill(), state(link_position=q, **{**gripper_off(0.149), **off}))
 
 
-ARRIVED = sensors(way=0.099, facing_error=-0.249, stopped=True)
+ARRIVED = state(way=0.099, facing_error=-0.249, stopped=True)
 
 
 def test_navigate_succeeds_when_it_stops_near_the_region_turned_to_the_aim():
@@ -136,7 +146,7 @@ def test_navigate_succeeds_when_it_stops_near_the_region_turned_to_the_aim():
 def test_navigate_that_stops_elsewhere_has_failed_and_the_executor_goes_on(off):
     skill, there = Navigate(), change(ARRIVED, **off)
     assert not succeeds(skill, there)
-    assert skill.failures[skill.failure(there, course(skill, there))[0]] == "stopped elsewhere"
+    assert skill.failure_labels[skill.failure(there, course(skill, there))[0]] == "stopped elsewhere"
     assert skill.stop(there, course(skill, there))[0]
 
 
@@ -166,13 +176,13 @@ def test_the_executor_stops_place_without_looking_at_the_object():
 
 def test_the_executor_stops_pick_with_whatever_it_holds():
     wrong = change(PICKED, held=OTHER)
-    assert Pick().stop(wrong, course(Pick(), sensors(), wrong))[0]
+    assert Pick().stop(wrong, course(Pick(), state(), wrong))[0]
 
 
 def test_the_executor_stops_opening_only_after_the_gripper_was_away():
-    skill, done, away = OpenDrawer(), sensors(link_position=0.45), sensors(**gripper_off(0.31))
+    skill, done, away = OpenDrawer(), state(link_position=0.45), state(**gripper_off(0.31))
     assert not skill.stop(done, course(skill, done))[0]
-    assert not skill.stop(done, course(skill, sensors(**gripper_off(0.29)), done))[0]
+    assert not skill.stop(done, course(skill, state(**gripper_off(0.29)), done))[0]
     assert skill.stop(done, course(skill, away, done))[0]
 
 
@@ -180,3 +190,20 @@ def test_skills_are_found_by_name():
     assert sorted(SKILLS) == sorted(
         ["pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "navigate", "reset_arm"]
     )
+
+
+def test_skills_are_stopped_after_the_steps_of_m3():
+    limits = {name: get_skill(name).limit for name in SKILLS}
+    assert limits.pop("navigate") == 500
+    assert limits.pop("reset_arm") == 50
+    assert set(limits.values()) == {200}
+
+
+def test_an_unknown_skill_is_refused_with_the_nearest_name():
+    with pytest.raises(HomeError, match=r"open_drawr.*did you mean open_drawer\?"):
+        get_skill("open_drawr")
+
+
+def test_navigation_without_a_next_skill_is_refused():
+    with pytest.raises(HomeError, match="needs toward"):
+        Navigate().skill_goal(None, 0, {})

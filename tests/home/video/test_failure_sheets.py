@@ -8,19 +8,26 @@ import numpy as np
 import pytest
 
 from perdure.home.benchmark.episodes import episode_scene, start_pose
-from perdure.home.benchmark.tasks import LIMITS, SOMETHING_ELSE
+from perdure.home.benchmark.tasks import SOMETHING_ELSE
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.outcomes import label, read_logs, record_of, write_records
+from perdure.home.evaluate.outcomes import label, read_logs, write_logs
 from perdure.home.evaluate.protocol import Protocol, run_protocol
 from perdure.home.sim.world import SceneOptions, World
 from perdure.home.skills import SKILLS
-from perdure.home.video import Replay, draw, failure_sheet, read_failures, run_again, take_again
-from perdure.home.video.failures import COLUMNS
-from perdure.home.video.moments import PICTURES, condition_of, moments
+from perdure.home.video import (
+    Replay,
+    failure_sheet,
+    logged_agent,
+    read_failures,
+    replay_failure,
+    sample_failures,
+)
+from perdure.home.video.failure_sheet import COLUMNS
+from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "evaluate" / "outcomes"))
-from home_stories import RUN, Story
+from home_stories import NOTES, Story
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")
 
@@ -28,12 +35,11 @@ ORACLES = dict.fromkeys(SKILLS, "oracle")
 def replay_of(story, counting="stabilizing"):
     """A story as if it had been run again; nothing of its world is known but what the log says."""
     log = story.log()
-    record = record_of(log, RUN)
-    return Replay(log, record, label(record, counting), np.zeros((record.length, 1)))
+    return Replay(log, label(log, counting), np.zeros((log.length, 1)))
 
 
 def shown(replay):
-    return moments(replay, replay.label, condition_of(replay.record, replay.label))
+    return picture_steps(replay, replay.label, condition_of(replay.log, replay.label))
 
 
 def rolls_away():
@@ -46,7 +52,7 @@ def test_a_placement_is_shown_from_its_release_to_its_rest():
     between 8 and 29, at a third and two thirds of that way, and two between 29 and 44."""
     taken = shown(replay_of(rolls_away()))
     assert list(taken) == [0, 8, 18, 24, 29, 34, 39, 44]
-    assert {step: note for step, note in taken.items() if note} == {8: "lets go", 29: "left its goal"}
+    assert {step: note for step, note in taken.items() if note} == {8: "releases", 29: "left its goal"}
 
 
 def test_an_object_that_rests_for_long_uses_up_no_pictures():
@@ -88,15 +94,15 @@ def test_a_pick_is_shown_evenly_with_its_nearest_moment():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "mechanism", "step", "note"),
+    ("wrong", "cause", "step", "note"),
     [
         ({"held": SOMETHING_ELSE}, "wrong object grasped", 80, "another one in the hand"),
         ({"force": 3000.0}, "collision", 90, "largest force, 3000 N"),
     ],
 )
-def test_the_moment_that_a_label_speaks_of_is_among_them(wrong, mechanism, step, note):
+def test_the_moment_that_a_label_speaks_of_is_among_them(wrong, cause, step, note):
     replay = replay_of(misses(**wrong))
-    assert replay.label.mechanism == mechanism
+    assert replay.label.cause == cause
     taken = shown(replay)
     assert (len(taken), taken[step], max(taken)) == (PICTURES, note, 99)
 
@@ -113,7 +119,7 @@ def test_of_a_skill_that_was_over_at_once_the_last_second_is_shown():
 
 def test_a_collision_is_shown_that_came_before_the_release():
     replay = replay_of(Story().go(0, force=3000.0).slide(0, [0.31, 0.0, 0.0], 30))
-    assert replay.label.mechanism == "collision"
+    assert replay.label.cause == "collision"
     assert shown(replay)[5] == "largest force, 3000 N"  # place begins with step 5
 
 
@@ -131,21 +137,21 @@ def test_a_drawer_that_comes_open_again_is_shown_where_it_does():
         story.fridge = 2.0
         story.wait(10)
     replay = replay_of(story)
-    assert (replay.label.stage, replay.label.mechanism) == ("open_1", "door not closed")
+    assert (replay.label.stage, replay.label.cause) == ("open_1", "door not closed")
     taken = shown(replay)
     assert {step: note for step, note in taken.items() if note} == {160: "no longer closed"}
     assert (min(taken), max(taken), len(taken)) == (130, 279, PICTURES)
 
 
 def test_a_draw_is_the_same_again_and_takes_nothing_twice():
-    drawn = draw(range(50), 10, seed=3)
-    assert drawn == draw(range(50), 10, seed=3)
-    assert drawn != draw(range(50), 10, seed=4)
+    drawn = sample_failures(range(50), 10, seed=3)
+    assert drawn == sample_failures(range(50), 10, seed=3)
+    assert drawn != sample_failures(range(50), 10, seed=4)
     assert len(set(drawn)) == 10
-    assert sorted(draw(range(5), 10, seed=0)) == [0, 1, 2, 3, 4]
+    assert sorted(sample_failures(range(5), 10, seed=0)) == [0, 1, 2, 3, 4]
     for wrong in ({"count": 0, "seed": 0}, {"count": 1, "seed": -1}):
         with pytest.raises(HomeError, match="or more"):
-            draw(range(5), **wrong)
+            sample_failures(range(5), **wrong)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +161,7 @@ def hurried(tmp_path_factory):
     options = ExecutorOptions(lanes=1, jaws="apart", scene=scene, settle_steps=7, eval_seed=0)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
-            patch.setitem(LIMITS, skill, 3)
+            patch.setattr(SKILLS[skill], "step_limit", 3)
         protocol = Protocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
         yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
 
@@ -164,18 +170,18 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     (failure,) = read_failures(hurried, "latched")
     options = failure.options
     assert (options.jaws, options.scene.rolling, options.scene.physics_hz) == ("apart", "drag", 240)
-    assert (options.settle_steps, *failure.cast[:3]) == (7, "set_table", "stop", -1)
-    assert set(dict(failure.cast[3]).values()) == {"oracle"}
-    replay = run_again(failure, take_again(failure, {}))
+    assert (options.settle_steps, *failure.assignment[:3]) == (7, "set_table", "stop", -1)
+    assert set(dict(failure.assignment[3]).values()) == {"oracle"}
+    replay = replay_failure(failure, logged_agent(failure, {}))
     assert replay.label == failure.label
-    assert replay.record.events == failure.record.events
-    assert replay.record.runs == failure.record.runs
-    assert len(replay.states) == failure.record.length
+    assert replay.log.events == failure.log.events
+    assert replay.log.runs == failure.log.runs
+    assert len(replay.states) == failure.log.length
 
 
 def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):
     (record,) = read_logs(hurried[0])
-    write_records(tmp_path / "logs.parquet", [replace(record, episode_hash="other")], RUN)
+    write_logs(tmp_path / "logs.parquet", [replace(record, episode_hash="other")], NOTES)
     (failure,) = read_failures([tmp_path / "logs.parquet"], "latched")
     with pytest.raises(HomeError, match="set_table/val/000"):
         _ = failure.episode
@@ -184,17 +190,20 @@ def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):
 def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     """States are made up: everything as at the start, but the first target where the story has it."""
     size = (240, 160)
-    monkeypatch.setattr("perdure.home.video.failures.SIZE", size)
+    monkeypatch.setattr("perdure.home.video.failure_sheet.SIZE", size)
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
-    write_records(tmp_path / "logs.parquet", [replace(replay.record, arm="ik drag")], RUN)
+    write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
     (failure,) = read_failures([tmp_path / "logs.parquet"], "stabilizing")
     scene = episode_scene(replay.log.episode)
     world = World(1)
     world.reset(0, scene, start_pose(scene.apartment, replay.log.episode, 0))
-    states = np.tile(world.lane(0).qpos, (replay.record.length, 1))
+    states = np.tile(world.lane(0).qpos, (replay.log.length, 1))
     sheets, log = [], replay.log
-    for positions, found in ((log.facts.object_positions[:, 0], failure.label), (log.episode.goal_positions[0], None)):
+    for positions, found in (
+        (log.history.facts.object_positions[:, 0], failure.label),
+        (log.history.facts.goal_positions[0], None),
+    ):
         states[:, scene.middles[0]] = positions
         try:
             sheets.append(failure_sheet(failure, replace(replay, states=states, label=found)))

@@ -1,4 +1,4 @@
-"""Several arms in one film: what stands beside what, which one waits, who is said to act."""
+"""Several strategies in one film: what stands beside what, which one waits, who is said to act."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from perdure.home.agents.release import Ik
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
-from perdure.home.video import FilmOptions, Take, beside, film_beside, make_take
-from perdure.home.video.reel import Reel
+from perdure.home.video import Agent, FilmOptions, film_side_by_side, make_agent, side_by_side
+from perdure.home.video.frame_buffer import FrameBuffer
 
 SIZE = (96, 64)
 
@@ -25,7 +25,7 @@ def flat(value):
 
 
 def test_a_reel_holds_its_last_picture():
-    with Reel(0.1) as reel:
+    with FrameBuffer(0.1) as reel:
         for value in (10, 200):
             reel.add(flat(value))
         assert len(reel) == 2
@@ -37,34 +37,34 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
     """Left shows 20, 60; right shows 100, 140, 180, 220."""
     shown = {"left": (20, 60), "right": (100, 140, 180, 220)}
 
-    class Crew:
-        def __init__(self, episode, options, film, stack, watch):
+    class FrameWriter:
+        def __init__(self, options, film, stack):
             self.after_step = film
 
-    def perform(episode, film, seed, actors, skills):
+    def render_episode(episode, film, seed, actors, skills):
         for value in shown[actors]:
             film.add(flat(value))
 
-    monkeypatch.setattr(beside, "Crew", Crew)
-    monkeypatch.setattr(beside, "perform", perform)
-    takes = [Take(f"{side} title", "caption", side, {}) for side in shown]
-    film_beside(episode, tmp_path / "film.gif", takes, FilmOptions(size=SIZE))
+    monkeypatch.setattr(side_by_side, "FrameWriter", FrameWriter)
+    monkeypatch.setattr(side_by_side, "render_episode", render_episode)
+    agents = [Agent(f"{side} title", "caption", side, {}) for side in shown]
+    film_side_by_side(episode, tmp_path / "film.gif", agents, FilmOptions(size=SIZE))
     film = Image.open(tmp_path / "film.gif")
     assert film.n_frames == 4
     seen = []
     for number in range(film.n_frames):
         film.seek(number)
         frame = np.asarray(film.convert("L"), dtype=float)[-SIZE[1] :]
-        assert frame.shape[1] == 2 * SIZE[0] + beside.GAP
+        assert frame.shape[1] == 2 * SIZE[0] + side_by_side.GAP
         seen.append((frame[:, : SIZE[0]].mean(), frame[:, -SIZE[0] :].mean()))
     expected = [(20, 100), (60, 140), (60, 180), (60, 220)]
     assert np.abs(np.array(seen) - expected).max() < 6.0
 
 
 def test_two_arms_are_filmed(episode, tmp_path):
-    takes = [make_take("set_table", place, policies={"place": "oracle"}) for place in ("rl", "ik")]
+    agents = [make_agent("set_table", place, policies={"place": "oracle"}) for place in ("rl", "ik")]
     try:
-        logs = film_beside(episode, tmp_path / "film.mp4", takes, FilmOptions(size=SIZE, speed=8.0, seconds=0.5))
+        logs = film_side_by_side(episode, tmp_path / "film.mp4", agents, FilmOptions(size=SIZE, speed=8.0, seconds=0.5))
     except HomeError as error:
         if "no picture can be drawn" in str(error):
             pytest.skip("this machine has neither EGL nor OSMesa")
@@ -77,29 +77,29 @@ def test_a_take_of_another_training_seed_may_have_only_place_from_it(tmp_path):
     mine = {"place": str(tmp_path / "seed-{seed}.safetensors")}
     (tmp_path / "seed-77.safetensors").write_bytes((SHIPPED / "tidy_house/place/seed-0.safetensors").read_bytes())
     with pytest.raises(HomeError, match="training seed 77"):
-        make_take("tidy_house", "rl", 77, mine)
+        make_agent("tidy_house", "rl", 77, mine)
     with pytest.raises(HomeError, match="seed-0"):
-        make_take("tidy_house", "rl", 0, mine, vary="place")
+        make_agent("tidy_house", "rl", 0, mine, vary="place")
     (tmp_path / "seed-0.safetensors").write_bytes((tmp_path / "seed-77.safetensors").read_bytes())
-    assert "every skill" in make_take("tidy_house", "rl", 77, mine, vary="place").caption
+    assert "every skill" in make_agent("tidy_house", "rl", 77, mine, vary="place").caption
 
 
 def test_a_take_is_the_arm_that_the_protocol_runs():
-    take = make_take("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
+    take = make_agent("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
     assert isinstance(take.actors["place"], Ik)
     assert isinstance(take.actors["pick"], Oracle)
     assert take.title.startswith("ik: ")
-    waiting = make_take("set_table", "delta-50", policies={"place": "oracle"})
+    waiting = make_agent("set_table", "delta-50", policies={"place": "oracle"})
     assert waiting.skills["place"].limit == 250
     assert "50 steps" in waiting.title
     with pytest.raises(HomeError, match="rl, stop, ik"):
-        make_take("set_table", "throw")
+        make_agent("set_table", "throw")
 
 
 def test_captions_say_who_acts():
     oracle, learned = SkillPolicy("oracle", "", None), SkillPolicy("a file", "0123", object())
-    assert "no learned policy" in beside.caption({"pick": oracle, "place": oracle})
-    mixed = beside.caption({"pick": oracle, "place": learned})
+    assert "no learned policy" in side_by_side._caption({"pick": oracle, "place": oracle})
+    mixed = side_by_side._caption({"pick": oracle, "place": learned})
     assert "learned: place;" in mixed
     assert "oracle" in mixed
-    assert "oracle" not in beside.caption({"pick": learned, "place": learned})
+    assert "oracle" not in side_by_side._caption({"pick": learned, "place": learned})

@@ -19,7 +19,7 @@ def episode():
 @pytest.fixture(scope="module")
 def lane(episode):
     world = World(1)
-    scene = episode_scene(episode, SceneOptions(looks=True))
+    scene = episode_scene(episode, SceneOptions(visuals=True))
     world.reset(0, scene, start_pose(scene.apartment, episode, 0))
     return world.lane(0)
 

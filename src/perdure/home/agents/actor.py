@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 
 FloatArray = NDArray[np.float64]
@@ -19,13 +19,15 @@ class Actor(Protocol):
 
     @property
     def sees(self) -> bool:
-        """Whether it wants the scan and the target's rivals where the skill has them."""
+        """Whether it wants the scan and the target's neighbors where the skill has them."""
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """A lane starts a skill; its errand is set."""
+        """A lane starts a skill; its skill_goal is set."""
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
-        """Actions for these lanes, rows of `sensors` and `progress`. Shape (len(lanes), 11)."""
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
+        """Actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
 
     def overtime(self, lane: int) -> bool:
         """Whether a lane needs more time than the skill's limit, to put down what it holds."""
@@ -39,12 +41,14 @@ class Scripted:
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """Nothing to remember."""
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
         from perdure.home.skills import ResetArm
 
         assert isinstance(skill, ResetArm)
-        return skill.act(sensors)
+        return skill.act(state)
 
     def overtime(self, lane: int) -> bool:
         """Never needs more time."""

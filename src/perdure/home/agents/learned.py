@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-from perdure.home.skills.actions import used, whole
 from perdure.policy import Policy
 
 FloatArray = NDArray[np.float64]
@@ -30,17 +29,19 @@ class Learned:
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """Refuses a policy whose observations or actions are not those of the skill."""
         sizes = self.policy.task.observation_size, self.policy.task.action_size
-        wanted = len(skill.elements), len(used(skill))
+        wanted = len(skill.elements), len(skill.active_columns)
         if sizes != wanted:
             raise HomeError(
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
-        actions = self.policy.act(skill.observe(sensors, progress), progress.elapsed)
-        return whole(np.asarray(actions, dtype=np.float64), used(skill))
+        actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
+        return skill.expand_action(np.asarray(actions, dtype=np.float64))
 
     def overtime(self, lane: int) -> bool:
         """Never needs more time."""

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
+from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-from perdure.home.skills.actions import used, whole
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -37,14 +36,15 @@ class Predicting:
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """Nothing to remember."""
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`. HomeError if the function gives another shape than it must."""
-        actions = np.asarray(self.predict(skill.observe(sensors, progress)), dtype=np.float64)
-        columns = used(skill)
-        shape = len(lanes), len(columns)
+        actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
+        shape = len(lanes), len(skill.active_columns)
         if actions.shape != shape:
             raise HomeError(f"predict gave actions of shape {actions.shape} for {skill.name}; it must be {shape}")
-        return whole(actions, columns)
+        return skill.expand_action(actions)
 
     def overtime(self, lane: int) -> bool:
         """Never needs more time."""

@@ -1,39 +1,38 @@
-"""The skills of the benchmark as pure functions over `Sensors`, one file each, and where a robot may stand for them.
+"""The skills of the benchmark, one file each: observation, reward, success, start states, recipe, documentation.
 
 Contents:
-    get_skill, SKILLS        by name
-    Skill, Progress, Element what a skill is
-    Pick, Place, OpenDrawer, CloseDrawer, OpenFridge, CloseFridge, Navigate, ResetArm
-    region, Aim              where navigation should end
+    SKILLS, get_skill        the skills by name; a new skill is one more line here
+    Skill, Progress          what a skill declares, and what it remembers
+    Element, ObservationTerm, Recipe
+    Aim, region              where navigation should end
+    make_skill_goal          the goal of a plan's step
+    gym, training            Gymnasium environments; training and scores
 """
 
-from typing import Any
-
-from perdure.home.errors import HomeError
 from perdure.home.skills.articulated import Articulated, holds_handle
 from perdure.home.skills.close_drawer import CloseDrawer
 from perdure.home.skills.close_fridge import CloseFridge
 from perdure.home.skills.navigate import Navigate
+from perdure.home.skills.observation import Element, ObservationTerm, rest_distance
 from perdure.home.skills.open_drawer import OpenDrawer
 from perdure.home.skills.open_fridge import OpenFridge
 from perdure.home.skills.pick import Pick
 from perdure.home.skills.place import GOAL_RADIUS, Place
+from perdure.home.skills.progress import Progress
+from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim, region
+from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
 from perdure.home.skills.reset_arm import ResetArm, rest_error
-from perdure.home.skills.skill import Element, Progress, Skill, rest_distance
+from perdure.home.skills.skill import Skill
 
-SKILLS: dict[str, type[Skill]] = {
-    each.name: each for each in (Pick, Place, OpenDrawer, CloseDrawer, OpenFridge, CloseFridge, Navigate, ResetArm)
-}
-"""All skills by name."""
-
-
-def get_skill(name: str, **options: Any) -> Skill:
-    """A skill by name; options are the fields of its class, such as `delta` of place."""
-    if name not in SKILLS:
-        raise HomeError(f"no skill is named {name!r}; there are {', '.join(SKILLS)}")
-    return SKILLS[name](**options)
-
+SKILLS["pick"] = Pick
+SKILLS["place"] = Place
+SKILLS["open_drawer"] = OpenDrawer
+SKILLS["close_drawer"] = CloseDrawer
+SKILLS["open_fridge"] = OpenFridge
+SKILLS["close_fridge"] = CloseFridge
+SKILLS["navigate"] = Navigate
+SKILLS["reset_arm"] = ResetArm
 
 __all__ = [
     "GOAL_RADIUS",
@@ -44,15 +43,19 @@ __all__ = [
     "CloseFridge",
     "Element",
     "Navigate",
+    "ObservationTerm",
     "OpenDrawer",
     "OpenFridge",
     "Pick",
     "Place",
     "Progress",
+    "Recipe",
     "ResetArm",
     "Skill",
     "get_skill",
     "holds_handle",
+    "learned_skills",
+    "make_skill_goal",
     "region",
     "rest_distance",
     "rest_error",

@@ -1,102 +1,101 @@
-"""What the four skills share that open or close a drawer or the fridge: hold the handle, move it, let go, retract."""
+"""The part that the four skills share that open or close a drawer or the fridge by its handle."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.sim.world import Sensors
-from perdure.home.sim.world.sensors import norm
-from perdure.home.skills.observation import (
-    CLOSENESS,
-    PROPRIOCEPTION,
-    closeness,
-    facing,
-    point,
-    point_elements,
-    proprioception,
-)
-from perdure.home.skills.skill import Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.benchmark.episodes import Episode
+from perdure.home.sim.apartments import Apartment
+from perdure.home.sim.world import PrivilegedState
+from perdure.home.sim.world.state import norm
+from perdure.home.skills import observation as obs
+from perdure.home.skills.progress import BoolArray, FloatArray, Progress
+from perdure.home.skills.regions import Aim
+from perdure.home.skills.skill import Skill
+from perdure.home.skills.starts.containers import front_frame, handle, needed_container
+from perdure.home.skills.starts.stand import Rectangle, stand_in
+from perdure.home.skills.starts.start import Start
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
 GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
 RETRACTED = 0.15
-"""How near the gripper point must be to rest in [m] (M3: looser than after pick and place)."""
-
-
-_FACE = tuple(Element(f"face_{a}", f"which way the handle's face looks, base axes {a}", "1", -1.0, 1.0) for a in "xy")
+"""Largest distance of a retracted gripper point from rest in [m] (M3: larger than after pick and place)."""
+HANDLE = obs.point("handle", "the handle", lambda state: state.handle)
+JOINT = (
+    obs.Element("to_wanted", "wanted minus actual joint position", "m or rad"),
+    obs.Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
+    obs.flag("holding", "the handle is held"),
+)
+FACE = obs.vector("face", "direction in which the handle faces", "xy", "1", 1.0)
 
 
 @dataclass(frozen=True)
 class Articulated(Skill):
-    """A skill that brings a drawer or door to a wanted position by its handle.
+    """A skill that brings a drawer or door to a wanted position by its handle. Reward and failures are M3's."""
 
-    Reward (M3): 2 per meter nearer to the handle until it is held, +1 for the first right grasp, 2 per meter or radian
-    nearer to the wanted position while it is held, +1 for letting go there, then 2 per meter nearer to rest.
-    """
-
+    rewards: ClassVar = {
+        "approach": f"{DISTANCE_REWARD:g} per meter nearer to the handle, until it is held for the first time",
+        "grasp": f"+{GRASP_REWARD:g} when the handle is held for the first time",
+        "move": f"{JOINT_REWARD:g} per meter or radian nearer to the wanted position while the handle is held",
+        "release": f"+{RELEASE_REWARD:g} for letting go at the wanted position",
+        "retract": f"{DISTANCE_REWARD:g} per meter nearer to rest after that",
+    }
+    failures: ClassVar = {
+        "wrong grasp": "the hand holds something other than the handle",
+        "let go early": "the handle was let go before the drawer or door had reached its wanted position",
+        "left the goal": "the drawer or door left its wanted position after the handle was let go",
+        **Skill.failures,
+    }
     slack = 0.0
-    failures: ClassVar[tuple[str, ...]] = (
-        "none",
-        "wrong grasp",
-        "let go early",
-        "left the goal",
-        "invalid grasp",
-        "excess force",
-    )
+    moves_link = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
-    knows_front: ClassVar[bool] = False
-    """Whether it is told which way the handle's face looks."""
+    closes: ClassVar[bool] = False
+    """Whether the skill closes; else it opens."""
+    knows_front: ClassVar[bool] = True
+    """Whether the direction in which the handle faces is observed."""
+    begins_in: ClassVar[tuple[Rectangle, ...]]
+    """Where the robot begins, in the frame of `front_frame`; the second where the first one has no free cell (M3)."""
+    reached_from: ClassVar[Rectangle]
+    """Where navigation to the skill ends, in the same frame (M3)."""
 
-    @property
-    def elements(self) -> tuple[Element, ...]:
-        """See `Skill.elements`."""
-        return (
-            *PROPRIOCEPTION,
-            *CLOSENESS,
-            *point_elements("handle", "the handle"),
-            Element("to_wanted", "wanted minus joint position", "m or rad"),
-            Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
-            Element("holding", "1 when the handle is held", "1", 0.0, 1.0),
-            *(_FACE if self.knows_front else ()),
-        )
-
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
-        """See `Skill.observe`."""
-        columns = [
-            *proprioception(sensors),
-            closeness(sensors),
-            *point(sensors, sensors.handle),
-            (self.wanted - sensors.link_position)[:, None],
-            sensors.link_velocity[:, None],
-            holds_handle(sensors).astype(np.float64)[:, None],
-        ]
-        if self.knows_front:
-            columns.append(facing(sensors, self.front(sensors)))
-        return np.concatenate(columns, axis=1)
-
-    def front(self, sensors: Sensors) -> FloatArray:
-        """Which way the handle's face looks, in the room. Shape (n, 3)."""
-        return sensors.front
-
+    @abstractmethod
     def there(self, position: FloatArray) -> BoolArray:
-        """Whether the drawer or door is where it should be. Shape (n,)."""
-        raise NotImplementedError
+        """Return whether joint positions are as wanted. Shape (n,)."""
 
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
-        """See `Skill.terms`."""
+    @abstractmethod
+    def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
+        """Draw the positions of drawers and doors that are open at the start, by link name."""
+
+    def front(self, state: PrivilegedState) -> FloatArray:
+        """Return the direction in which the handle faces, in the room. Shape (n, 3)."""
+        return state.front
+
+    def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
+        """See `Skill.observation_terms`."""
+        joint = obs.ObservationTerm(
+            JOINT,
+            lambda state, _: [
+                self.wanted - state.link_position,
+                state.link_velocity,
+                holds_handle(state).astype(float),
+            ],
+        )
+        face = obs.ObservationTerm(FACE, lambda state, _: [obs.facing(state, self.front(state))])
+        return (obs.PROPRIOCEPTION, obs.CLOSENESS, HANDLE, joint, *((face,) if self.knows_front else ()))
+
+    def reward_terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
+        """See `Skill.reward_terms`."""
         approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
         moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
-        retract = rest_distance(before) - rest_distance(after)
+        retract = obs.rest_distance(before) - obs.rest_distance(after)
         let_go = now.released & ~was.released & self.there(after.link_position)
         return {
             "approach": DISTANCE_REWARD * np.where(~now.grasped, approach, 0.0),
@@ -106,41 +105,60 @@ class Articulated(Skill):
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """It is where it should be, the hand is empty and within 0.15 m of rest."""
-        retracted = rest_distance(sensors) <= RETRACTED
-        done: BoolArray = self.there(sensors.link_position) & sensors.empty_hand & retracted
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Succeed at the wanted position with an empty hand within 0.15 m of rest."""
+        retracted = obs.rest_distance(state) <= RETRACTED
+        done: BoolArray = self.there(state.link_position) & state.empty_hand & retracted
         return done
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
-        """See `Skill.failure`."""
-        there = self.there(sensors.link_position)
-        return first_of(
-            ~sensors.empty_hand & ~holds_handle(sensors),
-            progress.released & ~progress.reached,
-            progress.released & progress.reached & ~there,
-            invalid_grasp(sensors),
-            progress.force_sum > self.force_limit,
-        )
+    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+        """See `failures`."""
+        return {
+            "wrong grasp": ~state.empty_hand & ~holds_handle(state),
+            "let go early": progress.released & ~progress.reached,
+            "left the goal": progress.released & progress.reached & ~self.there(state.link_position),
+            **super().failure_conditions(state, progress),
+        }
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The hand is empty and back near rest after it was more than 0.3 m away; M3 does not look at the joint."""
-        done: BoolArray = sensors.empty_hand & (rest_distance(sensors) <= RETRACTED) & progress.away
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Stop with an empty hand near rest after it was more than 0.3 m away, at any joint position (M3)."""
+        done: BoolArray = state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away
         return done
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        progress = super()._remember(progress, sensors)
-        holds = holds_handle(sensors)
+    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+        """See `Skill.remember`."""
+        holds = holds_handle(state)
         grasped = progress.grasped | holds
-        return replace(
+        own = replace(
             progress,
             grasped=grasped,
             released=progress.released | (grasped & ~holds),
-            reached=progress.reached | self.there(sensors.link_position),
+            reached=progress.reached | self.there(state.link_position),
         )
+        return super().remember(own, state)
+
+    def aim(self, episode: Episode, target: int, opened: Mapping[str, float]) -> Aim:
+        """Return the handle of the target's container; the target itself when it has none."""
+        link = episode.container(target)
+        if link is None:
+            return Aim(episode.objects[target].position)
+        return Aim(handle(episode.apartment(), link, opened.get(link, 0.0)), link, self.reached_from)
+
+    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
+        """Draw a start state in front of the handle, facing it."""
+        apartment, link = episode.apartment(), needed_container(episode, target)
+        opened = self.draw_opened(apartment, link, rng)
+        frame = front_frame(apartment, link, opened.get(link, 0.0))
+        base = stand_in(apartment, frame, self.begins_in, self.aim(episode, target, opened).point, rng)
+        return self.make_start(episode, target, opened, base, rng)
 
 
-def holds_handle(sensors: Sensors) -> BoolArray:
-    """Whether the errand's handle is held. Shape (n,)."""
-    holds: BoolArray = (sensors.link >= 0) & (sensors.held_link == sensors.link)
+def holds_handle(state: PrivilegedState) -> BoolArray:
+    """Return whether the goal's handle is held. Shape (n,)."""
+    holds: BoolArray = (state.link >= 0) & (state.held_link == state.link)
     return holds
+
+
+def success_text(position: str) -> str:
+    """Return `Skill.success_text` from the condition on the joint position."""
+    return f"{position}, the hand is empty and the gripper is within {RETRACTED:g} m of rest"

@@ -1,99 +1,183 @@
-"""Navigate: drive to where the next skill can begin, facing what it is about.
+"""Navigate: drive to where the next skill can begin, facing what it acts on.
 
-M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds. The robot carries a map, as M3's does not: a
-point of the planned way is part of the observation, and it stops where the map says that it has arrived.
+M3 has 20 discrete actions, one of them "stop"; ours are continuous speeds. Our robot has a map, which M3's has not: a
+point of the planned path is observed, and the robot stops where the map says that it has arrived.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.sim.world import ARM, GRIP, NAVIGATION_SPEED, SCAN_RANGE, STOP, Sensors
-from perdure.home.skills.observation import PROPRIOCEPTION, SCAN, proprioception
-from perdure.home.skills.skill import Element, Progress, Skill, first_of
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.benchmark.episodes import Episode
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Apartment, Geodesic
+from perdure.home.sim.world import (
+    ARM,
+    FORWARD,
+    GRIP,
+    NAVIGATION_SPEED,
+    SCAN_RANGE,
+    STOP,
+    TURN,
+    PrivilegedState,
+    SkillGoal,
+)
+from perdure.home.skills import observation as obs
+from perdure.home.skills.articulated import Articulated
+from perdure.home.skills.progress import BoolArray, FloatArray, Progress
+from perdure.home.skills.recipe import Recipe
+from perdure.home.skills.regions import Aim, region
+from perdure.home.skills.registry import get_skill
+from perdure.home.skills.skill import Skill
+from perdure.home.skills.starts.containers import is_drawer, needed_container
+from perdure.home.skills.starts.stand import stand_anywhere
+from perdure.home.skills.starts.start import Start
 
 NEAR, FACING = 0.1, 0.25
-"""How near the region in [m] of way and how well turned in [rad] the robot must be (M3)."""
+"""Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
+COUNTED = 0.05
+"""Path lengths up to this count as 0 in the reward, in [m] (M3)."""
 DISTANCE_REWARD = 1.0
 FAR = 5.0
-"""Ways longer than this look alike, in [m]."""
+"""Clip of the path length in [m]."""
+DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.45, 0.5), (1.5, 1.8, 2.1, 2.35)
+"""Positions of containers that were opened before, by the episode's number, in [m] and [rad] (OURS: few values, so that
+paths can be cached)."""
+
+
+def _path(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+    aim, ahead = state.in_base(state.aim), state.in_base(state.waypoint)
+    far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
+    safe = np.maximum(far, 1e-9)
+    return [
+        *(aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe),
+        *obs.HOLDING.read(state, _),
+        *(ahead[:, 0], ahead[:, 1], np.minimum(state.way, FAR)),
+    ]
+
+
+PATH = obs.ObservationTerm(
+    (
+        *obs.vector("aim_in_base", "position of what to face in the base frame", "xy"),
+        obs.Element("aim_distance", "its horizontal distance", "m", 0.0),
+        obs.Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
+        obs.Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
+        *obs.HOLDING.elements,
+        *obs.vector("waypoint", "point of the planned path 0.5 m ahead, base frame", "xy"),
+        obs.Element("way", "length of the planned path, clipped at 5 m", "m", 0.0, FAR),
+    ),
+    _path,
+)
 
 
 @dataclass(frozen=True)
 class Navigate(Skill):
-    """Reward (M3): 1 per meter of way nearer to the region. Stopping elsewhere ends it as a failure."""
+    """M3's reward and success condition."""
 
     name = "navigate"
+    step_limit = 500
+    observation = (obs.PROPRIOCEPTION, PATH, obs.SCAN)
+    rewards: ClassVar = {
+        "way": f"{DISTANCE_REWARD:g} per meter nearer to the region, the last {COUNTED:g} m not counted"
+    }
+    success_text = (
+        f"the robot stops within {NEAR:g} m of path of the region and within {FACING:g} rad of facing what it should. "
+        "It stops by itself where its map says so"
+    )
+    failures: ClassVar = {"stopped elsewhere": "the robot stopped outside the region, or did not face what it should"}
+    recipe = Recipe(1_500_000)
+    active_columns = (FORWARD, TURN)
     base_speed = NAVIGATION_SPEED
     scan_reach = SCAN_RANGE
-    failures = ("none", "stopped elsewhere")
 
-    @property
-    def elements(self) -> tuple[Element, ...]:
-        """See `Skill.elements`."""
-        return (
-            *PROPRIOCEPTION,
-            Element("aim_in_base_x", "what to face, base frame x", "m"),
-            Element("aim_in_base_y", "what to face, base frame y", "m"),
-            Element("aim_distance", "how far that is along the floor", "m", 0.0),
-            Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
-            Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
-            Element("holding", "1 when something is held", "1", 0.0, 1.0),
-            Element("waypoint_x", "point of the planned way 0.5 m ahead, base frame x", "m"),
-            Element("waypoint_y", "point of the planned way 0.5 m ahead, base frame y", "m"),
-            Element("way", "length of the planned way, up to 5 m", "m", 0.0, FAR),
-            *SCAN,
-        )
-
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
-        """See `Skill.observe`."""
-        aim = sensors.in_base(sensors.aim)
-        far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
-        safe = np.maximum(far, 1e-9)
-        holding = (sensors.held >= 0).astype(np.float64)
-        ahead = sensors.in_base(sensors.waypoint)
-        columns = [aim[:, 0], aim[:, 1], far, aim[:, 0] / safe, aim[:, 1] / safe, holding]
-        columns += [ahead[:, 0], ahead[:, 1], np.minimum(sensors.way, FAR)]
-        return np.concatenate([*proprioception(sensors), np.stack(columns, axis=1), sensors.scan], axis=1)
-
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
-        """See `Skill.terms`."""
+    def reward_terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
+        """See `Skill.reward_terms`."""
         return {"way": DISTANCE_REWARD * (counted_way(before) - counted_way(after))}
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The robot stops within 0.1 m of the region, turned to within 0.25 rad of what it should face (M3)."""
-        return sensors.stopped & _arrived(sensors)
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """See `success_text`."""
+        return state.stopped & _arrived(state)
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
-        """It stopped elsewhere, or slid on."""
-        return first_of(sensors.stopped & ~_arrived(sensors))
+    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+        """See `failures`; a robot that slid on after it stopped has failed, too."""
+        return {"stopped elsewhere": state.stopped & ~_arrived(state)}
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """It stopped, wherever that is."""
-        return sensors.stopped
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Stop wherever the robot has stopped."""
+        return state.stopped
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
-        """Arm and gripper stay as they are; the map says that it has arrived where the action leaves that open."""
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
+        """Keep arm and gripper still, and stop on arrival if the action's stop column is 0."""
         masked = actions.copy()
         masked[:, ARM] = 0.0
         masked[:, GRIP] = 0.0
-        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(sensors), 1.0, actions[:, STOP])
+        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(state), 1.0, actions[:, STOP])
         return masked
 
+    def skill_goal(
+        self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
+    ) -> SkillGoal:
+        """Return the goal of the next skill, with the path to its region. HomeError when there is no next skill."""
+        following = self._following(toward)
+        space, cells = region(episode.apartment(), opened, following.aim(episode, target, opened))
+        goal = following.skill_goal(episode, target, opened)
+        return replace(goal, route=space.distances(cells), front=(0.0, 0.0))
 
-def _arrived(sensors: Sensors) -> BoolArray:
-    there: BoolArray = (sensors.way <= NEAR) & (np.abs(sensors.facing_error) <= FACING)
+    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
+        """Draw a start anywhere, at one of the plan's navigations to this target, as the plan so far leaves the room.
+
+        The object is in the hand if it is placed next (M3, `nav_v1*`).
+        """
+        plan = episode.home_task.skills
+        times = [k for k, step in enumerate(plan) if step.skill == self.name and step.target == target]
+        time = times[int(rng.integers(len(times)))]
+        following, opened = self._following(plan[time].toward), opened_before(episode, time)
+        base = stand_anywhere(episode.apartment(), opened, rng)
+        start = following.make_start(episode, target, opened, base, rng)
+        route = _route(episode.apartment(), tuple(sorted(opened.items())), following.aim(episode, target, opened))
+        return replace(start, skill_goal=replace(start.skill_goal, route=route, front=(0.0, 0.0)))
+
+    def _following(self, toward: str | None) -> Skill:
+        if toward is None or toward == self.name:
+            raise HomeError("a navigate step needs toward: the name of the next skill, which decides where to go")
+        return get_skill(toward)
+
+
+def opened_before(episode: Episode, time: int) -> dict[str, float]:
+    """Return what is open when a step of the plan begins, by link name, if all skills before it succeeded."""
+    opened = dict(episode.opened)
+    for step in episode.home_task.skills[:time]:
+        skill = get_skill(step.skill)
+        if not isinstance(skill, Articulated):
+            continue
+        link = needed_container(episode, step.target)
+        positions = DRAWER_OPEN if is_drawer(episode.apartment(), link) else FRIDGE_OPEN
+        if skill.closes:
+            opened.pop(link, None)
+        else:
+            opened[link] = positions[episode.index % len(positions)]
+    return opened
+
+
+def counted_way(state: PrivilegedState) -> FloatArray:
+    """Return the length of the path to the region in [m], 0 up to `COUNTED`. Shape (n,)."""
+    return np.where(state.way <= COUNTED, 0.0, state.way)
+
+
+def _arrived(state: PrivilegedState) -> BoolArray:
+    there: BoolArray = (state.way <= NEAR) & (np.abs(state.facing_error) <= FACING)
     return there
 
 
-def counted_way(sensors: Sensors) -> FloatArray:
-    """The way to the region, as far as it counts: up to 0.05 m are none (M3). Shape (n,)."""
-    return np.where(sensors.way <= 0.05, 0.0, sensors.way)
+@lru_cache(maxsize=1024)
+def _route(apartment: Apartment, opened: tuple[tuple[str, float], ...], aim: Aim) -> Geodesic:
+    """Return the path lengths to where the next skill may begin; at most 0.3 MB each."""
+    space, cells = region(apartment, dict(opened), aim)
+    return space.distances(cells)

@@ -5,25 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.skills.articulated import Articulated
+from perdure.home.sim.apartments import Apartment
+from perdure.home.skills.articulated import Articulated, success_text
+from perdure.home.skills.progress import BoolArray, FloatArray
+from perdure.home.skills.recipe import Recipe
+from perdure.home.skills.starts.stand import Rectangle
 
 OPENED = np.pi / 2.0 - 0.15
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+START_RECTANGLES = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
+REGION = Rectangle((0.9, 1.8), 0.5)
 
 
 @dataclass(frozen=True)
 class OpenFridge(Articulated):
-    """M3's success condition and reward."""
+    """M3's success condition and start states (`open_fridge_v0A`)."""
 
     name = "open_fridge"
     wanted = OPENED
-    knows_front = True
+    success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
+    begins_in = START_RECTANGLES
+    reached_from = REGION
+    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
 
     def there(self, position: FloatArray) -> BoolArray:
         """See `Articulated.there`."""
         there: BoolArray = position >= OPENED
         return there
+
+    def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
+        """Leave everything closed."""
+        return {}

@@ -7,116 +7,146 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.sim.world import GRIP, NEIGHBORHOOD, RIVALS, Sensors
-from perdure.home.sim.world.sensors import norm
-from perdure.home.skills.observation import (
-    CLOSENESS,
-    PROPRIOCEPTION,
-    REACHING,
-    closeness,
-    point,
-    point_elements,
-    proprioception,
-    reaching,
-)
-from perdure.home.skills.skill import RETRACTED, Element, Progress, Skill, first_of, invalid_grasp, rest_distance
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.benchmark.episodes import Episode
+from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
+from perdure.home.sim.world.state import norm
+from perdure.home.skills import observation as obs
+from perdure.home.skills.open_fridge import START_RECTANGLES
+from perdure.home.skills.progress import BoolArray, FloatArray, Progress
+from perdure.home.skills.recipe import Recipe
+from perdure.home.skills.skill import RETRACTED, Skill
+from perdure.home.skills.starts.containers import FRIDGE_DOOR
+from perdure.home.skills.starts.stand import Rectangle, stand_in
+from perdure.home.skills.starts.start import Start
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
+FORCE_LIMIT = 5000.0
 LEAD = 0.3
-"""Leads beyond it look alike, in [m]."""
+"""Clip of the `lead` element in [m]."""
+JUST_OPENED = (1.4, 1.7)
+"""Uniform range of the door position that `open_fridge` leaves, in [rad]."""
+ARRIVED = Rectangle((1.6, 1.9), 0.5)
+"""Where `navigate` stops in front of the fridge, in the fridge's frame."""
+
+
+def _neighbors(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+    turned = [state.turned_to_base(state.neighbors[:, k]) for k in range(NEIGHBORS)]
+    away = np.stack([norm(each) for each in turned], axis=1)
+    near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBORHOOD, 0.0, 1.0), 0.0)
+    lead = np.clip(state.neighbor_distance - norm(state.object - state.gripper), -LEAD, LEAD)
+    return [*turned, near, lead, np.minimum(state.handle_distance, NEIGHBORHOOD)]
+
+
+CONFUSABLE = obs.ObservationTerm(
+    (
+        *(
+            element
+            for k in range(NEIGHBORS)
+            for element in obs.vector(f"neighbor_{k}", f"vector from the object to its neighbor {k}, 0 without one")
+        ),
+        *(
+            obs.Element(
+                f"neighbor_{k}_near", f"nearness of neighbor {k}: 1 at the object, 0 from 0.5 m on", "1", 0.0, 1.0
+            )
+            for k in range(NEIGHBORS)
+        ),
+        obs.Element("lead", "distance of the nearest other object minus that of the target", "m", -LEAD, LEAD),
+        obs.Element("handle_distance", "distance of the nearest handle from the gripper point", "m", 0.0, NEIGHBORHOOD),
+    ),
+    _neighbors,
+)
+"""What could be grasped instead of the target."""
 
 
 @dataclass(frozen=True)
 class Pick(Skill):
-    """Reward (M3): 4 per meter nearer to the object, once it is held 4 per meter nearer to rest, +1 for the grasp."""
+    """M3's reward. The observation of neighbors and contact is OURS.
+
+    Where the plan opens the fridge first, half the start states are as the previous skills leave them (OURS): the door
+    is at about 90 degrees, and the robot may stand in front of its edge. M3's door position is uniform up to wide open.
+    A policy trained on that alone did not get past the door in 10 of 100 task plans.
+    """
 
     name = "pick"
-    failures: ClassVar[tuple[str, ...]] = ("none", "wrong object", "dropped", "invalid grasp", "excess force")
-    force_limit = 5000.0
-    needs_rivals = True
+    observation = (
+        obs.PROPRIOCEPTION,
+        obs.CLOSENESS,
+        obs.reaching(FORCE_LIMIT),
+        obs.point("object", "the object", lambda state: state.object),
+        CONFUSABLE,
+        obs.HOLDING,
+    )
+    rewards: ClassVar = {
+        "approach": f"{DISTANCE_REWARD:g} per meter nearer to the object while the hand is empty",
+        "grasp": f"+{GRASP_REWARD:g} when the object is held for the first time",
+        "retract": f"{DISTANCE_REWARD:g} per meter nearer to rest while it is held",
+    }
+    success_text = f"the target is held and the gripper is within {RETRACTED:g} m of rest"
+    failures: ClassVar = {
+        "wrong object": "the hand holds something other than the target",
+        "dropped": "the target was held and is not any more",
+        **Skill.failures,
+    }
+    recipe = Recipe(2_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
+    # SetTable: with the usual noise pick is as good from its own start states but worse in the task plan. With less
+    # noise and half the steps one of three seeds fails.
+    task_recipes: ClassVar = {
+        "set_table": Recipe(4_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.1, 0.8), clutter=True)
+    }
+    grip_text = "above 0: grasp the nearest object, if that is the target; pick never lets go"
+    force_limit = FORCE_LIMIT
+    needs_neighbors = True
 
-    @property
-    def elements(self) -> tuple[Element, ...]:
-        """See `Skill.elements`."""
-        return (
-            *PROPRIOCEPTION,
-            *CLOSENESS,
-            *REACHING,
-            *point_elements("object", "the object"),
-            *(
-                Element(f"rival_{k}_{a}", f"from the object to its neighbor {k}, base axes {a}, 0 without one", "m")
-                for k in range(RIVALS)
-                for a in "xyz"
-            ),
-            *(
-                Element(f"rival_{k}_near", f"nearness of neighbor {k}: 1 at the object, 0 from 0.5 m on", "1", 0.0, 1.0)
-                for k in range(RIVALS)
-            ),
-            Element("lead", "by how much the object is nearer to the gripper point than others", "m", -LEAD, LEAD),
-            Element("handle_distance", "from the gripper point to the nearest handle", "m", 0.0, NEIGHBORHOOD),
-            Element("holding", "1 when something is held", "1", 0.0, 1.0),
-        )
-
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
-        """See `Skill.observe`."""
-        holding = (sensors.held >= 0).astype(np.float64)[:, None]
-        columns = [*proprioception(sensors), closeness(sensors), *reaching(sensors, progress, self.force_limit)]
-        columns += point(sensors, sensors.object)
-        return np.concatenate([*columns, *rivals(sensors), holding], axis=1)
-
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
-        """See `Skill.terms`."""
+    def reward_terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
+        """See `Skill.reward_terms`."""
         approach = norm(before.object - before.gripper) - norm(after.object - after.gripper)
-        retract = rest_distance(before) - rest_distance(after)
-        held_before = before.holds_target
+        retract = obs.rest_distance(before) - obs.rest_distance(after)
+        # In the step of the grasp the object jumps into the gripper, which is no approach.
         return {
-            # In the step of the grasp the object jumps into the gripper: that is no approach.
             "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
-            "retract": DISTANCE_REWARD * np.where(held_before & after.holds_target, retract, 0.0),
+            "retract": DISTANCE_REWARD * np.where(before.holds_target & after.holds_target, retract, 0.0),
             "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
         }
 
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The target is held and the gripper is within 0.05 m of rest."""
-        reached: BoolArray = sensors.holds_target & (rest_distance(sensors) <= RETRACTED)
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """See `success_text`."""
+        reached: BoolArray = state.holds_target & (obs.rest_distance(state) <= RETRACTED)
         return reached
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
-        """See `Skill.failure`."""
-        return first_of(
-            (sensors.held >= 0) & ~sensors.holds_target | (sensors.held_link >= 0),
-            progress.grasped & ~sensors.holds_target,
-            invalid_grasp(sensors),
-            progress.force_sum > self.force_limit,
-        )
+    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+        """See `failures`."""
+        return {
+            "wrong object": (state.held >= 0) & ~state.holds_target | (state.held_link >= 0),
+            "dropped": progress.grasped & ~state.holds_target,
+            **super().failure_conditions(state, progress),
+        }
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """Something (M3: anything) is held and the gripper is back at rest."""
-        done: BoolArray = (sensors.held >= 0) & (rest_distance(sensors) < RETRACTED)
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Stop when an object (M3: anything) is held and the gripper is back at rest."""
+        done: BoolArray = (state.held >= 0) & (obs.rest_distance(state) < RETRACTED)
         return done
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
-        """Pick never lets go (M3), and does not close the hand where it would take something else (OURS)."""
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
+        """Never let go (M3), and do not grasp anything but the target (OURS)."""
         masked = actions.copy()
-        masked[:, GRIP] = np.where(sensors.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
+        masked[:, GRIP] = np.where(state.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
         return masked
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        progress = super()._remember(progress, sensors)
-        return replace(progress, grasped=progress.grasped | sensors.holds_target)
+    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+        """See `Skill.remember`."""
+        return super().remember(replace(progress, grasped=progress.grasped | state.holds_target), state)
 
-
-def rivals(sensors: Sensors) -> list[FloatArray]:
-    """What the grasp might take instead of the object. Columns (n, 3) for each rival, then (n, RIVALS), (n, 2)."""
-    turned = [sensors.turned_to_base(sensors.rivals[:, k]) for k in range(RIVALS)]
-    away = np.stack([norm(each) for each in turned], axis=1)
-    near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBORHOOD, 0.0, 1.0), 0.0)
-    lead = np.clip(sensors.rival_distance - norm(sensors.object - sensors.gripper), -LEAD, LEAD)
-    return [*turned, near, np.stack([lead, np.minimum(sensors.handle_distance, NEIGHBORHOOD)], axis=1)]
+    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
+        """See the class."""
+        closed_fridge = episode.container(target) == FRIDGE_DOOR and FRIDGE_DOOR not in episode.opened
+        if not closed_fridge or rng.random() >= 0.5:
+            return super().draw_start(episode, target, rng)
+        opened = {FRIDGE_DOOR: float(rng.uniform(*JUST_OPENED))}
+        apartment, point = episode.apartment(), episode.objects[target].position
+        fridge = apartment.piece_of(FRIDGE_DOOR).pose
+        base = stand_in(apartment, fridge, (ARRIVED, *START_RECTANGLES), point, rng)
+        return self.make_start(episode, target, opened, base, rng)

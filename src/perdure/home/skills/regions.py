@@ -1,7 +1,6 @@
-"""Where a robot may stand for a skill: M3's region goals of navigation, cells of the free space.
+"""Where navigation should end: the cells from which the next skill can begin.
 
-A region is given in a frame on the floor: x away from the piece of furniture, y to its left (M3,
-`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`).
+The regions are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`).
 """
 
 from __future__ import annotations
@@ -10,62 +9,44 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.benchmark.tasks import SkillName
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Apartment, FreeSpace, Pose, free_space
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.apartments import Apartment, FreeSpace, free_space
+from perdure.home.skills.progress import IntArray
+from perdure.home.skills.starts.containers import front_frame, is_drawer
+from perdure.home.skills.starts.stand import Rectangle
 
 OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
-"""On open receptacles: within 0.8 m of the target, more in steps of 0.1 m while there is no such cell, up to 2.0 m."""
-DOOR_KEPT = 0.4
-"""How far in front of the fridge's handle the robot stays when it picks from or places into the fridge."""
-
-
-@dataclass(frozen=True)
-class Box:
-    """A rectangle in a frame on the floor."""
-
-    x: tuple[float, float]
-    y: float
-    """Half width."""
-
-
-IN_FRONT: dict[str, Box] = {
-    "open_drawer": Box((0.80, 0.95), 0.35),
-    "close_drawer": Box((0.30, 0.45), 0.35),
-    "drawer": Box((0.30, 0.45), 0.35),
-    "open_fridge": Box((0.9, 1.8), 0.5),
-    "close_fridge": Box((0.9, 1.8), 0.5),
-    "fridge": Box((1.0, 1.8), 0.5),
-}
-"""Regions by skill or, for pick and place, by container: in the handle's frame for drawers, in the fridge's else."""
+"""In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
+BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
+"""Regions for reaching into an open container, in the frame of `front_frame`."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What a skill is about, as navigation sees it."""
+    """What a skill acts on, as navigation needs it."""
 
-    skill: SkillName
     point: tuple[float, float, float]
-    """What the robot should face: an object, a goal or a handle, in the room in [m]."""
+    """The object, goal or handle that the robot should face, in the room in [m]."""
     link: str | None = None
-    """The drawer or door that is opened or closed, or that contains the object or goal."""
+    """The drawer or door that the skill moves, or that contains the object or goal."""
+    rectangle: Rectangle | None = None
+    """The region in front of `link`; the one for reaching into it when None."""
 
 
 def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple[FreeSpace, IntArray]:
-    """The cells a robot may stand on for a skill.
+    """Return the cells from which a skill can begin.
 
     Args:
-        apartment: Where.
-        opened: How far drawers and doors are open now, by link name.
-        aim: What for.
+        apartment: The apartment.
+        opened: Positions of open drawers and doors by link name.
+        aim: What the skill acts on.
 
     Returns:
         The free space, and indices into its `centers`, never empty: all on the largest island.
+
+    Raises:
+        HomeError: If there is no cell within 2 m of a point in the open.
     """
     space = free_space(apartment, opened)
     centers, main = space.centers, space.island == 0
@@ -75,26 +56,13 @@ def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple
             inside = main & (away <= radius)
             if inside.any():
                 return space, np.nonzero(inside)[0]
-        raise HomeError(f"nobody can stand within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
-    local = _frame(apartment, opened, aim).to_local(centers)
-    box = IN_FRONT[aim.skill if aim.skill in IN_FRONT else _container(apartment, aim.link)]
-    inside = main & (local[:, 0] >= box.x[0]) & (local[:, 0] <= box.x[1]) & (np.abs(local[:, 1]) <= box.y)
+        raise HomeError(f"no free cell within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
+    box = aim.rectangle or (BEFORE_DRAWER if is_drawer(apartment, aim.link) else BEFORE_FRIDGE)
+    local = front_frame(apartment, aim.link, opened.get(aim.link, 0.0)).to_local(centers)
+    inside = main & box.contains(local)
     if inside.any():
         return space, np.nonzero(inside)[0]
-    # No such cell (M3 would drop the episode): the nearest ones to the rectangle.
+    # M3 would drop such an episode; use the cells nearest to the rectangle.
     outside = np.maximum(np.maximum(box.x[0] - local[:, 0], local[:, 0] - box.x[1]), 0.0)
-    miss = np.where(main, outside + np.maximum(np.abs(local[:, 1]) - box.y, 0.0), np.inf)
+    miss = np.where(main, outside + np.maximum(np.abs(local[:, 1]) - box.half_width, 0.0), np.inf)
     return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
-
-
-def _container(apartment: Apartment, link: str) -> str:
-    return "drawer" if apartment.articulation(link).kind == "slide" else "fridge"
-
-
-def _frame(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> Pose:
-    assert aim.link is not None
-    piece = apartment.piece_of(aim.link).pose
-    if _container(apartment, aim.link) == "fridge":
-        return piece
-    handle = apartment.handle_to_room(aim.link, opened.get(aim.link, 0.0))
-    return Pose(float(handle[0]), float(handle[1]), piece.yaw)

@@ -2,66 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
-from perdure.home.sim.world import ACTION_SIZE, ARM, Sensors
-from perdure.home.skills.observation import PROPRIOCEPTION, proprioception
-from perdure.home.skills.skill import Element, Progress, Skill
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
+from perdure.home.skills.observation import PROPRIOCEPTION
+from perdure.home.skills.progress import BoolArray, FloatArray, Progress
+from perdure.home.skills.skill import Skill
 
 DONE = 0.05
-"""Largest joint error in [rad] at which the arm is reset (habitat-lab)."""
+"""Largest joint error of a reset arm in [rad] (habitat-lab)."""
 FASTEST = 0.1
-"""Largest change of a joint's target in a step in [rad] (M3)."""
+"""Largest change of a joint's servo target in a step in [rad] (M3)."""
 
 
 @dataclass(frozen=True)
 class ResetArm(Skill):
-    """No reward of its own: nobody learns it."""
+    """A scripted skill: it has no reward and no recipe."""
 
     name = "reset_arm"
+    step_limit = 50
+    observation = (PROPRIOCEPTION,)
+    success_text = f"all joints are within {DONE:g} rad of rest"
+    failures: ClassVar = {}
     arm_step = FASTEST
-    failures = ("none",)
     scan_reach = 0.0
 
-    @property
-    def elements(self) -> tuple[Element, ...]:
-        """See `Skill.elements`."""
-        return PROPRIOCEPTION
-
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
-        """See `Skill.observe`."""
-        return np.concatenate(proprioception(sensors), axis=1)
-
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
-        """See `Skill.terms`."""
-        return {}
-
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """All joints are within 0.05 rad of rest."""
-        done: BoolArray = np.abs(rest_error(sensors.arm)).max(axis=1) < DONE
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """See `success_text`."""
+        done: BoolArray = np.abs(rest_error(state.arm)).max(axis=1) < DONE
         return done
 
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """The same."""
-        return self.success(sensors, progress)
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Stop on success."""
+        return self.success(state, progress)
 
-    def act(self, sensors: Sensors) -> FloatArray:
-        """Every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
-        actions = np.zeros((len(sensors), ACTION_SIZE))
-        actions[:, ARM] = np.clip(rest_error(sensors.arm_target) / FASTEST, -1.0, 1.0)
+    def act(self, state: PrivilegedState) -> FloatArray:
+        """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
+        actions = np.zeros((len(state), ACTION_SIZE))
+        actions[:, ARM] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
         return actions
 
 
 def rest_error(arm: FloatArray) -> FloatArray:
-    """From joint angles to rest; rolls go the shorter way round. Shape (n, 7)."""
+    """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, 7)."""
     error = np.asarray(REST_ARM) - arm
     for column in ROLLS:
         error[:, column] = np.mod(error[:, column] + np.pi, 2.0 * np.pi) - np.pi

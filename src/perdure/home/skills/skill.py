@@ -1,178 +1,248 @@
-"""What a skill is: pure functions over `Sensors` and `Progress`. The learner's environment and the executor drive them.
+"""The base class of skills: all that a skill declares, and the rules that all skills share.
 
-Nothing here keeps state: what a skill must remember is in `Progress`, which `begin` makes and `advance` renews. All
-functions work row by row, so a lane's result does not depend on its neighbors.
+Skills are pure functions over `PrivilegedState` and `Progress`. Environments and the executor drive them. All functions
+work row by row, so the result of a lane does not depend on its neighbors.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.benchmark.tasks import LIMITS, SkillName
-from perdure.home.sim.robot.data import BASE_RADIUS, REST_POSITION
-from perdure.home.sim.world import ARM_STEP, BASE_SPEED, Sensors
-from perdure.home.sim.world.sensors import norm
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.benchmark.episodes import Episode
+from perdure.home.sim.apartments import Pose
+from perdure.home.sim.objects import Placement
+from perdure.home.sim.robot.data import BASE_RADIUS
+from perdure.home.sim.world import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP, PrivilegedState, SkillGoal
+from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTerm, rest_distance
+from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress
+from perdure.home.skills.recipe import Recipe
+from perdure.home.skills.regions import Aim
+from perdure.home.skills.starts.arm import draw_arm
+from perdure.home.skills.starts.containers import carried, container_of, draw_open, front_of, link_number
+from perdure.home.skills.starts.stand import stand_near
+from perdure.home.skills.starts.start import Start
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
-"""Taken in every step (M3; not when a drawer or door is opened or closed)."""
+"""Cost of every step (M3; 0 when a drawer or door is opened or closed)."""
 PENALTY = 1.0
-"""Taken when a failure ends the skill (M3)."""
+"""Cost of a failure (M3)."""
 FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
-"""Cost per newton by which the contact force rose, its cap per step, and the force in [N] that does not count (M3)."""
+"""Cost per newton of increase in contact force, its cap per step, and the force in [N] up to which it is free (M3)."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
-"""How far what is held may be from the gripper point in [m] before the grasp is invalid: objects, handles (M3)."""
-SECTOR_DEPTH = 1.0
-"""From how far furniture begins to be felt in [m], counted from the base's rim (OURS)."""
+"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
 RETRACTED = 0.05
-"""How near the gripper point must be to its rest position in [m] to count as retracted (M3)."""
-
-
-@dataclass(frozen=True)
-class Element:
-    """One number of an observation."""
-
-    name: str
-    meaning: str
-    unit: str
-    low: float = -np.inf
-    high: float = np.inf
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What skills remember of n lanes. All arrays have shape (n,)."""
-
-    elapsed: IntArray
-    """Control steps since the skill began."""
-    grasped: BoolArray
-    """Whether the right thing was held at some step (for place: at the start)."""
-    released: BoolArray
-    """Whether it was let go after that."""
-    lasting: IntArray
-    """For how many steps without a break the skill's condition holds (place: the object rests at its goal)."""
-    reached: BoolArray
-    """Whether the drawer or door was where it should be at some step."""
-    away: BoolArray
-    """Whether the gripper point was more than 0.3 m from its rest position at some step."""
-    force: FloatArray
-    """Contact force of the step before in [N], as far as it counts."""
-    force_sum: FloatArray
-    """Sum of its rises in [N]."""
-
-    def __len__(self) -> int:
-        """Number of lanes."""
-        return len(self.elapsed)
-
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Progress:
-        """Some of the lanes."""
-        return Progress(*[getattr(self, each.name)[lanes] for each in fields(self)])
-
-    def put(self, lanes: IntArray, other: Progress) -> Progress:
-        """A copy in which some lanes are those of another record."""
-        changed = {}
-        for each in fields(self):
-            column = getattr(self, each.name).copy()
-            column[lanes] = getattr(other, each.name)
-            changed[each.name] = column
-        return Progress(**changed)
+"""Largest distance of a retracted gripper point from its rest position in [m] (M3)."""
 
 
 @dataclass(frozen=True)
 class Skill(ABC):
-    """A skill of the benchmark."""
+    """A skill. Class variables declare it; methods with a default fit skills that act on an object."""
 
-    name: ClassVar[SkillName]
+    name: ClassVar[str]
+    step_limit: ClassVar[int] = 200
+    """Control steps (30 per second) after which the skill is stopped, as in M3's composite tasks."""
+    observation: ClassVar[tuple[ObservationTerm, ...]]
+    """The parts of an observation."""
+    rewards: ClassVar[Mapping[str, str]] = {}
+    """What each term of `reward_terms` pays, in words."""
+    success_text: ClassVar[str]
+    """When `success` is true, in words."""
+    failures: ClassVar[Mapping[str, str]] = {
+        "invalid grasp": f"a held object is over {HOLD_LIMIT:g} m, or a held handle over {HANDLE_LIMIT:g} m, from the "
+        "gripper point",
+        "excess force": "the increases of the contact force add up to more than the skill's limit",
+    }
+    """When each of `failure_conditions` is true, in words. Of several that are true the first one counts."""
+    recipe: ClassVar[Recipe | None] = None
+    """How the skill is trained; None for a scripted skill, which has no environment."""
+    task_recipes: ClassVar[Mapping[str, Recipe]] = {}
+    """Other recipes, by task."""
+
+    active_columns: ClassVar[tuple[int, ...]] = tuple(range(GRIP + 1))
+    """The columns of the robot's action that a policy sets; the others are 0."""
+    grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
+    """What the grip action does."""
     base_speed: ClassVar[float] = BASE_SPEED
-    """What a base action of 1 means in [m/s] and [rad/s]."""
+    """Speed for a base action of 1 in [m/s] and [rad/s]."""
     arm_step: ClassVar[float] = ARM_STEP
-    """What an arm action of 1 means in [rad] per step."""
+    """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
     scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
-    """How far its observation looks around the base in [m]; 0 for not at all. What is farther must not change the
-    observation: an executor scans once for all skills, as far as the one that looks farthest."""
-    needs_rivals: ClassVar[bool] = False
+    """Range of the scan around the base in [m], 0 for no scan. Obstacles farther away must not change the observation:
+    the executor scans once for all skills, with the largest range."""
+    needs_neighbors: ClassVar[bool] = False
+    """Whether the observation contains the objects and handles near the target."""
     slack: ClassVar[float] = SLACK
-    """What every step costs."""
-    failures: ClassVar[tuple[str, ...]] = ("none", "invalid grasp", "excess force")
-    """What the numbers mean that `failure` returns; 0 is no failure."""
+    """Cost of every step."""
     force_limit: ClassVar[float] = np.inf
-    """Sum of rises of the contact force in [N] that ends the skill."""
+    """Sum of the increases of the contact force in [N] that ends the skill."""
+    object_at_start: ClassVar[Literal["start", "gripper", "goal"]] = "start"
+    """Where the target object is when the skill begins."""
+    moves_link: ClassVar[bool] = False
+    """Whether the skill moves a drawer or door."""
 
     @property
     def limit(self) -> int:
-        """Control steps after which it is stopped."""
-        return LIMITS[self.name]
+        """Return the control steps after which the skill is stopped."""
+        return self.step_limit
+
+    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+        """Return the parts of an observation."""
+        return self.observation
 
     @property
-    @abstractmethod
     def elements(self) -> tuple[Element, ...]:
-        """What the numbers of an observation are, in order."""
+        """Return the documentation of every number of an observation, in order."""
+        return tuple(element for term in self.observation_terms() for element in term.elements)
+
+    @property
+    def failure_labels(self) -> tuple[str, ...]:
+        """Return the names of the numbers that `failure` returns; 0 is "none"."""
+        return ("none", *self.failures)
 
     @abstractmethod
-    def observe(self, sensors: Sensors, progress: Progress) -> FloatArray:
-        """Observations. Shape (n, len(elements))."""
+    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Return whether the skill has succeeded. Shape (n,)."""
 
     @abstractmethod
-    def terms(self, before: Sensors, after: Sensors, was: Progress, now: Progress) -> Mapping[str, FloatArray]:
-        """The reward of a step, term by term, without success, slack, force and failure. Each of shape (n,)."""
+    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+        """Return whether the executor goes on to the next skill (M3's rules; the step limit is apart). Shape (n,)."""
 
-    @abstractmethod
-    def success(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """Whether the skill has reached its end. Shape (n,)."""
+    def reward_terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+    ) -> Mapping[str, FloatArray]:
+        """Return the reward terms of a step, without success, slack, force and failure. Each of shape (n,).
 
-    def lacks(self, sensors: Sensors, progress: Progress) -> Mapping[str, BoolArray]:
-        """What success still lacks, in words, most basic first; some is true where `success` is false. Each of (n,)."""
+        Args:
+            before: The state before the step.
+            after: The state after it.
+            was: The progress before the step.
+            now: The progress after it.
+        """
         return {}
 
-    @abstractmethod
-    def stop(self, sensors: Sensors, progress: Progress) -> BoolArray:
-        """Whether the executor goes on to the next skill: M3's stop rules, time-outs are its own affair. Shape (n,)."""
+    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+        """Return for each name of `failures` where it is true. Each of shape (n,)."""
+        return {"invalid grasp": invalid_grasp(state), "excess force": progress.force_sum > self.force_limit}
 
-    def mask(self, actions: FloatArray, sensors: Sensors) -> FloatArray:
-        """Actions with what the skill forbids taken out. Shape (n, 11)."""
+    def unmet(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+        """Return the unmet conditions of success in words, most basic first, where known. Each of shape (n,)."""
+        return {}
+
+    def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
+        """Return the actions without what the skill forbids. Shape (n, 11)."""
         return actions
 
-    def begin(self, sensors: Sensors) -> Progress:
-        """What is remembered at the first step."""
-        n, empty = len(sensors), np.zeros(len(sensors), dtype=bool)
-        fresh = Progress(
-            elapsed=np.zeros(n, dtype=np.int64),
-            grasped=empty,
-            released=empty,
-            lasting=np.zeros(n, dtype=np.int64),
-            reached=empty,
-            away=empty,
-            force=counted_force(sensors),
-            force_sum=np.zeros(n),
-        )
-        return self._remember(fresh, sensors)
+    def expand_action(self, actions: FloatArray) -> FloatArray:
+        """Return full actions from those of `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
+        full = np.zeros((len(actions), ACTION_SIZE))
+        full[:, list(self.active_columns)] = actions
+        return full
 
-    def advance(self, progress: Progress, sensors: Sensors) -> Progress:
-        """What is remembered one control step later."""
-        force = counted_force(sensors)
+    def placement(self, episode: Episode, target: int) -> Placement:
+        """Return where the skill acts: at the start of the target object by default."""
+        return episode.objects[target]
+
+    def aim(self, episode: Episode, target: int, opened: Mapping[str, float]) -> Aim:
+        """Return what navigation to this skill should face. Objects count as unmoved since the start (M3).
+
+        Args:
+            episode: The episode.
+            target: Number of the target.
+            opened: Positions of open drawers and doors by link name.
+        """
+        placement = self.placement(episode, target)
+        return Aim(placement.position, container_of(episode.apartment(), placement))
+
+    def skill_goal(
+        self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
+    ) -> SkillGoal:
+        """Return the goal of the skill in an episode.
+
+        Args:
+            episode: The episode.
+            target: Number of the target.
+            opened: Positions of open drawers and doors by link name.
+            toward: For navigation, the name of the next skill.
+        """
+        aim, apartment = self.aim(episode, target, opened), episode.apartment()
+        return SkillGoal(
+            target,
+            episode.goals[target].position,
+            link_number(apartment, aim.link) if self.moves_link and aim.link is not None else -1,
+            self.name,
+            aim.point,
+            front=front_of(apartment, self.placement(episode, target)),
+        )
+
+    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
+        """Draw a start state for training, without a check for contacts.
+
+        By default the robot stands within 2 m of what it acts on, faces it, and its container is open (M3, `pick_v1`,
+        `place_v1`).
+        """
+        opened = draw_open(episode.apartment(), container_of(episode.apartment(), self.placement(episode, target)), rng)
+        return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
+
+    def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
+        """Draw where the robot stands; in front of the container if there is one (OURS)."""
+        apartment, placement = episode.apartment(), self.placement(episode, target)
+        front = None if container_of(apartment, placement) is None else front_of(apartment, placement)
+        return stand_near(apartment, placement.position, rng, front)
+
+    def make_start(
+        self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator
+    ) -> Start:
+        """Return a start state with the arm near rest and the object where `object_at_start` says."""
+        moved = {"start": carried(episode, target, opened), "gripper": {}, "goal": {0: episode.goals[target]}}
+        return Start(
+            base=base,
+            arm=draw_arm(rng),
+            skill_goal=replace(self.skill_goal(episode, target, opened), target=0),
+            opened=opened,
+            held=0 if self.object_at_start == "gripper" else -1,
+            moved=moved[self.object_at_start],
+        )
+
+    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
+        """Return observations. Shape (n, len(elements))."""
+        columns = [column for term in self.observation_terms() for column in term.read(state, progress)]
+        return np.concatenate([each[:, None] if each.ndim == 1 else each for each in columns], axis=1)
+
+    def begin(self, state: PrivilegedState) -> Progress:
+        """Return the progress at the first step."""
+        n, no = len(state), np.zeros(len(state), dtype=bool)
+        zero = np.zeros(n, dtype=np.int64)
+        return self.remember(Progress(zero, no, no, zero, no, no, counted_force(state), np.zeros(n)), state)
+
+    def advance(self, progress: Progress, state: PrivilegedState) -> Progress:
+        """Return the progress one control step later."""
+        force = counted_force(state)
         rise = np.maximum(force - progress.force, 0.0)
         later = replace(progress, elapsed=progress.elapsed + 1, force=force, force_sum=progress.force_sum + rise)
-        return self._remember(later, sensors)
+        return self.remember(later, state)
 
-    def failure(self, sensors: Sensors, progress: Progress) -> IntArray:
-        """Which failure ends the skill, 0 for none; the first of several in the order of `failures`. Shape (n,)."""
-        return first_of(invalid_grasp(sensors), progress.force_sum > self.force_limit)
+    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+        """Return the progress with the skill's own entries updated."""
+        return replace(progress, away=progress.away | (rest_distance(state) > 0.3))
+
+    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
+        """Return which failure ends the skill as a number of `failure_labels`. Shape (n,)."""
+        conditions, result = self.failure_conditions(state, progress), np.zeros(len(state), dtype=np.int64)
+        for number, name in reversed(list(enumerate(self.failures, start=1))):
+            result[conditions[name]] = number
+        return result
 
     def reward(
-        self, before: Sensors, after: Sensors, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
     ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
-        """Reward of a step and its terms. Shape (n,) each."""
-        terms = dict(self.terms(before, after, was, now))
+        """Return the reward of a step and all its terms, shape (n,) each; arguments as of `reward_terms`."""
+        terms = dict(self.reward_terms(before, after, was, now))
         rise = np.maximum(now.force - was.force, 0.0)
         terms["force"] = -np.minimum(FORCE_COST * rise, FORCE_CAP)
         terms["slack"] = np.full(len(now), -self.slack)
@@ -183,31 +253,14 @@ class Skill(ABC):
             total = total + value
         return total, terms
 
-    def _remember(self, progress: Progress, sensors: Sensors) -> Progress:
-        """Skills renew their own part of the memory here."""
-        return replace(progress, away=progress.away | (rest_distance(sensors) > 0.3))
 
-
-def first_of(*conditions: BoolArray) -> IntArray:
-    """1 where the first condition holds, else 2 where the second does, and so on; 0 where none does."""
-    result = np.zeros(len(conditions[0]), dtype=np.int64)
-    for number, condition in reversed(list(enumerate(conditions, start=1))):
-        result[condition] = number
-    return result
-
-
-def rest_distance(sensors: Sensors) -> FloatArray:
-    """d_ee^r: distance of the gripper point from its rest position in [m]. Shape (n,)."""
-    return norm(sensors.gripper_in_base - np.asarray(REST_POSITION))
-
-
-def invalid_grasp(sensors: Sensors) -> BoolArray:
-    """Whether what is held has been torn too far from the gripper. Shape (n,)."""
-    limit = np.where(sensors.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
-    invalid: BoolArray = ~sensors.empty_hand & (sensors.hold_error > limit)
+def invalid_grasp(state: PrivilegedState) -> BoolArray:
+    """Return whether what is held is too far from the gripper. Shape (n,)."""
+    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
+    invalid: BoolArray = ~state.empty_hand & (state.hold_error > limit)
     return invalid
 
 
-def counted_force(sensors: Sensors) -> FloatArray:
-    """The contact force as far as it counts in [N]. Shape (n,)."""
-    return np.where(sensors.contact_force > FORCE_MARGIN, sensors.contact_force, 0.0)
+def counted_force(state: PrivilegedState) -> FloatArray:
+    """Return the contact force in [N], 0 up to `FORCE_MARGIN`. Shape (n,)."""
+    return np.where(state.contact_force > FORCE_MARGIN, state.contact_force, 0.0)

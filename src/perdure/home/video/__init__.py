@@ -1,43 +1,43 @@
 """Pictures, films and a live view of a running world.
 
 Contents:
-    render_lane, Studio                         pictures of a lane
-    goal_marks                                  what to point at in them
-    film_episode, contact_sheet, FilmOptions    an episode that the oracle runs
-    film_beside, make_take, Take                an episode under several placing arms, side by side
-    read_failures, draw, Failure                failed episodes of logs
-    take_again, run_again, Replay               the same, run again
-    failure_sheet                               eight pictures of what the label of one is about
-    save_picture                                as a file
-    serve_episode                               live, in a browser
+    render_lane, Studio                             pictures of a lane
+    goal_marks                                      marks of targets and goals in them
+    film_episode, contact_sheet, FilmOptions        an episode that the oracle runs
+    film_side_by_side, make_agent, Agent            an episode under several release strategies
+    read_failures, sample_failures, Failure         failed episodes of logs
+    logged_agent, replay_failure, Replay            their replay
+    failure_sheet                                   eight pictures that show the cause of a failure
+    save_picture                                    a picture as a file
+    serve_episode                                   an episode live in a browser
 """
 
-from perdure.home.video.beside import Take, film_beside, make_take
 from perdure.home.video.browser import serve_episode
-from perdure.home.video.failures import failure_sheet
+from perdure.home.video.failure_sheet import failure_sheet
 from perdure.home.video.files import save_picture
 from perdure.home.video.film import FilmOptions, contact_sheet, film_episode
 from perdure.home.video.marks import goal_marks
-from perdure.home.video.replay import Failure, Replay, draw, read_failures, run_again, take_again
+from perdure.home.video.replay import Failure, Replay, logged_agent, read_failures, replay_failure, sample_failures
+from perdure.home.video.side_by_side import Agent, film_side_by_side, make_agent
 from perdure.home.video.studio import Studio, render_lane
 
 __all__ = [
+    "Agent",
     "Failure",
     "FilmOptions",
     "Replay",
     "Studio",
-    "Take",
     "contact_sheet",
-    "draw",
     "failure_sheet",
-    "film_beside",
     "film_episode",
+    "film_side_by_side",
     "goal_marks",
-    "make_take",
+    "logged_agent",
+    "make_agent",
     "read_failures",
     "render_lane",
-    "run_again",
+    "replay_failure",
+    "sample_failures",
     "save_picture",
     "serve_episode",
-    "take_again",
 ]

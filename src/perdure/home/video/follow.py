@@ -1,4 +1,4 @@
-"""A camera that goes with the robot and looks from where robot, hand and target are best seen."""
+"""A camera that follows the robot, from the direction with the best view of robot, hand and target."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REACH = 2.4
 STAY = 1.5
 """Score that a direction loses for each radian it is away from the present one."""
 PATIENCE = 0.5
-"""How long the camera keeps a wish before it looks around for a better one, in [s]."""
+"""How long the camera keeps a gripper_goal before it looks around for a better one, in [s]."""
 INERTIA = 0.6
 """Time constant in [s] of its way around what it looks at ..."""
 TRACKING = 0.12
@@ -38,7 +38,7 @@ class Follower:
         self._lane = lane
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
-        self._wish, self._age = np.zeros(2), np.inf
+        self._gripper_goal, self._age = np.zeros(2), np.inf
         self._partitions = _partition_geoms(lane)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
@@ -61,9 +61,9 @@ class Follower:
             points = [gripper, robot + np.array([0.0, 0.0, 0.3])]
             if focus is not None and near:
                 points.insert(0, focus)
-            self._wish, self._age = self._best(middle, distance, points, exclude), 0.0
+            self._gripper_goal, self._age = self._best(middle, distance, points, exclude), 0.0
         self._age += seconds
-        aim = np.array([*self._wish, distance])
+        aim = np.array([*self._gripper_goal, distance])
         if self._now is None:
             self._now, self._middle = aim, middle
         share = 1.0 - np.exp(-seconds / INERTIA)
@@ -71,7 +71,7 @@ class Follower:
         change[0] = (change[0] + np.pi) % (2.0 * np.pi) - np.pi
         self._now = self._now + share * change
         self._middle = self._middle + (1.0 - np.exp(-seconds / TRACKING)) * (middle - self._middle)
-        return Shot(self._middle + self._now[2] * _unit(*self._now[:2]), self._middle)
+        return Shot(self._middle + self._now[2] * direction_of(*self._now[:2]), self._middle)
 
     def _robot(self) -> tuple[FloatArray, FloatArray]:
         """The robot's chest and its gripper point in the room."""
@@ -85,7 +85,7 @@ class Follower:
         """Azimuth and elevation from which most can be seen. Shape (2,)."""
         scores = []
         for azimuth, elevation in DIRECTIONS:
-            eye = middle + distance * _unit(azimuth, elevation)
+            eye = middle + distance * direction_of(azimuth, elevation)
             seen = sum((2.0 - k) * self._sees(point, eye, exclude) for k, point in enumerate(points))
             turn = (
                 0.3 if self._now is None else STAY / np.pi * abs((azimuth - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
@@ -116,7 +116,8 @@ class Follower:
         return float(self._lane.model.geom_group[hit] == 1 and hit not in self._partitions)
 
 
-def _unit(azimuth: float, elevation: float) -> FloatArray:
+def direction_of(azimuth: float, elevation: float) -> FloatArray:
+    """Return the direction of two angles in [rad]. Shape (3,)."""
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 

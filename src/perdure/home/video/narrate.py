@@ -1,4 +1,4 @@
-"""What is going on in an executed episode, for captions: the skill, its number in the plan, the stages reached."""
+"""Captions of a running episode: the skill, its number in the plan, the stages reached."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
-from perdure.home.sim.world import CONTROL_HZ, Sensors, World
+from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.home.video.marks import short_name
 
@@ -20,54 +20,54 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Told:
-    """One moment of an episode in words."""
+class Caption:
+    """The caption of one step of an episode."""
 
     seconds: float
-    """Since it began, in simulated time."""
+    """Simulated time since the start."""
     number: int
-    """Steps of the plan that have begun."""
+    """Number of plan steps that have begun."""
     total: int
-    """Steps of the plan."""
+    """Number of plan steps."""
     words: str
     """Such as `pick the bowl`."""
     stages: tuple[tuple[str, bool], ...]
-    """Names of the stages and whether they were reached."""
+    """Names of the stages, and whether each was reached."""
 
 
 class Narrator:
-    """Listens to one episode on lane 0 of an executor, through the actors it runs."""
+    """Keeps the caption of one episode on lane 0 of an executor up to date."""
 
     def __init__(self, episode: Episode) -> None:
-        """Nothing has happened yet."""
+        """Begin before the first step."""
         self.episode = episode
         self._reached = np.zeros(len(episode.home_task.stages), dtype=bool)
         self._step = self._number = 0
 
-    def hear(self, actors: Mapping[str, Actor]) -> dict[str, Actor]:
-        """The same actors, but the narrator notices when a skill begins."""
-        return {name: _Heard(actor, self) for name, actor in actors.items()}
+    def track(self, actors: Mapping[str, Actor]) -> dict[str, Actor]:
+        """Return the same actors, wrapped so that the narrator is notified when a skill begins."""
+        return {name: _TrackedActor(actor, self) for name, actor in actors.items()}
 
-    def begins(self) -> None:
-        """A step of the plan begins."""
+    def begin_skill(self) -> None:
+        """Count the next step of the plan as begun."""
         self._number += 1
 
     def after_step(self, world: World) -> None:
-        """Looks at the world after a control step."""
+        """Update clock and stages after a control step."""
         episode = self.episode
         self._reached = latch(episode.home_task, self._reached, _facts(world, episode))
         self._step += 1
 
     @property
     def skill(self) -> str:
-        """The skill that is running."""
+        """The running skill."""
         return self.episode.home_task.skills[max(self._number - 1, 0)].skill
 
-    def tell(self) -> Told:
-        """This moment."""
+    def caption(self) -> Caption:
+        """Return the current caption."""
         task = self.episode.home_task
         stages = tuple((stage.name, bool(done)) for stage, done in zip(task.stages, self._reached, strict=True))
-        return Told(self._step / CONTROL_HZ, self._number, len(task.skills), self._words(), stages)
+        return Caption(self._step / CONTROL_HZ, self._number, len(task.skills), self._words(), stages)
 
     def _words(self) -> str:
         if not self._number:
@@ -81,8 +81,8 @@ class Narrator:
         return f"{_verb(step.skill)} {_thing(step.skill, what)}"
 
 
-class _Heard:
-    """An actor that tells the narrator when it begins."""
+class _TrackedActor:
+    """An actor that notifies the narrator when its skill begins."""
 
     def __init__(self, actor: Actor, narrator: Narrator) -> None:
         self._actor, self._narrator = actor, narrator
@@ -98,16 +98,18 @@ class _Heard:
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """See `Actor.begin`."""
-        self._narrator.begins()
+        self._narrator.begin_skill()
         self._actor.begin(world, lane, skill)
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
-        return self._actor.act(world, lanes, skill, sensors, progress)
+        return self._actor.act(world, lanes, skill, state, progress)
 
 
 def _facts(world: World, episode: Episode) -> WorldFacts:
-    """What the task's predicates need of lane 0 now."""
+    """Return the facts of lane 0 that the task's predicates need."""
     lane, targets = world.lane(0), len(episode.goals)
     full = lane.held >= 0 or lane.held_link >= 0
     held = lane.held if 0 <= lane.held < targets else SOMETHING_ELSE if full else NOTHING

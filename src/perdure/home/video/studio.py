@@ -44,7 +44,7 @@ class Studio:
         """Sets up lights and camera.
 
         Args:
-            lane: What to take pictures of; its scene should be built with looks. It is not changed.
+            lane: What to take pictures of; its scene should be built with visuals. It is not changed.
             size: Width and height of the pictures in pixels.
 
         Raises:
@@ -195,7 +195,7 @@ def render_lane(
     """One picture of a lane. For many of the same lane, a `Studio` is faster.
 
     Args:
-        lane: What to take a picture of; its scene should be built with looks.
+        lane: What to take a picture of; its scene should be built with visuals.
         camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
         size: Width and height in pixels.
         goals: Targets and goals to show, see `goal_marks`.

@@ -1,4 +1,4 @@
-"""Words in pictures: the names of targets and goals, and the strip below a film."""
+"""Text in pictures: names of targets and goals, the caption strip below a film, the title above it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from perdure.home.video.cameras import Shot
 from perdure.home.video.marks import Mark
-from perdure.home.video.narrate import Told
+from perdure.home.video.narrate import Caption
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -23,14 +23,14 @@ Box = tuple[float, float, float, float]
 
 @lru_cache(maxsize=16)
 def font(size: float) -> Any:
-    """Pillow's own font."""
+    """Return Pillow's own font."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size)
 
 
 def write_labels(picture: Picture, shot: Shot, marks: Sequence[Mark], places: Sequence[FloatArray | None]) -> Picture:
-    """Writes the objects' names over their pins and `goal of ...` over the goals; labels keep clear of each other.
+    """Return a picture with the objects' names over their pins and `goal: ...` over the goals; labels do not overlap.
 
     Args:
         picture: What was rendered with that shot.
@@ -62,7 +62,7 @@ def _label(
     taken: list[Box],
     size: tuple[int, int],
 ) -> None:
-    """A plate with words, its lower edge above the point, moved up until it is clear of the others."""
+    """Draw a plate with text, its lower edge above the point, moved up until it overlaps no other."""
     letters = font(max(11.0, size[1] / 42.0))
     left, top, right, bottom = draw.textbbox((0, 0), text, font=letters)
     width, height = right - left + 10, bottom - top + 7
@@ -86,13 +86,13 @@ FAINT = (110, 108, 104)
 DONE = (34, 139, 84)
 
 
-def write_strip(picture: Picture, told: Told, speed: float) -> Picture:
-    """A strip below a picture: the skill and the clock, and a mark for each stage, green once it is reached.
+def write_strip(picture: Picture, caption: Caption, speed: float) -> Picture:
+    """Return a picture with a caption strip: skill and clock, and a mark for each stage, green once it is reached.
 
     Args:
         picture: A frame. Shape (height, width, 3).
-        told: What is going on in it.
-        speed: How much faster than life the film runs.
+        caption: Its caption.
+        speed: Playback speed relative to real time.
 
     Returns:
         Shape (height + strip, width, 3).
@@ -106,11 +106,11 @@ def write_strip(picture: Picture, told: Told, speed: float) -> Picture:
     draw = ImageDraw.Draw(image)
     left, right = 12 * scale, width - 12 * scale
     large, small = font(19 * scale), font(14 * scale)
-    draw.text((left, height + 17 * scale), told.words, font=large, fill=INK, anchor="lm")
+    draw.text((left, height + 17 * scale), caption.words, font=large, fill=INK, anchor="lm")
     pace = f"{speed:g} x real time" if speed != 1.0 else "real time"
-    clock = f"skill {told.number} of {told.total}    {told.seconds:5.1f} s    {pace}"
+    clock = f"skill {caption.number} of {caption.total}    {caption.seconds:5.1f} s    {pace}"
     draw.text((right, height + 17 * scale), clock, font=small, fill=INK, anchor="rm")
-    _write_stages(draw, told.stages, (left, height + 46 * scale, right), scale)
+    _write_stages(draw, caption.stages, (left, height + 46 * scale, right), scale)
     return np.asarray(image)
 
 
@@ -119,12 +119,12 @@ TITLE = 44
 
 
 def write_title(picture: Picture, title: str, caption: str) -> Picture:
-    """A title over a picture, and a line of small print.
+    """Return a picture with a title and a line of small print above it.
 
     Args:
         picture: A frame. Shape (height, width, 3).
-        title: What it shows.
-        caption: Who acts in it.
+        title: The title.
+        caption: A line of small print.
 
     Returns:
         Shape (height + title, width, 3).
@@ -152,14 +152,14 @@ def _title(title: str, caption: str, width: int, height: int) -> Picture:
 
 
 def strip_height(width: int) -> int:
-    """Height of the strip below a film of that width; even, as films want it."""
+    """Return the height of the strip below a film of a width; even, as films need it."""
     return 2 * round(0.5 * STRIP * width / 720.0)
 
 
 def _write_stages(
     draw: ImageDraw, stages: Sequence[tuple[str, bool]], where: tuple[float, float, float], scale: float
 ) -> None:
-    """A row of dots with names, evenly spaced between `where`'s left and right end at its middle height."""
+    """Draw a row of dots with names, evenly spaced; `where` is (left, y, right) in pixels."""
     left, y, right = where
     pitch, radius = (right - left) / len(stages), 5.5 * scale
     letters = font(min(13.0, 78.0 / len(stages) + 4.0) * scale)

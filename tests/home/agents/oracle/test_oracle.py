@@ -5,11 +5,11 @@ import pytest
 
 from perdure.home.agents import Scripted
 from perdure.home.agents.oracle import Oracle
-from perdure.home.agents.oracle.inverse_many import reach_many
 from perdure.home.agents.oracle.motions import unwound
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.sim.robot import gripper_pose
+from perdure.home.evaluate.outcomes import latched
+from perdure.home.sim.robot import gripper_pose, reach_many
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
 from perdure.home.skills import get_skill
 
@@ -20,7 +20,7 @@ def solve(task, split, numbers, lanes=2):
     oracle = Oracle()
     actors = {name: Scripted() if name == "reset_arm" else oracle for name in names}
     executor = Executor({name: get_skill(name) for name in names}, actors, ExecutorOptions(lanes=lanes))
-    return [log.latched.all() for log in executor.run([episodes[k] for k in numbers])]
+    return [all(latched(log)) for log in executor.run([episodes[k] for k in numbers])]
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def episode(request):
 
 def touching(episode, placements):
     """Pairs of bodies with a contact deeper than a millimeter, the floor and what supports an object left out."""
-    spec = build_apartment(episode.apartment(), looks=False)
+    spec = build_apartment(episode.apartment(), visuals=False)
     for k, placement in enumerate(placements):
         BoxObjects().add(spec, placement.kind, f"object_{k}", placement.position, placement.quaternion)
     model = spec.compile()

@@ -200,13 +200,15 @@ def test_the_goal_holds_the_closed_doors_of_tasks_that_close_them_and_no_others(
 
 def test_the_table_has_a_row_for_each_step_in_columns_and_names_an_episodes_drawer(capsys):
     plan = make_plan("set_table")
-    head, rule, *rows = render_plan(plan).splitlines()
+    limits = dict.fromkeys((step.skill for step in plan), 200) | {"navigate": 500, "reset_arm": 50}
+    assert render_plan(plan).splitlines()[0].split() == ["skill", "target", "where"]
+    head, rule, *rows = render_plan(plan, limits=limits).splitlines()
     assert head.split() == ["skill", "target", "where", "limit"]
     assert len(rows) == len(plan) == 30
     assert {len(line) for line in (head, rule, *rows)} == {len(head)}
     assert rows[0].split() == ["1", "navigate", "0", *["to", "handle", "of", "the", "drawer"], "500"]
     assert rows[29].split() == ["30", "reset_arm", "1", "50"]
-    print_plan(episode())
+    print_plan(episode(), limits)
     printed = capsys.readouterr().out
     assert "set_table/val/003: 30 steps, their limits together 5850" in printed  # 7 x 500 + 8 x 200 + 15 x 50
     assert "target 0 in drawer1_top" in printed

@@ -171,13 +171,6 @@ def test_pick_and_place_tasks_run_the_skill_sequence_of_m3(name, targets):
     assert [step.target for step in steps[::8]] == list(range(targets))
 
 
-def test_skills_are_stopped_after_the_steps_of_m3():
-    limits = {step.skill: step.limit for task in TASKS.values() for step in task.skills}
-    assert limits.pop("navigate") == 500
-    assert limits.pop("reset_arm") == 50
-    assert set(limits.values()) == {200}
-
-
 @pytest.mark.parametrize("text", ["at()", "at(x)", "holding", "opened_drawer(0)", "near(0)", ""])
 def test_unknown_conditions_are_refused_with_the_known_ones(text):
     with pytest.raises(HomeError, match=r"no condition reads .*at\(i\).*closed_fridge\(\)"):

@@ -31,9 +31,7 @@ def test_a_function_acts_as_the_policy_that_it_calls():
     ran = []
     for actors in (shipped, {**shipped, **foreign}):
         logs = list(Executor(Protocol("set_table").skills(), actors, options).run(episodes))
-        ran.append(
-            {log.episode.name: [(run.skill, run.begin, run.end, run.ending) for run in log.skills] for log in logs}
-        )
+        ran.append({log.index: [(run.skill, run.begin, run.end, run.ending) for run in log.runs] for log in logs})
     assert ran[0] == ran[1]
     assert all([run[0] for run in runs].count("place") == 2 for runs in ran[0].values())
 
@@ -41,7 +39,7 @@ def test_a_function_acts_as_the_policy_that_it_calls():
 @pytest.mark.parametrize(("skill", "size"), [("place", 11), ("navigate", 10), ("place", None)])
 def test_actions_of_another_shape_are_refused(skill, size, monkeypatch):
     skill = get_skill(skill)
-    monkeypatch.setattr(type(skill), "observe", lambda self, sensors, progress: np.zeros((3, len(self.elements))))
+    monkeypatch.setattr(type(skill), "observe", lambda self, state, progress: np.zeros((3, len(self.elements))))
     actor = Predicting(lambda seen: np.zeros(len(seen)) if size is None else np.zeros((len(seen), size)))
     with pytest.raises(HomeError, match=rf"predict gave actions of shape .* for {skill.name}; it must be \(3, "):
         actor.act(None, np.arange(3), skill, None, None)

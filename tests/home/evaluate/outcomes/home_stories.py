@@ -1,4 +1,4 @@
-"""Episodes told step by step: a log as the executor would keep it, without a simulator."""
+"""Episodes written step by step: the logs an executor would make, without a simulator."""
 
 import math
 from contextlib import contextmanager
@@ -7,12 +7,13 @@ from functools import cache
 import numpy as np
 
 from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import NOTHING, WorldFacts, latched_stages
-from perdure.home.evaluate.execute.log import EpisodeLog, SkillRun
+from perdure.home.benchmark.tasks import NOTHING
+from perdure.home.evaluate.execute.recorder import Recorder
+from perdure.home.evaluate.log import FinalObject, SkillRun
 
 AWAY = np.array([-5.0, -5.0, 1.0])
 """Where the gripper is when it does nothing."""
-RUN = {"arm": "story", "train_seed": "100"}
+NOTES = {"arm": "story", "train_seed": "100"}
 
 
 @cache
@@ -126,27 +127,14 @@ class Story:
             meanwhile(self)
         if not self.diverged:
             self.wait(settle)
-        columns = {name: np.array([row[name] for row in self.rows]) for name in self.rows[0]}
-        held = columns["held"].astype(np.int64)
-        facts = WorldFacts(columns["objects"], self.goals, held, columns["drawer"], columns["fridge"])
-        return EpisodeLog(
-            episode=self.episode,
-            eval_seed=self.eval_seed,
-            skills=tuple(self.runs),
-            steps=steps,
-            facts=facts,
-            active=columns["active"],
-            base=columns["base"],
-            gripper=columns["gripper"],
-            object_up=columns["up"],
-            object_speed=columns["speed"],
-            contact_force=columns["force"],
-            latched=latched_stages(self.episode.home_task, facts[:steps])[-1],
-            diverged=self.diverged,
-            final_poses=np.array([[*each.position, *each.quaternion] for each in self.episode.objects]),
-            final_speeds=np.zeros(len(self.episode.objects)),
-            final_held=NOTHING,
-        )
+        recorder = Recorder(self.episode, self.runs, [self.flat(row) for row in self.rows], self.diverged)
+        objects = tuple(FinalObject(o.kind, o.position, o.quaternion, 0.0, False) for o in self.episode.objects)
+        return recorder.log(steps, objects, strategy="story", train_seed=100, eval_seed=self.eval_seed)
+
+    @staticmethod
+    def flat(row):
+        """A row as the recorder keeps it; what is active follows from the runs."""
+        return np.concatenate([np.ravel(value) for name, value in row.items() if name != "active"]).astype(np.float64)
 
 
 def good(index=0, eval_seed=0):

@@ -1,13 +1,13 @@
-"""One hand-built log for each mechanism, and the same log a hair on the other side of the threshold."""
+"""One hand-built log for each cause, and the same log a hair on the other side of the threshold."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from home_stories import RUN, Story, good
+from home_stories import Story, good
 
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE
-from perdure.home.evaluate.outcomes import MECHANISMS, label, outcome, placement_mechanism, record_of, stabilizing
+from perdure.home.evaluate.outcomes import FAILURE_CAUSES, label, outcome, placement_cause, stabilizing
 
 OUT = (0.3, 0.0, 0.0)
 """Twice the goal's radius."""
@@ -16,8 +16,8 @@ BESIDE, FAR = (0.0, 0.0, 0.2), (0.0, 0.0, 0.3)
 
 
 def latched_label(story):
-    found = label(record_of(story.log(), RUN), "latched")
-    return found.stage, found.mechanism, found.target
+    found = label(story.log(), "latched")
+    return found.stage, found.cause, found.target
 
 
 def placed_and_gone(first=None, then=None, wait=0, base=None):
@@ -60,9 +60,9 @@ GONE = {
 
 @pytest.mark.parametrize("what", GONE)
 def test_an_object_that_left_its_goal_says_how(what):
-    how, mechanism = GONE[what]
+    how, cause = GONE[what]
     story = placed_and_gone(**how)
-    assert latched_label(story) == ("pick_1", mechanism, 0)  # the next stage looks at the first object, too
+    assert latched_label(story) == ("pick_1", cause, 0)  # the next stage looks at the first object, too
 
 
 def test_an_object_that_slides_off_the_edge_and_tumbles_down_did_not_tip():
@@ -76,10 +76,10 @@ def test_an_object_that_falls_over_while_it_leaves_tipped():
 
 
 def test_an_apple_rolls_and_a_can_tips():
-    record = record_of(placed_and_gone(then={"tilt": 90.0}).log(), RUN)
+    record = placed_and_gone(then={"tilt": 90.0}).log()
     apple = replace(record.targets[0], kind="013_apple")
-    assert label(record, "latched").mechanism == "tipped"
-    assert label(replace(record, targets=(apple, *record.targets[1:])), "latched").mechanism == "rolled"
+    assert label(record, "latched").cause == "tipped"
+    assert label(replace(record, targets=(apple, *record.targets[1:])), "latched").cause == "rolled"
 
 
 def test_an_object_let_go_beside_its_goal_was_not_brought_there():
@@ -87,7 +87,7 @@ def test_an_object_let_go_beside_its_goal_was_not_brought_there():
 
 
 def test_an_object_let_go_just_inside_its_goal_is_placed():
-    assert label(record_of(Story().go(0, beside=0.14).rest((1, 2)).log(), RUN), "latched") is None
+    assert label(Story().go(0, beside=0.14).rest((1, 2)).log(), "latched") is None
 
 
 def test_an_object_let_go_beside_its_goal_that_rolls_through_it_was_brought_near():
@@ -97,8 +97,8 @@ def test_an_object_let_go_beside_its_goal_that_rolls_through_it_was_brought_near
         story.wait(3)
         story.held = NOTHING
         story.slide(0, (-0.4, 0.0, 0.0), 20)
-    record = record_of(story.rest((1, 2)).log(), RUN)
-    assert placement_mechanism(record, 0) == "rolled"
+    record = story.rest((1, 2)).log()
+    assert placement_cause(record, 0) == "rolled"
 
 
 def missed(story, target, gripper=0.1, held=NOTHING, ending="timed out", force=0.0, way=0.0):
@@ -131,15 +131,15 @@ PICKS = {
 
 @pytest.mark.parametrize("what", PICKS)
 def test_a_pick_that_failed_says_why(what):
-    how, mechanism = PICKS[what]
-    assert latched_label(missed(Story(), 0, **how)) == ("pick_0", mechanism, 0)
+    how, cause = PICKS[what]
+    assert latched_label(missed(Story(), 0, **how)) == ("pick_0", cause, 0)
 
 
-@pytest.mark.parametrize(("angle", "mechanism"), [(1.41, "door not open"), (1.43, "grasp missed")])
-def test_a_pick_from_a_closed_fridge_failed_for_the_door(angle, mechanism):
+@pytest.mark.parametrize(("angle", "cause"), [(1.41, "door not open"), (1.43, "grasp missed")])
+def test_a_pick_from_a_closed_fridge_failed_for_the_door(angle, cause):
     story = Story()
     story.fridge = angle
-    assert latched_label(missed(story, 0)) == ("pick_0", mechanism, 0)
+    assert latched_label(missed(story, 0)) == ("pick_0", cause, 0)
 
 
 def test_a_closed_fridge_is_no_reason_for_an_object_on_the_counter():
@@ -184,7 +184,7 @@ def test_a_door_that_was_in_the_way_is_named(what):
 
 
 def test_set_table_as_it_should_be_has_no_label():
-    record = record_of(set_table().log(), RUN)
+    record = set_table().log()
     assert [label(record, counting) for counting in ("latched", "stabilizing")] == [None, None]
     assert outcome(record) == "success"
 
@@ -193,8 +193,8 @@ def test_a_world_that_blew_up_has_no_other_label():
     story = missed(Story(), 0)
     story.diverged = True
     story.wait()
-    record = record_of(story.log(), RUN)
-    assert [label(record, c).mechanism for c in ("latched", "stabilizing")] == ["diverged"] * 2
+    record = story.log()
+    assert [label(record, c).cause for c in ("latched", "stabilizing")] == ["diverged"] * 2
     assert record.length == record.steps == len(story.rows) - 1  # the last row is the world put back to its start
 
 
@@ -207,16 +207,16 @@ def test_an_object_still_in_the_hand_at_the_end_ran_out_of_time():
     with story.run("place", 0, "task limit"):
         story.wait(3)
     assert latched_label(story) == ("place_0", "time-out", 0)
-    record = record_of(story.log(), RUN)
-    assert placement_mechanism(record, 0) == "time-out"
+    record = story.log()
+    assert placement_cause(record, 0) == "time-out"
 
 
 def test_an_object_taken_out_of_its_goal_again_was_displaced_by_the_robot():
     story = Story().go(0)
     missed(story, 1, held=0)
-    record = record_of(story.log(), RUN)
-    assert placement_mechanism(record, 0) == "displaced by the robot"
-    assert label(record, "latched").mechanism == "wrong object grasped"
+    record = story.log()
+    assert placement_cause(record, 0) == "displaced by the robot"
+    assert label(record, "latched").cause == "wrong object grasped"
 
 
 def test_the_first_of_two_lost_objects_is_blamed():
@@ -256,21 +256,21 @@ def gone_in_the_end(story):
 
 
 def test_a_success_that_did_not_last_is_a_failure_of_one_counting_only():
-    record = record_of(Story().rest(range(3)).log(meanwhile=gone_in_the_end), RUN)
+    record = Story().rest(range(3)).log(meanwhile=gone_in_the_end)
     assert label(record, "latched") is None
     found = label(record, "stabilizing")
-    assert (found.stage, found.mechanism, found.target) == ("place_2", "rolled", 2)
+    assert (found.stage, found.cause, found.target) == ("place_2", "rolled", 2)
     assert outcome(record) == "success that did not last"
     assert stabilizing(record) == (True, True, False)
 
 
 def test_outcomes_name_the_first_placement_that_is_not_stable():
-    assert outcome(record_of(placed_and_gone().log(), RUN)) == "place_0"  # latched counting stops at pick_1
-    assert outcome(record_of(missed(Story(), 0).log(), RUN)) == "other"
-    assert outcome(record_of(good(), RUN)) == "success"
+    assert outcome(placed_and_gone().log()) == "place_0"  # latched counting stops at pick_1
+    assert outcome(missed(Story(), 0).log()) == "other"
+    assert outcome(good()) == "success"
 
 
 def test_every_mechanism_has_a_log_of_its_own_here():
-    shown = {mechanism for _, mechanism in (*GONE.values(), *PICKS.values())}
-    shown |= {mechanism for _, (_, mechanism, _) in DOORS.values()} | {"diverged"}
-    assert shown == set(MECHANISMS)
+    shown = {cause for _, cause in (*GONE.values(), *PICKS.values())}
+    shown |= {cause for _, (_, cause, _) in DOORS.values()} | {"diverged"}
+    assert shown == set(FAILURE_CAUSES)

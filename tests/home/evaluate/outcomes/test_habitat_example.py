@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 
 import pytest
-from home_stories import RUN, good
+from home_stories import good
 from polars.testing import assert_frame_equal
 from test_failure_modes import placed_and_gone, set_table
 
-from perdure.home.evaluate.outcomes import analyze, read_logs, record_of
+from perdure.home.evaluate.outcomes import analyze, read_logs
 
 EXAMPLE = Path(__file__).parents[4] / "examples" / "habitat_log_to_perdure.py"
 
@@ -29,9 +29,9 @@ def y_up(point):
 
 def as_json(log, episode_id):
     """A log as another simulator would write it, y up."""
-    facts, record = log.facts, record_of(log, RUN)
+    facts, record = log.history.facts, log
     return {
-        "task": log.episode.task,
+        "task": log.task,
         "split": "val",
         "episode_id": episode_id,
         "eval_seed": log.eval_seed,
@@ -46,16 +46,16 @@ def as_json(log, episode_id):
                 **{"name": run.skill, "target": run.target, "begin": run.begin, "end": run.end},
                 **{"ending": run.ending, "forced": run.forced_release},
             }
-            for run in log.skills
+            for run in log.runs
         ],
         "history": [
             {
                 "objects": [y_up(point) for point in facts.object_positions[k]],
-                "up": log.object_up[k].tolist(),
+                "up": log.history.up[k].tolist(),
                 "held": int(facts.held[k]),
-                "gripper": y_up(log.gripper[k]),
-                "base": [*y_up([*log.base[k, :2], 0.0]), float(log.base[k, 2])],
-                "force": float(log.contact_force[k]),
+                "gripper": y_up(log.history.gripper[k]),
+                "base": [*y_up([*log.history.base[k, :2], 0.0]), float(log.history.base[k, 2])],
+                "force": float(log.history.force[k]),
                 "drawer": float(facts.drawer[k]),
                 "fridge": float(facts.fridge[k]),
             }
@@ -70,8 +70,8 @@ def test_another_simulators_log_says_what_ours_says(example, tmp_path, capsys):
     content = {"control_hz": 30, "episodes": [as_json(log, k) for k, log in enumerate(logs)]}
     (tmp_path / "log.json").write_text(json.dumps(content))
     out = tmp_path / "logs.parquet"
-    example.main([str(tmp_path / "log.json"), "--arm", "story", "--train-seed", "100", "--out", str(out)])
-    theirs, ours = read_logs(out), [record_of(log, RUN) for log in logs]
+    example.main([str(tmp_path / "log.json"), "--strategy", "story", "--train-seed", "100", "--out", str(out)])
+    theirs, ours = read_logs(out), logs
     for index, (one, other) in enumerate(zip(theirs, ours, strict=True)):
         assert one.index == index
         assert (one.events, len(one.releases)) == (other.events, len(other.releases))
@@ -81,5 +81,5 @@ def test_another_simulators_log_says_what_ours_says(example, tmp_path, capsys):
         assert_frame_equal(
             left.placements.drop("index", "object_speed"), right.placements.drop("index", "object_speed")
         )
-    assert {row[0] for row in analyze(theirs).failures.select("mechanism").rows()} == {"rolled", "tipped", "time-out"}
+    assert {row[0] for row in analyze(theirs).failures.select("cause").rows()} == {"rolled", "tipped", "time-out"}
     assert "failure modes, latched" in capsys.readouterr().out

@@ -1,20 +1,21 @@
 """Counting from records against both definitions written out, and denominators worked out by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-from home_stories import RUN, Story, good, random_log
+from home_stories import Story, good, random_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 
-import perdure.home.evaluate.outcomes.history as history
+import perdure.home.evaluate.log.history as history
 from perdure.home import HomeError
-from perdure.home.benchmark.tasks import goal_stabilizing, handling_of
-from perdure.home.evaluate.outcomes import COUNTINGS, MECHANISMS, analyze, label, latched, record_of, stabilizing
+from perdure.home.benchmark.tasks import goal_stabilizing, handling_of, latched_stages
+from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES, analyze, label, latched, stabilizing
 
 seeds = st.integers(0, 2**32 - 1)
 TASKS = ("prepare_groceries", "tidy_house", "set_table")
@@ -22,19 +23,20 @@ TASKS = ("prepare_groceries", "tidy_house", "set_table")
 
 def brute_force(log):
     """Goal-stabilizing as the thesis writes it, step by step."""
-    plan = [(step.skill, step.target) for step in log.episode.home_task.skills]
+    plan = [(step.skill, step.target) for step in log.home_task.skills]
     counts = []
-    for target, goal in enumerate(log.episode.goal_positions):
+    for target, goal in enumerate(log.history.facts.goal_positions):
         handled = [
             step
-            for step in range(len(log.facts))
+            for step in range(len(log.history.facts))
             if plan.index(("pick", target)) <= log.active[step] <= plan.index(("place", target))
         ]
         counts.append(
             bool(handled)
             and all(
-                math.dist(log.facts.object_positions[step, target], goal) <= 0.15 and log.facts.held[step] != target
-                for step in range(handled[-1] + 1, len(log.facts))
+                math.dist(log.history.facts.object_positions[step, target], goal) <= 0.15
+                and log.history.facts.held[step] != target
+                for step in range(handled[-1] + 1, len(log.history.facts))
             )
         )
     return tuple(counts)
@@ -44,16 +46,16 @@ def brute_force(log):
 @given(seeds, st.sampled_from(TASKS))
 def test_goal_stabilizing_from_a_record_is_the_definition(seed, task):
     log = random_log(np.random.default_rng(seed), task=task)
-    record = record_of(log, RUN)
+    record = log
     expected = (False,) * len(record.targets) if log.diverged else brute_force(log)
     assert stabilizing(record) == expected
     if not log.diverged:
-        direct = goal_stabilizing(log.facts, handling_of(log.episode.home_task, log.active), settle_steps=20)
+        direct = goal_stabilizing(log.history.facts, handling_of(log.home_task, log.active), settle_steps=20)
         assert tuple(direct) == expected
 
 
 def test_random_logs_hold_placements_of_both_kinds():
-    found = [stabilizing(record_of(random_log(np.random.default_rng(seed)), RUN)) for seed in range(40)]
+    found = [stabilizing(random_log(np.random.default_rng(seed))) for seed in range(40)]
     assert 0.1 < np.mean(found) < 0.9
 
 
@@ -61,13 +63,13 @@ def test_random_logs_hold_placements_of_both_kinds():
 @given(seeds, st.sampled_from(TASKS))
 def test_every_failed_episode_has_one_label_and_labels_add_up(seed, task):
     rng = np.random.default_rng(seed)
-    records = [record_of(random_log(rng, index, task), RUN) for index in range(3)]
+    records = [random_log(rng, index, task) for index in range(3)]
     analysis = analyze(records)
     for counting in COUNTINGS:
         labels = [label(record, counting) for record in records]
         wins = analysis.episodes["success" if counting == "latched" else "stabilizing"]
         assert [found is None for found in labels] == wins.to_list()
-        assert {found.mechanism for found in labels if found} <= set(MECHANISMS)
+        assert {found.cause for found in labels if found} <= set(FAILURE_CAUSES)
         failed = 3 - wins.sum()
         modes = analysis.modes.filter(counting=counting)
         assert modes["count"].sum() == failed == len(analysis.failures.filter(counting=counting))
@@ -83,7 +85,7 @@ def test_every_failed_episode_has_one_label_and_labels_add_up(seed, task):
 @given(seeds, st.permutations(range(4)))
 def test_the_order_of_episodes_changes_nothing(seed, order):
     rng = np.random.default_rng(seed)
-    records = [record_of(random_log(rng, index), RUN) for index in range(4)]
+    records = [random_log(rng, index) for index in range(4)]
     one, other = analyze(records), analyze([records[k] for k in order])
     for name in vars(one):
         assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
@@ -94,24 +96,24 @@ def test_the_order_of_episodes_changes_nothing(seed, order):
 @given(seeds, st.sampled_from(TASKS))
 def test_steps_left_out_of_tracks_change_no_label(seed, task):
     log = random_log(np.random.default_rng(seed), task=task)
-    thin = record_of(log, RUN)
+    thin = log
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(history, "kept_steps", lambda position, up: np.arange(len(up)))
-        dense = record_of(log, RUN)
+        dense = random_log(np.random.default_rng(seed), task=task)
     assert [label(thin, c) for c in COUNTINGS] == [label(dense, c) for c in COUNTINGS]
 
 
-def test_a_log_whose_stages_do_not_follow_from_its_facts_is_refused():
-    log = good()
-    log.latched[-1] = False
-    with pytest.raises(HomeError, match="reach the stages"):
-        record_of(log, RUN)
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.sampled_from(TASKS))
+def test_stages_counted_from_events_are_those_of_every_step(seed, task):
+    log = random_log(np.random.default_rng(seed), task=task)
+    every_step = latched_stages(log.home_task, log.history.facts[: log.steps])[-1]
+    assert latched(log) == tuple(every_step)
 
 
-@pytest.mark.parametrize(("run", "word"), [({}, "arm"), ({"arm": "a", "train_seed": "x"}, "train_seed")])
-def test_a_run_that_does_not_say_what_it_is_is_refused(run, word):
-    with pytest.raises(HomeError, match=word):
-        record_of(good(), run)
+def test_a_log_that_does_not_say_what_was_run_is_refused():
+    with pytest.raises(HomeError, match="no strategy"):
+        replace(good(), strategy="")
 
 
 def ten_episodes():
@@ -121,10 +123,7 @@ def ten_episodes():
     logs += [placed_and_gone(**how).log() for how in ({}, {}, {"then": {"tilt": 90.0}})]
     logs += [missed(Story(), 0).log(), missed(Story(), 0, gripper=0.3).log()]
     seeded = [(0, 100), (1, 100), (0, 101), (1, 101)]
-    return [
-        record_of(log, {"arm": "story", "train_seed": str(100 + number)})
-        for number, log in enumerate(logs, start=len(seeded))
-    ]
+    return [replace(log, train_seed=100 + number) for number, log in enumerate(logs, start=len(seeded))]
 
 
 @pytest.fixture(scope="module")
@@ -133,14 +132,14 @@ def ten():
 
 
 def test_both_denominators_as_worked_out_by_hand(ten):
-    rows = ten.modes.filter(counting="latched").select("stage", "mechanism", "count", "of_all", "of_failed").rows()
+    rows = ten.modes.filter(counting="latched").select("stage", "cause", "count", "of_all", "of_failed").rows()
     assert rows == [
         ("pick_0", "not reached", 1, 0.1, 0.2),
         ("pick_0", "grasp missed", 1, 0.1, 0.2),
         ("pick_1", "tipped", 1, 0.1, 0.2),
         ("pick_1", "rolled", 2, 0.2, 0.4),
     ]
-    stable = ten.modes.filter(counting="stabilizing").select("stage", "mechanism", "count", "of_all").rows()
+    stable = ten.modes.filter(counting="stabilizing").select("stage", "cause", "count", "of_all").rows()
     assert ("place_2", "rolled", 1, 0.1) in stable
     assert ("place_0", "rolled", 2, 0.2) in stable
     assert sum(row[2] for row in stable) == 6
@@ -165,7 +164,7 @@ def test_success_over_runs_as_worked_out_by_hand():
         for index in range(2):
             story = Story(index=index, eval_seed=evaluation)
             story = story.rest(range(3)) if index < won else missed(story, 0)
-            records.append(record_of(story.log(), {"arm": "story", "train_seed": str(train)}))
+            records.append(replace(story.log(), train_seed=train))
     (row,) = analyze(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
     assert (row["episodes"], row["runs"], row["mean"]) == (8, 4, 0.5)
     assert row["standard_error"] == pytest.approx(math.sqrt(0.5 / 3) / 2)
@@ -175,19 +174,19 @@ def test_success_over_runs_as_worked_out_by_hand():
 
 
 def test_four_successes_of_four_are_no_certainty():
-    stages = analyze([record_of(good(index), RUN) for index in range(4)]).stages
+    stages = analyze([good(index) for index in range(4)]).stages
     assert (stages["mean"] == 1.0).all()
     assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
 
 
 def test_one_run_has_no_standard_error_and_names_its_units_and_method():
-    stages = analyze([record_of(good(index), RUN) for index in range(3)]).stages
+    stages = analyze([good(index) for index in range(3)]).stages
     assert stages["standard_error"].is_nan().all()
     assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Wilson score")}
 
 
 def test_an_episode_that_is_there_twice_is_refused():
-    records = [record_of(good(), RUN)] * 2
+    records = [good()] * 2
     with pytest.raises(HomeError, match="twice"):
         analyze(records)
     with pytest.raises(HomeError, match="at least one"):
@@ -195,18 +194,18 @@ def test_an_episode_that_is_there_twice_is_refused():
 
 
 def test_two_arms_do_not_mix():
-    records = [record_of(good(), {"arm": "a"}), record_of(missed(Story(), 0).log(), {"arm": "b"})]
+    records = [replace(good(), strategy="a"), replace(missed(Story(), 0).log(), strategy="b")]
     analysis = analyze(records)
     final = analysis.stages.filter(counting="latched", stage="place_2")
-    assert dict(final.select("arm", "mean").rows()) == {"a": 1.0, "b": 0.0}
-    assert set(analysis.modes["arm"]) == {"b"}
+    assert dict(final.select("strategy", "mean").rows()) == {"a": 1.0, "b": 0.0}
+    assert set(analysis.modes["strategy"]) == {"b"}
     assert set(analysis.modes["of_all"]) == {1.0}
 
 
 def test_placements_say_how_the_object_was_let_go():
     story = Story().go(0, above=0.05, beside=0.06, tilt=30.0, speed=0.2, way=0.01)
     story.slide(0, OUT, 10).rest((1, 2))
-    table = analyze([record_of(story.log(), RUN)]).placements
+    table = analyze([story.log()]).placements
     assert table["target"].to_list() == [0, 1, 2]
     row = table.row(0, named=True)
     expected = {"release_height": 0.05, "release_offset": 0.06, "tilt": 30.0, "object_speed": 0.2, "base_speed": 0.3}
@@ -215,19 +214,19 @@ def test_placements_say_how_the_object_was_let_go():
     assert (row["displacement"], row["fall"]) == pytest.approx((0.3, 0.05), abs=1e-3)
     places = ("release", "skill_end", "end", "settled")
     assert [row[f"in_goal_{each}"] for each in places] == [True, True, False, False]
-    assert (row["skill"], row["forced"], row["stabilizing"], row["mechanism"]) == ("place", False, False, "rolled")
-    assert table["mechanism"].to_list()[1:] == ["stayed"] * 2
+    assert (row["skill"], row["forced"], row["stabilizing"], row["cause"]) == ("place", False, False, "rolled")
+    assert table["cause"].to_list()[1:] == ["stayed"] * 2
 
 
 def test_placements_tell_the_end_of_the_skill_from_that_of_the_episode_and_of_the_settling_time():
     story = Story().go(0).slide(0, OUT, 1).rest((1, 2))
-    rows = analyze([record_of(story.log(meanwhile=gone_in_the_end), RUN)]).placements.rows(named=True)
+    rows = analyze([story.log(meanwhile=gone_in_the_end)]).placements.rows(named=True)
     ends = [[row[f"in_goal_{each}"] for each in ("skill_end", "end", "settled")] for row in rows]
     assert ends == [[True, False, False], [True, True, True], [True, True, False]]
 
 
 def test_an_object_that_was_never_let_go_is_no_placement():
-    assert len(analyze([record_of(missed(Story(), 0).log(), RUN)]).placements) == 0
+    assert len(analyze([missed(Story(), 0).log()]).placements) == 0
 
 
 def test_cylinders_are_counted_beside_their_share_of_placements():
@@ -246,7 +245,7 @@ def test_cylinders_are_counted_beside_their_share_of_placements():
         logs.append(story.log())
         cylinders += can
         failures += can
-    table = analyze([record_of(log, RUN) for log in logs]).shapes
+    table = analyze(logs).shapes
     assert 0 < sum(cylinders) < 12
     row = table.filter(cylinder=True).row(0, named=True)
     assert (row["placements"], row["failures"], row["rate"]) == (sum(cylinders), sum(failures), 1.0)
@@ -269,4 +268,4 @@ def test_the_summary_holds_what_the_tables_hold(ten):
 
 
 def test_latched_from_a_record_is_the_benchmarks():
-    assert latched(record_of(placed_and_gone().log(), RUN)) == (True, True, False, False, False, False)
+    assert latched(placed_and_gone().log()) == (True, True, False, False, False, False)

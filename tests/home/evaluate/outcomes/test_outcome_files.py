@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from home_stories import RUN, Story, good, random_log
+from home_stories import NOTES, Story, good, random_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from test_failure_modes import missed, placed_and_gone
 
 from perdure.home import HomeError
-from perdure.home.evaluate.outcomes import analyze, files, read_logs, record_of, write_logs, write_records
+from perdure.home.evaluate.outcomes import analyze, files, read_logs, write_logs
 from perdure.home.evaluate.outcomes.schema import SCHEMA_NAME, SCHEMA_VERSION, columns, to_frame
 
 
@@ -30,21 +30,20 @@ def logs():
 
 @pytest.fixture
 def path(tmp_path, logs):
-    return write_logs(tmp_path / "logs.parquet", logs, {**RUN, "command": "perdure home run"})
+    return write_logs(tmp_path / "logs.parquet", logs, {**NOTES, "command": "perdure home run"})
 
 
 def test_a_file_gives_back_what_was_written(path, logs):
-    records = [record_of(log, RUN) for log in logs]
-    assert_frame_equal(to_frame(read_logs(path)), to_frame(records), check_exact=True)
-    assert analyze(read_logs(path)).summary() == analyze(records).summary()
+    assert_frame_equal(to_frame(read_logs(path)), to_frame(logs), check_exact=True)
+    assert analyze(read_logs(path)).summary() == analyze(logs).summary()
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(("prepare_groceries", "tidy_house", "set_table")))
 def test_any_log_gives_the_same_analysis_from_its_file(tmp_path_factory, seed, task):
     log = random_log(np.random.default_rng(seed), task=task)
-    found = read_logs(write_logs(tmp_path_factory.mktemp("logs") / "a.parquet", [log], RUN))
-    one, other = analyze(found), analyze([record_of(log, RUN)])
+    found = read_logs(write_logs(tmp_path_factory.mktemp("logs") / "a.parquet", [log], NOTES))
+    one, other = analyze(found), analyze([log])
     assert all(getattr(one, name).equals(getattr(other, name)) for name in vars(one))
 
 
@@ -52,8 +51,8 @@ def test_events_say_who_held_what_when(path, logs):
     record, log = read_logs(path)[0], logs[0]
     for step in range(record.length):
         event = record.at(step)
-        distance = np.linalg.norm(log.facts.object_positions[step] - log.facts.goal_positions, axis=1)
-        assert (event.held, event.in_goal) == (log.facts.held[step], tuple(distance <= 0.15))
+        distance = np.linalg.norm(log.history.facts.object_positions[step] - log.history.facts.goal_positions, axis=1)
+        assert (event.held, event.in_goal) == (log.history.facts.held[step], tuple(distance <= 0.15))
 
 
 def test_a_track_stays_within_2_mm_of_every_step(path, logs):
@@ -62,7 +61,7 @@ def test_a_track_stays_within_2_mm_of_every_step(path, logs):
     for release in record.releases:
         last = int(release.track.step[-1])
         rows = release.track.rows(release.step, last)
-        true = log.facts.object_positions[release.step : last + 1, release.target]
+        true = log.history.facts.object_positions[release.step : last + 1, release.target]
         assert last == record.length - 1
         assert np.linalg.norm(release.track.position[rows] - true, axis=1).max() < 0.0025
         assert len(release.track.step) < 20 < len(rows)
@@ -71,8 +70,8 @@ def test_a_track_stays_within_2_mm_of_every_step(path, logs):
 def test_the_release_is_the_last_step_in_the_hand(path, logs):
     record, log = read_logs(path)[0], logs[0]
     for release in record.releases:
-        assert log.facts.held[release.step] == release.target
-        assert log.facts.held[release.step + 1] != release.target
+        assert log.history.facts.held[release.step] == release.target
+        assert log.history.facts.held[release.step + 1] != release.target
 
 
 def test_equal_episodes_have_equal_hashes(path):
@@ -91,8 +90,8 @@ def test_a_long_episode_with_five_rolling_objects_is_small(tmp_path):
         story.go(target)
         for _ in range(60):
             story.slide(target, rng.normal(0.0, 0.01, 3), 1, tilt=float(rng.normal(0.0, 3.0)))
-    path = write_logs(tmp_path / "one.parquet", [story.log()], RUN)
-    rest = path.stat().st_size - write_logs(tmp_path / "good.parquet", [good()], RUN).stat().st_size
+    path = write_logs(tmp_path / "one.parquet", [story.log()], NOTES)
+    rest = path.stat().st_size - write_logs(tmp_path / "good.parquet", [good()], NOTES).stat().st_size
     assert len(story.rows) > 3500
     assert rest < 30_000
 
@@ -215,14 +214,14 @@ def test_files_of_version_1_without_final_poses_are_read(path):
 
 def test_a_write_that_is_refused_leaves_the_old_file(path, logs):
     before = path.read_bytes()
-    for wrong, run in (([], RUN), ([logs[0], logs[0]], RUN), (logs, {}), (logs, {**RUN, "sha256": "1"})):
+    for wrong, run in (([], NOTES), ([logs[0], logs[0]], NOTES), (logs, {**NOTES, "sha256": "1"})):
         with pytest.raises(HomeError):
             write_logs(path, wrong, run)
     assert path.read_bytes() == before
 
 
 def test_records_that_do_not_fit_together_cannot_be_made():
-    record = record_of(good(), RUN)
+    record = good()
     for change in (
         {"events": record.events[1:]},
         {"events": record.events[:1] * 2},
@@ -239,6 +238,6 @@ def test_records_that_do_not_fit_together_cannot_be_made():
 
 def test_another_simulators_records_are_written_and_read(tmp_path):
     """At 20 Hz: nothing in the analysis takes the control rate for granted."""
-    record = replace(record_of(good(), RUN), control_hz=20.0, arm="elsewhere")
-    (found,) = read_logs(write_records(tmp_path / "a.parquet", [record], {"simulator": "elsewhere"}))
+    record = replace(good(), control_hz=20.0, strategy="elsewhere")
+    (found,) = read_logs(write_logs(tmp_path / "a.parquet", [record], {"simulator": "elsewhere"}))
     assert analyze([found]).episodes["settle_seconds"].to_list() == [7.5]

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from home_stories import RUN, good
+from home_stories import good
 
-from perdure.home.evaluate.outcomes import FinalObject, find_overlaps, record_of
+from perdure.home.evaluate.log import FinalObject
+from perdure.home.evaluate.outcomes import find_overlaps
 from perdure.home.evaluate.outcomes.overlaps import overlap_depth
 from perdure.home.sim.objects import KINDS
 
@@ -52,7 +53,7 @@ def test_a_can_inside_a_can_is_found_whatever_the_simulation_let_collide():
     ids=["at rest", "moving", "in the hand"],
 )
 def test_only_objects_at_rest_and_out_of_the_hand_are_listed(change, listed):
-    record = record_of(good(), RUN)
+    record = good()
     assert not list(find_overlaps([record])), "the control: an episode as it was drawn has none"
     first = record.final_objects[0]
     inside = replace(record.final_objects[1], position=first.position, quaternion=first.quaternion, **change)

@@ -2,11 +2,12 @@
 
 import html
 import re
+from dataclasses import replace
 
 from home_stories import Story, good
 from specs import notes, specs
 
-from perdure.home.evaluate.outcomes import analyze, record_of
+from perdure.home.evaluate.outcomes import analyze
 from perdure.home.evaluate.page import write_page
 
 FAR = [3.0, 0.0, 0.0]
@@ -31,8 +32,8 @@ def four():
     return [good(0), leaves(1, 2), leaves(2, 0), misses(3)]
 
 
-def records(arm, logs, train_seed=100):
-    return [record_of(log, {"arm": arm, "train_seed": str(train_seed)}) for log in logs]
+def records(strategy, logs, train_seed=100):
+    return [replace(log, strategy=strategy, train_seed=train_seed) for log in logs]
 
 
 def two_arms():
@@ -40,8 +41,8 @@ def two_arms():
     return records("rl", four()) + records("ik", [good(index) for index in range(4)])
 
 
-def page_of(logs, folder, command="perdure home analyze logs", cast=None):
-    return write_page(analyze(logs), folder, command, cast).read_text()
+def page_of(logs, folder, command="perdure home analyze logs", assignment=None):
+    return write_page(analyze(logs), folder, command, assignment).read_text()
 
 
 def table(page, title):
@@ -53,8 +54,8 @@ def table(page, title):
     return [dict(zip(headings, row, strict=True)) for row in cells]
 
 
-def row(page, title, arm):
-    (found,) = (each for each in table(page, title) if next(iter(each.values())) == arm)
+def row(page, title, strategy):
+    (found,) = (each for each in table(page, title) if next(iter(each.values())) == strategy)
     return found
 
 

@@ -12,8 +12,8 @@ from specs import by_label, rows
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes import analyze, write_records
-from perdure.home.evaluate.page import PAGE, Cast, read_cast, words, write_page
+from perdure.home.evaluate.outcomes import analyze, write_logs
+from perdure.home.evaluate.page import PAGE, PolicyAssignment, read_assignment, words, write_page
 from perdure.home.sim.objects import KINDS
 from perdure.runs import Store
 
@@ -52,23 +52,23 @@ class TestNumbers:
     def test_failure_modes_have_both_denominators(self, page):
         rows = {(each["counting"], each["first unmet stage"]): each for each in table(page, "Failure modes")}
         assert rows[LATCHED, "place_1"]["rl"] == "1 (25.0 %, 100.0 %)"
-        assert rows[LATCHED, "place_1"]["mechanism"] == "not reached"
+        assert rows[LATCHED, "place_1"]["failure cause"] == "not reached"
         stages = [stage for counting, stage in rows if counting == STABILIZING]
         assert stages == ["place_0", "place_1", "place_2"]
         assert {rows[STABILIZING, stage]["rl"] for stage in stages} == {"1 (25.0 %, 33.3 %)"}
         assert {each["ik"] for each in rows.values()} == {"0"}
 
     def test_arms_are_compared_on_the_same_episodes(self, page):
-        (found,) = table(page, "The same episodes under two arms")
+        (found,) = table(page, "The same episodes under two release strategies")
         assert list(found.values()) == ["ik against rl", "4", "3", "0", "+75.0 points [-4.6, +100.0]"]
         assert "different episodes" not in page
 
     def test_arms_that_ran_other_episodes_are_warned_of(self, tmp_path):
         page = page_of(records("rl", four()) + records("ik", [good(3), good(4)]), tmp_path)
-        assert "The arms ran different episodes (policy alone: 4 and stop, lower 5 cm: 2)" in figure_note(
+        assert "The strategies ran different episodes (policy alone: 4 and stop, lower 5 cm: 2)" in figure_note(
             page, "success"
         )
-        (found,) = table(page, "The same episodes under two arms")
+        (found,) = table(page, "The same episodes under two release strategies")
         assert list(found.values()) == ["ik against rl", "1", "1", "0", "+100.0 points"]
 
     def test_releases_are_told_in_their_units(self, tmp_path):
@@ -172,12 +172,12 @@ class TestFigures:
         names = ["rl drag", "zebra", "ik+", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
         expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
-        assert [each["arm"] for each in table(page, "Success")] == expected
+        assert [each["release strategy"] for each in table(page, "Success")] == expected
 
 
 class TestWords:
     @pytest.mark.parametrize(
-        ("arm", "expected"),
+        ("strategy", "expected"),
         [
             ("rl", "policy alone"),
             ("ik drag", "stop, lower 5 cm, no rolling resistance"),
@@ -186,8 +186,8 @@ class TestWords:
             ("zebra crossing", "zebra crossing"),
         ],
     )
-    def test_strategies_are_told_in_words(self, arm, expected):
-        assert words.strategy(arm) == expected
+    def test_strategies_are_told_in_words(self, strategy, expected):
+        assert words.describe(strategy) == expected
 
     def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
         page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
@@ -209,10 +209,10 @@ class TestWhoActed:
             "policies": '{"place": "shipped x (SHA-256 12345678)", "pick": "oracle"}',
             "command": "go 1",
         }
-        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), run)
-        logs, cast = read_cast([path])
-        page = page_of(logs, tmp_path, "go 2", cast)
-        acted = {each["skill"]: each["rl"] for each in table(page, "Who acted")}
+        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), run)
+        logs, assignment = read_assignment([path])
+        page = page_of(logs, tmp_path, "go 2", assignment)
+        acted = {each["skill"]: each["rl"] for each in table(page, "Policies")}
         assert acted == {"place": "shipped x (SHA-256 12345678)", "pick": "scripted oracle"}
         assert "<pre>go 1</pre>" in page
         assert "<pre>go 2</pre>" in page
@@ -221,21 +221,21 @@ class TestWhoActed:
         with Store(tmp_path).workspace(
             "here/unit", {"policies": {"place": "0123456789abcdef", "pick": "oracle"}}
         ) as work:
-            write_records(work.folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
-        _, cast = read_cast([tmp_path / "here" / "unit" / "logs.parquet"])
-        (skills,) = cast.acting.values()
+            write_logs(work.folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
+        _, assignment = read_assignment([tmp_path / "here" / "unit" / "logs.parquet"])
+        (skills,) = assignment.acting.values()
         assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}
 
     @pytest.mark.parametrize("note", ["free text", "7", "[]"])
     def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):
-        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
+        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
         with pytest.raises(HomeError, match="must be a JSON object"):
-            read_cast([path])
+            read_assignment([path])
 
     def test_nothing_is_made_up(self, tmp_path, page):
-        path = write_records(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})
-        assert read_cast([path])[1] == Cast()
-        assert row(page, "Who acted", "every skill")["rl"] == "not recorded"
+        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})
+        assert read_assignment([path])[1] == PolicyAssignment()
+        assert row(page, "Policies", "every skill")["rl"] == "not recorded"
 
 
 class TestTheFiles:

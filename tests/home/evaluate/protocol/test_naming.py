@@ -1,4 +1,4 @@
-"""Names of arms: each made of one way and one world, and read back."""
+"""Names of strategies: each made of one way and one world, and read back."""
 
 from itertools import product
 from typing import get_args
@@ -7,7 +7,7 @@ import pytest
 
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol import arm_name, read_arm
+from perdure.home.evaluate.protocol import read_strategy, strategy_name
 from perdure.home.sim.world import Jaws, Rolling, SceneOptions
 
 PLACES = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
@@ -21,15 +21,15 @@ def options(jaws, rolling, physics_hz):
 def test_names_of_arms_are_read_back():
     names = set()
     for place, world in product(PLACES, WORLDS):
-        name = arm_name(place, options(*world))
+        name = strategy_name(place, options(*world))
         names.add(name)
-        assert read_arm(name) == (place, options(*world))
+        assert read_strategy(name) == (place, options(*world))
     assert len(names) == len(PLACES) * len(WORLDS)
 
 
 def test_the_usual_world_has_no_name():
-    assert arm_name("ik", ExecutorOptions(lanes=3, threads=1, eval_seed=7)) == "ik"
-    assert arm_name("ik", options("apart", "drag", 240)) == "ik jaws-apart drag 240-hz"
+    assert strategy_name("ik", ExecutorOptions(lanes=3, threads=1, eval_seed=7)) == "ik"
+    assert strategy_name("ik", options("apart", "drag", 240)) == "ik jaws-apart drag 240-hz"
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,6 @@ def test_the_usual_world_has_no_name():
     ["TP+SRL", "throw drag", "ik drag jaws-apart", "ik friction", "ik 120-hz", "ik 0-hz", "ik  drag", "ik ", ""],
 )
 def test_other_names_are_refused(name):
-    with pytest.raises(HomeError, match=r"is no arm of this package: .* rl, stop, ik, ik\+") as refused:
-        read_arm(name)
+    with pytest.raises(HomeError, match=r"is no strategy of this package: .* rl, stop, ik, ik\+") as refused:
+        read_strategy(name)
     assert repr(name) in str(refused.value)

@@ -17,14 +17,14 @@ from perdure.home.evaluate.outcomes import read_logs, read_notes
 from perdure.home.evaluate.protocol import (
     Protocol,
     choose_policies,
+    episode_blocks,
     logged_policies,
     make_actors,
-    parts,
-    placing,
+    read_release,
     run_protocol,
 )
-from perdure.home.evaluate.protocol.job import Job, run_part
 from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
+from perdure.home.evaluate.protocol.units import protocol_units, run_block
 from perdure.home.sim.world import SceneOptions
 from perdure.runs import OtherSourceWarning, StoreError, Work
 
@@ -36,11 +36,11 @@ def test_units_cover_every_episode_of_every_seed_once():
     protocol = Protocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
     seen = [
         (part.train_seed, part.eval_seed, episode)
-        for part in parts(protocol)
+        for part in episode_blocks(protocol)
         for episode in range(part.first, part.last + 1)
     ]
     assert sorted(seen) == [(t, e, k) for t in range(2) for e in range(3) for k in range(25)]
-    keys = [part.key(protocol) for part in parts(protocol)]
+    keys = [part.key(protocol) for part in episode_blocks(protocol)]
     assert len(set(keys)) == len(keys)
 
 
@@ -85,7 +85,7 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
 
 @pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
-    monkeypatch.setattr("perdure.home.evaluate.protocol.job.CHUNK", 1)
+    monkeypatch.setattr("perdure.home.evaluate.protocol.units.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
     protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
     told = []
@@ -107,10 +107,10 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path = tmp_path / "place.safetensors"
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
     protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
-    unit = Job(protocol, next(parts(protocol)), protocol.cast(0), "").unit
+    unit = next(protocol_units(protocol, ""))
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
     with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
-        run_part(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
+        run_block(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
 
 
 @pytest.mark.parametrize(
@@ -142,8 +142,8 @@ def test_delta_decides_how_long_place_waits():
     assert Protocol("set_table", "rl").skills()["place"].limit == 200
     assert Protocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
     assert Protocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
-    assert Protocol("set_table", "delta-50").placing.arm == "rl"
-    assert [placing(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
+    assert Protocol("set_table", "delta-50").release.strategy == "rl"
+    assert [read_release(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
         *("place", "place", "place-delta-50", "place-delta-50-in-200")
     ]
 
@@ -151,7 +151,7 @@ def test_delta_decides_how_long_place_waits():
 def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):
     with pytest.raises(HomeError, match="delta-9999"):
         run_protocol(Protocol("set_table", "delta-9999", episodes=1), tmp_path)
-    assert choose_policies("set_table", 0, {"place": "oracle"}, placing("delta-9999"))["place"].name == "oracle"
+    assert choose_policies("set_table", 0, {"place": "oracle"}, read_release("delta-9999"))["place"].name == "oracle"
 
 
 def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
@@ -178,7 +178,7 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     for seed in (0, 1):
         (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
     mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
-    first, second = (Protocol("set_table", vary="place", policies=mine).cast(seed) for seed in (0, 1))
+    first, second = (Protocol("set_table", vary="place", policies=mine).assignment(seed) for seed in (0, 1))
     assert (first.pop("place").source, second.pop("place").source) == tuple(
         str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
     )
@@ -187,9 +187,9 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     }
     assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
     with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
-        Protocol("set_table", vary="place").cast(9999)
+        Protocol("set_table", vary="place").assignment(9999)
     with pytest.raises(HomeError, match="training seed 9999"):
-        Protocol("set_table", policies=mine).cast(9999)
+        Protocol("set_table", policies=mine).assignment(9999)
 
 
 def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):
@@ -235,10 +235,10 @@ def test_learned_policies_act_alike_whoever_runs_beside_them():
 
     def run(lanes):
         executor = Executor(protocol.skills(), actors, ExecutorOptions(lanes=lanes, settle_steps=2))
-        return {log.episode.index: log for log in executor.run(episodes)}
+        return {log.index: log for log in executor.run(episodes)}
 
     alone, together = run(1), run(5)
     for index, log in alone.items():
-        assert together[index].skills == log.skills
-        for name in ("base", "gripper", "object_speed", "contact_force"):
-            assert np.array_equal(getattr(together[index], name), getattr(log, name)), (index, name)
+        assert together[index].runs == log.runs
+        for name in ("base", "gripper", "speed", "force"):
+            assert np.array_equal(getattr(together[index].history, name), getattr(log.history, name)), (index, name)

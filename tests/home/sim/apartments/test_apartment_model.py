@@ -74,14 +74,14 @@ def test_a_part_let_go_coasts_by_its_speed_times_the_decay_time(apartment, joint
     """x(t) = v tau (1 - exp(-t / tau)) with tau = 1 / (120 ln(1 / 0.7)) s: 1.17 cm from 0.5 m/s."""
     tau = 1.0 / (120.0 * math.log(1.0 / 0.7))
     assert tau == pytest.approx(0.02336, abs=1e-5)
-    model = build_apartment(apartment, looks=False).compile()
+    model = build_apartment(apartment, visuals=False).compile()
     assert coast(model, joint, 0.5) == pytest.approx(0.5 * tau, rel=0.05)
-    lighter = build_apartment(apartment, looks=False, damping_scale=0.25).compile()
+    lighter = build_apartment(apartment, visuals=False, damping_scale=0.25).compile()
     assert coast(lighter, joint, 0.5) == pytest.approx(2.0 * tau, rel=0.05)
 
 
-def test_a_model_without_looks_has_the_same_collisions(apartment, model):
-    plain = build_apartment(apartment, looks=False).compile()
+def test_a_model_without_visuals_has_the_same_collisions(apartment, model):
+    plain = build_apartment(apartment, visuals=False).compile()
     solid = [model.geom(g).name for g in range(model.ngeom) if model.geom_contype[g]]
     assert [plain.geom(g).name for g in range(plain.ngeom)] == solid
     assert plain.ngeom < model.ngeom
@@ -97,7 +97,7 @@ def test_apartment_can_be_added_to_a_specification_in_radians(apartment):
 
 
 def test_a_ball_dropped_on_a_table_stays_at_the_height_of_the_table(apartment):
-    spec = build_apartment(apartment, looks=False)
+    spec = build_apartment(apartment, visuals=False)
     table = apartment.piece("table_01").pose
     ball = spec.worldbody.add_body(name="ball", pos=(table.x, table.y, 0.85))
     ball.add_freejoint()

@@ -42,7 +42,7 @@ TOP_DRAWERS = ("drawer1_top", "drawer2_top", "drawer3")
 
 def loose_model(apartment, moved=None):
     """The apartment with every piece a free body, so that MuJoCo reports what it never reports of static bodies."""
-    spec = build_apartment(apartment, looks=False)
+    spec = build_apartment(apartment, visuals=False)
     spec.compiler.boundmass, spec.compiler.boundinertia = 1.0, 1.0
     for body in spec.worldbody.bodies:
         if body.name in {piece.name for piece in apartment.pieces}:
@@ -77,7 +77,7 @@ def test_a_sofa_moved_into_the_table_is_noticed_by_that_test():
 
 def test_doors_and_drawers_meet_nothing_on_their_whole_way(apartments):
     for apartment in apartments[::4]:
-        model = build_apartment(apartment, looks=False).compile()
+        model = build_apartment(apartment, visuals=False).compile()
         data = mujoco.MjData(model)
         for share in np.linspace(0.0, 1.0, 9):
             data.qpos = share * model.jnt_range[:, 1]
@@ -96,7 +96,7 @@ def test_every_apartment_has_the_receptacles_of_the_benchmark_and_two_chairs(apa
 def test_receptacles_lie_on_something_solid_and_under_nothing(apartments):
     """A ray down from 5 cm above five points of each surface hits it after 5 cm; a ray up is free as far as stated."""
     for apartment in apartments[::7]:
-        model = build_apartment(apartment, looks=False).compile()
+        model = build_apartment(apartment, visuals=False).compile()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         hit, above = np.zeros(1, dtype=np.int32), np.array([0.0, 0.0, 0.05])

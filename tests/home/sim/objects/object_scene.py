@@ -10,7 +10,7 @@ from perdure.home.sim.objects import YcbObjects
 ELLIPTIC = 1
 
 
-def scene(placed, timestep=1 / 240, sleep=True, cone=0, looks=False, edit=lambda spec: None):
+def scene(placed, timestep=1 / 240, sleep=True, cone=0, visuals=False, edit=lambda spec: None):
     """A model with objects `name: (kind, position, quaternion)` and a table whose top is at height 0."""
     import mujoco
 
@@ -23,7 +23,7 @@ def scene(placed, timestep=1 / 240, sleep=True, cone=0, looks=False, edit=lambda
     box = mujoco.mjtGeom.mjGEOM_BOX
     spec.worldbody.add_geom(name="table", type=box, size=(3, 3, 0.02), pos=(0, 0, -0.02), friction=FRICTION)
     for name, (kind, position, quaternion) in placed.items():
-        YcbObjects(looks).add(spec, kind, name, position, quaternion)
+        YcbObjects(visuals).add(spec, kind, name, position, quaternion)
     edit(spec)
     model = spec.compile()
     return model, mujoco.MjData(model)

@@ -31,8 +31,8 @@ def kind(request):
     return request.param
 
 
-def compiled(kind, looks=True, quaternion=(0.6, 0.0, 0.8, 0.0)):
-    return scene({"it": (kind, (0.3, -0.2, 0.5), quaternion)}, looks=looks)
+def compiled(kind, visuals=True, quaternion=(0.6, 0.0, 0.8, 0.0)):
+    return scene({"it": (kind, (0.3, -0.2, 0.5), quaternion)}, visuals=visuals)
 
 
 def test_there_are_the_ten_kinds_the_tasks_ask_for():
@@ -109,28 +109,28 @@ def test_moments_of_the_bowl_are_those_of_points_spread_over_a_spherical_cap():
     np.testing.assert_allclose(compiled("024_bowl")[0].body("it").inertia, expected, rtol=0.02)
 
 
-def test_looks_change_nothing_but_looks(kind):
+def test_visuals_change_no_physics(kind):
     quaternion = turned(0.3, (0.6, 0.8, 0.0))
     paths = []
-    for looks in (False, True):
-        model, data = scene({"it": (kind, (0.0, 0.0, 0.25), quaternion)}, looks=looks)
+    for visuals in (False, True):
+        model, data = scene({"it": (kind, (0.0, 0.0, 0.25), quaternion)}, visuals=visuals)
         body = model.body("it")
         geoms = [model.geom(body.geomadr[0] + k) for k in range(body.geomnum[0])]
         assert [geom.name for geom in geoms] == [f"it/{k}" for k in range(len(geoms))]
         for geom in geoms:
             collides = (geom.contype[0], geom.conaffinity[0])
             assert collides == ((0, 0) if geom.group[0] == 2 else (1 | OBJECT_BIT,) * 2)
-            assert geom.group[0] in ((0, 2, 3) if looks else (0,))
+            assert geom.group[0] in ((0, 2, 3) if visuals else (0,))
         run(model, data, 0.8)
         paths.append(data.qpos.copy())
-        assert len(geoms) > 1 or not looks
+        assert len(geoms) > 1 or not visuals
     np.testing.assert_allclose(*paths, atol=1e-4)  # the solver stops where it is near enough, not at the same number
 
 
 def test_the_same_kind_can_be_added_many_times():
     once = {kind: (kind, (0.3 * k - 1.5, 0.0, 0.2), (1, 0, 0, 0)) for k, kind in enumerate(KINDS)}
     twice = once | {f"another_{kind}": once[kind] for kind in KINDS}
-    first, second = scene(once, looks=True)[0], scene(twice, looks=True)[0]
+    first, second = scene(once, visuals=True)[0], scene(twice, visuals=True)[0]
     assert (first.nbody, second.nbody) == (11, 21)
     assert first.nmesh == second.nmesh
 

@@ -10,7 +10,7 @@ from perdure.home.benchmark.tasks import TASKS
 from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.objects import YcbObjects
 
-MODELS = YcbObjects(looks=False)
+MODELS = YcbObjects(visuals=False)
 
 
 @pytest.mark.parametrize("timestep", [1 / 120, 1 / 240, 1 / 480])
@@ -44,7 +44,7 @@ def test_within_three_seconds_a_whole_home_is_asleep(task):
 
     for episode in load_episodes(task, "val").episodes[::50]:
         apartment = episode.apartment()
-        spec = build_apartment(apartment, looks=False)
+        spec = build_apartment(apartment, visuals=False)
         spec.option.timestep = 1 / 240
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
         for k, placed in enumerate(episode.objects):

@@ -8,7 +8,7 @@ from perdure.home.sim.robot import add_fetch
 
 @pytest.fixture(scope="session")
 def model():
-    """The robot alone, with looks."""
+    """The robot alone, with visuals."""
     spec = make_spec()
     add_fetch(spec)
     return spec.compile()

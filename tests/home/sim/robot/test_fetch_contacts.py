@@ -127,8 +127,8 @@ def test_gripper_reaches_a_table_it_may_touch():
 
 def test_in_an_apartment_the_robot_touches_nothing_where_it_is_free_and_much_where_it_is_not():
     apartment = make_apartment(2, 5)
-    spec = build_apartment(apartment, looks=False)
-    add_fetch(spec, looks=False)
+    spec = build_apartment(apartment, visuals=False)
+    add_fetch(spec, visuals=False)
     model = spec.compile()
     data, space = mujoco.MjData(model), free_space(apartment, {})
     rng = np.random.default_rng(3)

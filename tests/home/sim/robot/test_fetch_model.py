@@ -63,7 +63,7 @@ def test_joints_and_actuators_have_the_agreed_names_and_order(model):
 def test_limits_are_the_urdfs_whatever_unit_the_specification_uses(degree):
     spec = make_spec()
     spec.compiler.degree = degree
-    add_fetch(spec, looks=False)
+    add_fetch(spec, visuals=False)
     model = spec.compile()
     for name in ORDER:
         limited, (low, high) = model.joint(name).limited[0], LIMITS.get(name, (0, 0))
@@ -115,7 +115,7 @@ def test_gravity_is_compensated_and_a_load_is_not(model):
     falls = {}
     for compensated in (True, False):
         spec = make_spec()
-        add_fetch(spec, looks=False)
+        add_fetch(spec, visuals=False)
         if not compensated:
             for body in spec.bodies:
                 body.gravcomp = 0.0
@@ -152,9 +152,9 @@ def test_closed_fingers_meet_and_open_ones_have_eight_centimeters_between_them(m
     assert gaps == pytest.approx([0.0, 0.08], abs=1e-3)
 
 
-def test_looks_change_what_is_seen_and_nothing_else(model):
+def test_visuals_change_what_is_seen_and_nothing_else(model):
     spec = make_spec()
-    add_fetch(spec, looks=False)
+    add_fetch(spec, visuals=False)
     plain = spec.compile()
     assert plain.ngeom == 11
     assert model.ngeom > 60
@@ -189,11 +189,11 @@ def test_hand_camera_looks_along_the_fingers(model, data):
     assert camera.xpos - data.body("gripper_link").xpos == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
 
 
-@pytest.mark.parametrize("looks", [True, False])
-def test_robot_goes_into_an_apartment(looks):
-    spec = build_apartment(make_apartment(0, 0), looks=looks)
-    furniture = build_apartment(make_apartment(0, 0), looks=looks).compile()
-    add_fetch(spec, looks=looks)
+@pytest.mark.parametrize("visuals", [True, False])
+def test_robot_goes_into_an_apartment(visuals):
+    spec = build_apartment(make_apartment(0, 0), visuals=visuals)
+    furniture = build_apartment(make_apartment(0, 0), visuals=visuals).compile()
+    add_fetch(spec, visuals=visuals)
     model = spec.compile()
     assert model.nv == furniture.nv + 13
     assert model.nu == 13

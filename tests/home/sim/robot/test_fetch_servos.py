@@ -14,7 +14,7 @@ TIMESTEPS = sorted(STEPS_PER_COMMAND)
 def loaded_model(timestep, load=0.52):
     """The robot with the heaviest object fixed in its gripper, nothing colliding."""
     spec = make_spec(timestep)
-    add_fetch(spec, looks=False)
+    add_fetch(spec, visuals=False)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
     held = spec.body("gripper_link").add_body(name="load")

@@ -8,7 +8,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.robot.shapes import ROBOT_BIT
-from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, Errand, World, build_scene
+from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, SkillGoal, World, build_scene
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -35,7 +35,7 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1, jaws="never"):
     arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), REST_ARM, rotation=np.eye(3))
     assert arm.ok
     world = World(1, jaws=jaws)
-    world.reset(0, build_scene(apartment, placements), stand, arm.arm, held=held, errand=Errand(0))
+    world.reset(0, build_scene(apartment, placements), stand, arm.arm, held=held, skill_goal=SkillGoal(0))
     return world
 
 
@@ -49,8 +49,8 @@ def act(world, steps=1, **parts):
 
 
 def distance(world):
-    sensors = world.sense()
-    return float(np.linalg.norm(sensors.object[0] - sensors.gripper[0]))
+    state = world.sense()
+    return float(np.linalg.norm(state.object[0] - state.gripper[0]))
 
 
 @pytest.mark.parametrize(("away", "taken"), [(0.148, True), (0.153, False)])
@@ -62,16 +62,16 @@ def test_it_reaches_15_cm_and_no_farther(room, away, taken):
 
 def test_it_takes_the_nearest_object_and_turns_it_to_the_gripper(room):
     world = world_with(room, (0.09, 0.0), (0.0, 0.05), above=0.14)
-    sensors = act(world, grip=1.0)
-    assert sensors.held[0] == 1
+    state = act(world, grip=1.0)
+    assert state.held[0] == 1
     lane = world.lane(0)
     pose = lane.object(1)[0]
-    yaw = sensors.base[0, 2]
+    yaw = state.base[0, 2]
     about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     w, x, y, z = pose[3:]
     x_axis = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
-    assert np.allclose(x_axis, (about_z @ sensors.gripper_rotation[0])[:, 0], atol=0.03)
-    assert np.linalg.norm(pose[:3] - sensors.gripper[0]) < 0.01
+    assert np.allclose(x_axis, (about_z @ state.gripper_rotation[0])[:, 0], atol=0.03)
+    assert np.linalg.norm(pose[:3] - state.gripper[0]) < 0.01
 
 
 def test_a_full_hand_takes_nothing_more_and_an_empty_one_with_nothing_near_takes_nothing(room):
@@ -93,13 +93,13 @@ def test_a_handle_goes_before_an_object_and_the_drawer_follows_the_hand(room):
     scene = build_scene(apartment, [near])
     number = scene.links.index(link)
     world = World(1)
-    world.reset(0, scene, stand, arm.arm, errand=Errand(0, link=number))
+    world.reset(0, scene, stand, arm.arm, skill_goal=SkillGoal(0, link=number))
     first = act(world, grip=1.0)
     assert (first.held_link[0], first.held[0]) == (number, -1)
     error = first.hold_error[0]
-    sensors = act(world, 30, forward=-0.25)
-    assert sensors.link_position[0] == pytest.approx(0.375, abs=0.06)
-    assert sensors.hold_error[0] == pytest.approx(error, abs=0.02)
+    state = act(world, 30, forward=-0.25)
+    assert state.link_position[0] == pytest.approx(0.375, abs=0.06)
+    assert state.hold_error[0] == pytest.approx(error, abs=0.02)
     let_go = act(world, 30, grip=-1.0)
     assert let_go.empty_hand[0]
     assert abs(let_go.link_velocity[0]) < 0.01  # it stays where it was left
@@ -109,18 +109,16 @@ def test_what_is_held_stays_in_the_hand_while_the_arm_swings(room):
     world = world_with(room, (0.0, 0.0), kinds=["004_sugar_box"], above=0.4, held=0)
     worst = 0.0
     for step in range(60):
-        sensors = act(
-            world, arm=np.sin(0.3 * step) * np.array([1, 1, -1, 1, 1, -1, 1]), forward=0.3 * np.cos(0.2 * step)
-        )
-        worst = max(worst, sensors.hold_error[0])
+        state = act(world, arm=np.sin(0.3 * step) * np.array([1, 1, -1, 1, 1, -1, 1]), forward=0.3 * np.cos(0.2 * step))
+        worst = max(worst, state.hold_error[0])
     assert worst < 0.01
 
 
 def test_a_release_keeps_the_objects_velocity(room):
     world = world_with(room, (0.0, 0.0), above=0.4, held=0)
     for _ in range(8):
-        sensors = act(world, arm=(1, 0, 0, 0, 0, 0, 0))
-    before = sensors.object_velocity[0].copy()
+        state = act(world, arm=(1, 0, 0, 0, 0, 0, 0))
+    before = state.object_velocity[0].copy()
     assert np.linalg.norm(before[:2]) > 0.2
     after = act(world, arm=(1, 0, 0, 0, 0, 0, 0), grip=-1.0)
     assert np.allclose(after.object_velocity[0, :2], before[:2], atol=0.08)

@@ -1,4 +1,4 @@
-"""The stepper: sensors against MuJoCo, lanes that do not know of each other, blow-ups that stay alone."""
+"""The stepper: state against MuJoCo, lanes that do not know of each other, blow-ups that stay alone."""
 
 import mujoco
 import numpy as np
@@ -17,8 +17,8 @@ from perdure.home.sim.world import (
     SCAN_ANGLES,
     SCAN_RANGE,
     TURN,
-    Errand,
     SceneOptions,
+    SkillGoal,
     World,
     build_scene,
 )
@@ -35,7 +35,7 @@ def begin(world, lane, episode, seed=0, **options):
         lane,
         scene,
         start_pose(scene.apartment, episode, seed),
-        errand=Errand(0, episode.goals[0].position, 5),
+        skill_goal=SkillGoal(0, episode.goals[0].position, 5),
         **options,
     )
     return scene
@@ -50,30 +50,30 @@ def test_sensors_agree_with_mujocos_own_kinematics(episodes):
     scene = begin(world, 0, episodes[0])
     for _ in range(25):
         world.step(wiggle(rng, 1))
-    sensors, lane = world.sense(), world.lane(0)
+    state, lane = world.sense(), world.lane(0)
     data = mujoco.MjData(lane.model)
     data.qpos[:] = lane.qpos
     mujoco.mj_forward(lane.model, data)
-    assert np.allclose(sensors.gripper[0], data.site("gripper").xpos, atol=1e-9)
-    assert np.allclose(sensors.object[0], data.body("object_0").xpos, atol=1e-9)
-    assert np.allclose(sensors.object_up[0], data.body("object_0").xmat.reshape(3, 3)[:, 2], atol=1e-9)
+    assert np.allclose(state.gripper[0], data.site("gripper").xpos, atol=1e-9)
+    assert np.allclose(state.object[0], data.body("object_0").xpos, atol=1e-9)
+    assert np.allclose(state.object_up[0], data.body("object_0").xmat.reshape(3, 3)[:, 2], atol=1e-9)
     handle = scene.apartment.articulations[5].handle_name
-    assert np.allclose(sensors.handle[0], data.site(handle).xpos, atol=1e-9)
-    yaw = sensors.base[0, 2]
+    assert np.allclose(state.handle[0], data.site(handle).xpos, atol=1e-9)
+    yaw = state.base[0, 2]
     about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    assert np.allclose(about_z @ sensors.gripper_rotation[0], data.site("gripper").xmat.reshape(3, 3), atol=1e-9)
+    assert np.allclose(about_z @ state.gripper_rotation[0], data.site("gripper").xmat.reshape(3, 3), atol=1e-9)
 
 
 def test_frames_are_turned_the_right_way(episodes):
     world = World(1)
     scene = episode_scene(episodes[0])
     world.reset(0, scene, Pose(4.0, 2.0, np.pi / 2))
-    sensors = world.sense()
-    assert np.allclose(sensors.in_base(np.array([[4.0, 3.0, 0.5]])), [[1.0, 0.0, 0.5]], atol=1e-12)
-    assert np.allclose(sensors.turned_to_base(np.array([[1.0, 0.0, 0.0]])), [[0.0, -1.0, 0.0]], atol=1e-12)
-    assert np.allclose(sensors.gripper_in_base[0], REST_POSITION, atol=1e-5)
-    forward = sensors.turned_to_gripper(sensors.gripper * 0.0 + np.array([[0.0, 1.0, 0.0]]))
-    assert np.allclose(forward[0], sensors.gripper_rotation[0].T @ [1.0, 0.0, 0.0], atol=1e-12)
+    state = world.sense()
+    assert np.allclose(state.in_base(np.array([[4.0, 3.0, 0.5]])), [[1.0, 0.0, 0.5]], atol=1e-12)
+    assert np.allclose(state.turned_to_base(np.array([[1.0, 0.0, 0.0]])), [[0.0, -1.0, 0.0]], atol=1e-12)
+    assert np.allclose(state.gripper_in_base[0], REST_POSITION, atol=1e-5)
+    forward = state.turned_to_gripper(state.gripper * 0.0 + np.array([[0.0, 1.0, 0.0]]))
+    assert np.allclose(forward[0], state.gripper_rotation[0].T @ [1.0, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("column", "expected"), [(FORWARD, (1.0, 0.0, 0.0)), (TURN, (0.0, 0.0, 1.0))])
@@ -116,9 +116,9 @@ def test_arm_steps_move_the_servos_targets_and_the_arm_follows(episodes):
     action[0, ARM] = (1.0, 0.0, 0.0, -0.5, 0.0, 0.0, 2.0)  # the last one is cut to 1
     for _ in range(10):
         world.step(action)
-    sensors = world.sense()
-    assert np.allclose(sensors.arm_target[0] - REST_ARM, 10 * 0.025 * np.array([1, 0, 0, -0.5, 0, 0, 1]), atol=1e-12)
-    assert np.abs(sensors.arm - sensors.arm_target).max() < 0.05
+    state = world.sense()
+    assert np.allclose(state.arm_target[0] - REST_ARM, 10 * 0.025 * np.array([1, 0, 0, -0.5, 0, 0, 1]), atol=1e-12)
+    assert np.abs(state.arm - state.arm_target).max() < 0.05
 
 
 def test_a_lane_depends_on_nothing_but_itself(episodes):
@@ -137,10 +137,10 @@ def test_a_lane_depends_on_nothing_but_itself(episodes):
                 world.step(actions)
         runs.append((world.lane(mine).qpos.copy(), world.sense(np.array([mine]))))
         world.close()
-    for qpos, sensors in runs[1:]:
+    for qpos, state in runs[1:]:
         assert np.array_equal(qpos, runs[0][0])
         for name in ("gripper", "contact_force", "base_velocity", "object_up"):
-            assert np.array_equal(getattr(sensors, name), getattr(runs[0][1], name)), name
+            assert np.array_equal(getattr(state, name), getattr(runs[0][1], name)), name
 
 
 def test_a_lane_that_is_used_again_is_as_good_as_new(episodes):

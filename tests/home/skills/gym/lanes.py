@@ -5,11 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from perdure.home.benchmark.tasks import TASKS, get_task
+from perdure.home.skills import learned_skills
 from perdure.home.skills.gym import HomeSkillVectorEnv
-from perdure.home.skills.starts import STARTS, put
+from perdure.home.skills.starts import put
 
 LESSONS = [
-    (skill, task) for skill in STARTS for task in TASKS if any(step.skill == skill for step in get_task(task).skills)
+    (skill, task)
+    for skill in learned_skills()
+    for task in TASKS
+    if any(step.skill == skill for step in get_task(task).skills)
 ]
 """Every skill with every task that uses it."""
 
@@ -41,13 +45,13 @@ def drive(env, seeds, actions):
 
 def begin_at(env, *starts):
     """Lets the env's lanes begin at given starts, made from its first episode and the skill's first target."""
-    real, target = env.lessons, env.options.chosen_targets[0]
+    real, target = env.sampler, env.options.chosen_targets[0]
 
     def begin(world, lane, rng):
         put(world, lane, real.scene(0, target), starts[lane])
         return real.episodes[0]
 
-    env.lessons = SimpleNamespace(begin=begin, episodes=real.episodes, scene=real.scene)
+    env.sampler = SimpleNamespace(begin=begin, episodes=real.episodes, scene=real.scene)
     return env
 
 

@@ -12,14 +12,14 @@ from perdure.home.skills.starts.start import TOUCH
 AROUND = np.linspace(0.0, 2.0 * np.pi, 24)
 
 
-def start_within_reach(scene, point, errand, above=0.1, back=0.0, headings=AROUND, **start):
+def start_within_reach(scene, point, skill_goal, above=0.1, back=0.0, headings=AROUND, **start):
     """A start without contacts whose gripper is so far above a point of the room, and so far before it."""
     world = World(1)
     for heading in headings:
         for far in (0.7, 0.8, 0.6, 0.9):
             base = Pose(point[0] - far * np.cos(heading), point[1] - far * np.sin(heading), float(heading))
             found = reach((far - back, 0.0, point[2] + above), REST_ARM, approach=(0.6, 0.0, -0.8))
-            one = Start(base, found.arm, errand, **start)
+            one = Start(base, found.arm, skill_goal, **start)
             put(world, 0, scene, one)
             if found.ok and touching(world.lane(0)) <= TOUCH:
                 return one
@@ -37,7 +37,7 @@ def action(forward=0.0, arm=None, grip=0.0):
 
 def to_rest(env):
     """The action that brings the arm nearer to rest."""
-    left = np.asarray(REST_ARM) - env.sensors.arm_target[0]
+    left = np.asarray(REST_ARM) - env.state.arm_target[0]
     return action(arm=left / max(1.0, np.abs(left).max() / ARM_STEP))
 
 

@@ -9,11 +9,8 @@ import pytest
 from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
 from perdure.home.evaluate.execute.executor import Executor, ExecutorOptions
 from perdure.home.sim.world import SceneOptions
-from perdure.home.skills import SKILLS, get_skill
-from perdure.home.skills.actions import used
-from perdure.home.skills.errands import make_errand
+from perdure.home.skills import SKILLS, get_skill, learned_skills, make_skill_goal
 from perdure.home.skills.gym import HomeSkillVectorEnv
-from perdure.home.skills.starts import STARTS
 
 STEPS, SCENE = 15, SceneOptions(clutter=False, physics_hz=120)
 
@@ -33,7 +30,7 @@ class Waiting:
     def begin(self, world, lane, skill):
         pass
 
-    def act(self, world, lanes, skill, sensors, progress):
+    def act(self, world, lanes, skill, state, progress):
         return np.zeros((len(lanes), 11))
 
 
@@ -43,8 +40,8 @@ class Watching(Waiting):
     def __init__(self, actions):
         self.actions, self.seen = actions, []
 
-    def act(self, world, lanes, skill, sensors, progress):
-        self.seen.append(skill.observe(sensors, progress)[0])
+    def act(self, world, lanes, skill, state, progress):
+        self.seen.append(skill.observe(state, progress)[0])
         if len(self.seen) > len(self.actions):
             raise EnoughError
         return self.actions[len(self.seen) - 1][None]
@@ -52,10 +49,10 @@ class Watching(Waiting):
 
 def stopping(name, always):
     """The skill, but it stops after every step, or never."""
-    return type(name, (SKILLS[name],), {"stop": lambda self, sensors, progress: np.full(len(sensors), always)})()
+    return type(name, (SKILLS[name],), {"stop": lambda self, state, progress: np.full(len(state), always)})()
 
 
-@pytest.mark.parametrize("name", STARTS)
+@pytest.mark.parametrize("name", learned_skills())
 def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
     episode = load_episodes("set_table", "val")[0]
     if name.startswith("close"):  # nothing would be left to do
@@ -63,7 +60,8 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
     plan = episode.home_task.skills
     before = [step.skill for step in plan].index(name)
     actions = np.zeros((STEPS, 11))
-    actions[:, used(get_skill(name))] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(used(get_skill(name)))))
+    columns = list(get_skill(name).active_columns)
+    actions[:, columns] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(columns)))
     watching = Watching(actions)
     skills = {each: stopping(each, always=each != name) for each in SKILLS}
     actors = {each: watching if each == name else Waiting() for each in SKILLS}
@@ -78,12 +76,12 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
         world.reset(lane, scene, start_pose(scene.apartment, episode, 0))
         for _ in range(before):
             world.step(np.zeros((1, 11)))
-        world.assign(lane, make_errand(episode, plan[before], world.lane(lane)))
+        world.assign(lane, make_skill_goal(episode, plan[before], world.lane(lane)))
 
-    env.lessons = SimpleNamespace(begin=begin)
+    env.sampler = SimpleNamespace(begin=begin)
     shown = [env.reset(seed=0)[0][0]]
     for told in actions:
-        observations, _, terminated, *_ = env.step(told[None, used(env.skill)])
+        observations, _, terminated, *_ = env.step(told[None, columns])
         assert not terminated[0]
         shown.append(observations[0])
     np.testing.assert_array_equal(shown, watching.seen)

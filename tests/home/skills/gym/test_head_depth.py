@@ -42,7 +42,7 @@ def room(torso=0.15, yaw=0.0, ball=None):
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.1, 9.0, 4.0), pos=(WALL + 0.1, 0.0, 0.0))
     if ball is not None:
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.05, 0.0, 0.0), pos=ball)
-    add_fetch(spec, looks=False)
+    add_fetch(spec, visuals=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     wanted = {"base_x": BASE[0], "base_y": BASE[1], "base_yaw": yaw, "torso_lift_joint": torso, **ASIDE}

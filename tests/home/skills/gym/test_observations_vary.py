@@ -6,14 +6,14 @@ from lanes import make
 
 from perdure.home.agents.oracle import Oracle
 from perdure.home.sim.world import SCAN_RANGE
-from perdure.home.skills.starts import STARTS
+from perdure.home.skills import learned_skills
 
 STEPS = {"place": 200, "navigate": 80}
 CONSTANT = {"open_fridge": {"handle_in_base_z"}, "close_fridge": {"handle_in_base_z"}}
 """The fridge's handle is 1.14 m above the floor in every apartment."""
 
 
-@pytest.mark.parametrize("skill", STARTS)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_no_element_of_an_observation_is_constant(skill):
     env = make(skill, "set_table", lanes=6, episodes=64, delta=3 if skill == "place" else 1, clutter=skill == "pick")
     oracle, rng = Oracle(), np.random.default_rng(0)
@@ -23,7 +23,7 @@ def test_no_element_of_an_observation_is_constant(skill):
         oracle.begin(env.world, int(lane), env.skill)
     for _ in range(STEPS.get(skill, 90)):
         actions = rng.uniform(-1.0, 1.0, env.action_space.shape)
-        planned = oracle.act(env.world, clever, env.skill, env.sensors[clever], env.progress[clever])
+        planned = oracle.act(env.world, clever, env.skill, env.state[clever], env.progress[clever])
         actions[clever] = planned[:, : actions.shape[1]]
         observations, _, terminated, truncated, _ = env.step(actions)
         seen.append(observations)
@@ -37,12 +37,12 @@ def test_no_element_of_an_observation_is_constant(skill):
     assert idle == CONSTANT.get(skill, set())
 
 
-@pytest.mark.parametrize("skill", STARTS)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_what_a_skill_does_not_look_at_does_not_change_what_it_sees(skill):
     """The executor scans once for all skills, as far as the one that looks farthest."""
     env = make(skill, "set_table", lanes=6, episodes=64)
     seen, _ = env.reset(seed=0)
-    known = env.world.sense(None, SCAN_RANGE, env.skill.needs_rivals)
+    known = env.world.sense(None, SCAN_RANGE, env.skill.needs_neighbors)
     np.testing.assert_array_equal(env.skill.observe(known, env.progress), seen)
     assert known.scan.max() == SCAN_RANGE
     assert (known.scan > 2.0).any()

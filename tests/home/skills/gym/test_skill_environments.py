@@ -8,8 +8,8 @@ from gymnasium.vector import AutoresetMode
 from lanes import LESSONS, drive, make, random_actions, rows
 
 from perdure.home import HomeError
-from perdure.home.skills.gym import HomeSkillEnv, LessonOptions, env_id, register
-from perdure.home.skills.starts import STARTS
+from perdure.home.skills import learned_skills
+from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id, register
 
 STEPS, SEEDS = 25, (5, 6, 7)
 
@@ -173,7 +173,7 @@ def test_a_lane_that_diverges_ends_and_is_counted_and_the_others_do_not_notice()
 class TestNames:
     def test_every_skill_is_registered_and_made_with_its_time_limit(self):
         register()  # again
-        ids = {env_id(skill) for skill in STARTS}
+        ids = {env_id(skill) for skill in learned_skills()}
         assert ids <= set(gymnasium.registry)
         assert env_id("open_drawer") == "perdure/HomeOpenDrawer-v0"
         assert gymnasium.spec("perdure/HomeNavigate-v0").max_episode_steps == 500
@@ -209,7 +209,7 @@ class TestNames:
 )
 def test_options_that_make_no_sense_are_refused(options, word):
     with pytest.raises(HomeError, match=word):
-        LessonOptions(**options)
+        SkillEnvOptions(**options)
 
 
 def test_an_unknown_option_is_named():

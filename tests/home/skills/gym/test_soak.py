@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from lanes import make
 
+from perdure.home.skills import learned_skills
 from perdure.home.skills.gym.register import default_task
-from perdure.home.skills.starts import STARTS
 
 LANES = 16
 STATUS = Path("/proc/self/statm")
@@ -54,9 +54,9 @@ def test_a_sample_of_random_episodes(skill):
 
 @pytest.mark.verify
 @pytest.mark.skipif(not STATUS.exists(), reason="memory is read where Linux shows it")
-@pytest.mark.parametrize("skill", STARTS)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_ten_thousand_random_episodes_over_all_skills(skill, monkeypatch):
     # The store of left worlds fills up for thousands of episodes; a small one is full long before halfway.
     monkeypatch.setattr("perdure.home.sim.world.world.MAX_IDLE", 40)
-    halfway, at_the_end = soak(skill, 10_000 // len(STARTS) + 1, memory=resident)
+    halfway, at_the_end = soak(skill, 10_000 // len(learned_skills()) + 1, memory=resident)
     assert at_the_end - halfway < 40.0

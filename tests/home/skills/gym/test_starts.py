@@ -11,9 +11,10 @@ from perdure.home.sim.apartments import free_space
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import REST_POSITION, TORSO_HEIGHT
 from perdure.home.sim.world import ACTION_SIZE, SceneOptions, World
-from perdure.home.skills.gym.options import LessonOptions
-from perdure.home.skills.starts import STARTS, begin, touching
-from perdure.home.skills.starts.containers import goal_container, handle
+from perdure.home.skills import get_skill, learned_skills
+from perdure.home.skills.gym.options import SkillEnvOptions
+from perdure.home.skills.starts import begin, touching
+from perdure.home.skills.starts.containers import container_of, handle
 
 DRAWS = 40
 
@@ -26,7 +27,7 @@ def draws(skill, task, target=None, count=DRAWS):
     for k in range(count):
         chosen = targets[k % len(targets)] if target is None else target
         episode = episodes[7 * k % len(episodes)]
-        yield episode, chosen, STARTS[skill](episode, chosen, rng)
+        yield episode, chosen, get_skill(skill).draw_start(episode, chosen, rng)
 
 
 def heading_error(base, point):
@@ -42,7 +43,8 @@ def test_a_lane_begins_with_the_robot_free_and_the_same_draws_give_the_same_star
     world = World(2, 1)
     for seed in range(5):
         one, two = (
-            begin(world, lane, scene, STARTS[skill], episode, target, np.random.default_rng(seed)) for lane in (0, 1)
+            begin(world, lane, scene, get_skill(skill).draw_start, episode, target, np.random.default_rng(seed))
+            for lane in (0, 1)
         )
         assert touching(world.lane(0)) <= 0.001
         assert one.base == two.base
@@ -66,16 +68,16 @@ def test_pick_and_place_begin_within_2_m_of_what_they_are_about_and_face_it(skil
 
 
 def test_half_the_robots_face_any_way_where_that_is_asked():
-    usual, wider = LessonOptions("place", "set_table"), LessonOptions("place", "set_table", any_heading=True)
-    assert usual.draw is STARTS["place"]
+    wider = SkillEnvOptions("place", "set_table", any_heading=True).make_skill()
+    assert not SkillEnvOptions("place", "set_table").make_skill().any_heading
     turns = []
     for episode, target, _ in draws("place", "set_table", count=300):
-        start = wider.draw(episode, target, np.random.default_rng(len(turns)))
+        start = wider.draw_start(episode, target, np.random.default_rng(len(turns)))
         turns.append(abs(heading_error(start.base, episode.goals[target].position)))
     past = np.array([np.mean(np.array(turns) > limit) for limit in (0.5, np.pi / 2, 0.9 * np.pi)])
     np.testing.assert_allclose(past, 0.5 * (1.0 - np.array([0.5, np.pi / 2, 0.9 * np.pi]) / np.pi), atol=0.08)
-    with pytest.raises(HomeError, match="any_heading is about place; pick"):
-        LessonOptions("pick", "set_table", any_heading=True)
+    with pytest.raises(HomeError, match="any_heading is an option of place, not of pick"):
+        SkillEnvOptions("pick", "set_table", any_heading=True)
 
 
 @pytest.mark.parametrize(("skill", "task"), LESSONS)
@@ -114,7 +116,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
     episode = load_episodes("set_table", "val")[0]
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(0,)))
     world = World(1)
-    start = begin(world, 0, scene, STARTS["pick"], episode, 0, np.random.default_rng(0))
+    start = begin(world, 0, scene, get_skill("pick").draw_start, episode, 0, np.random.default_rng(0))
     (before,), _ = world.objects(np.array([0]), 1)
     for _ in range(30):
         world.step(np.zeros((1, ACTION_SIZE)))
@@ -126,7 +128,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
 
 def test_a_place_into_the_fridge_finds_it_open_and_others_leave_it_as_it_is():
     for episode, target, start in draws("place", "prepare_groceries"):
-        inside = goal_container(episode, target) == "top_door"
+        inside = container_of(episode.apartment(), episode.goals[target]) == "top_door"
         assert inside == (target == 2)
         assert list(start.opened) == (["top_door"] if inside else [])
 
@@ -145,7 +147,7 @@ def test_drawers_are_opened_and_closed_from_in_front_of_the_handle(skill, x, y):
         assert x[0] - 0.2 <= ahead <= x[1] + 0.2
         assert abs(aside) <= y + 0.2
         assert abs(heading_error(start.base, point)) <= 0.5
-        np.testing.assert_allclose(start.errand.aim, point)
+        np.testing.assert_allclose(start.skill_goal.aim, point)
 
 
 def test_the_fridge_is_opened_and_closed_from_in_front_of_it():
@@ -158,7 +160,7 @@ def test_the_fridge_is_opened_and_closed_from_in_front_of_it():
 
 
 def test_doors_and_drawers_begin_where_the_benchmark_has_them():
-    opened = {skill: [s.opened for *_, s in draws(skill, "set_table")] for skill in STARTS if "_" in skill}
+    opened = {skill: [s.opened for *_, s in draws(skill, "set_table")] for skill in learned_skills() if "_" in skill}
     assert all(not each for each in opened["open_fridge"])
     others = np.array([list(each.values()) for each in opened["open_drawer"]])
     assert others.shape == (DRAWS, 6)
@@ -175,19 +177,19 @@ def test_what_was_placed_lies_at_its_goal_when_its_container_is_closed():
 def test_navigation_begins_anywhere_and_carries_what_is_placed_next():
     seen = set()
     for episode, _, start in draws("navigate", "set_table", count=60):
-        seen.add(start.errand.toward)
-        assert start.held == (0 if start.errand.toward == "place" else -1)
+        seen.add(start.skill_goal.toward)
+        assert start.held == (0 if start.skill_goal.toward == "place" else -1)
         space = free_space(episode.apartment(), start.opened)
         assert space.is_free(np.array([[start.base.x, start.base.y]]))[0]
-        assert np.isfinite(start.errand.route.at(np.array([[start.base.x, start.base.y]]))).all()
+        assert np.isfinite(start.skill_goal.route.at(np.array([[start.base.x, start.base.y]]))).all()
     assert seen == {"open_drawer", "place", "close_drawer", "open_fridge", "pick", "close_fridge"}
 
 
 def test_navigation_finds_open_what_the_plan_opened_before():
     for episode, _, start in draws("navigate", "set_table", count=60):
         drawer = episode.container(0)
-        toward = start.errand.toward
-        bowl = start.errand.goal == episode.goals[0].position
+        toward = start.skill_goal.toward
+        bowl = start.skill_goal.goal == episode.goals[0].position
         expected = {
             "open_drawer": set(),
             "close_drawer": {drawer},
@@ -198,4 +200,4 @@ def test_navigation_finds_open_what_the_plan_opened_before():
         }[toward]
         assert set(start.opened) == expected
         if toward == "close_drawer":
-            np.testing.assert_allclose(start.errand.aim, handle(episode.apartment(), drawer, start.opened[drawer]))
+            np.testing.assert_allclose(start.skill_goal.aim, handle(episode.apartment(), drawer, start.opened[drawer]))

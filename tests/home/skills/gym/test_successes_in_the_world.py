@@ -6,27 +6,27 @@ from lanes import begin_at, make
 from skill_scripts import action, never, start_within_reach, steps_until, to_rest
 
 from perdure.home.sim.apartments import Pose
-from perdure.home.sim.world import Errand
+from perdure.home.sim.world import SkillGoal
 from perdure.home.skills import Aim, region
 from perdure.home.skills.starts import Start
 from perdure.home.skills.starts.containers import handle, link_number
 
 
-def prepared(skill, task, point_of, errand_of, **options):
-    """An environment and the errand's point, its only lane beginning within reach of it."""
+def prepared(skill, task, point_of, skill_goal_of, **options):
+    """An environment and the skill_goal's point, its only lane beginning within reach of it."""
     start = {
         name: options.pop(name) for name in ("held", "opened", "moved", "above", "back", "headings") if name in options
     }
     env = make(skill, task, episodes=1, **options)
-    episode, target = env.lessons.episodes[0], env.options.chosen_targets[0]
+    episode, target = env.sampler.episodes[0], env.options.chosen_targets[0]
     point = point_of(episode, target)
-    begin_at(env, start_within_reach(env.lessons.scene(0, target), point, errand_of(episode, target), **start))
+    begin_at(env, start_within_reach(env.sampler.scene(0, target), point, skill_goal_of(episode, target), **start))
     env.reset(seed=0)
     return env
 
 
-def carry_errand(episode, target):
-    return Errand(0, episode.goals[target].position, toward="place", aim=episode.goals[target].position)
+def carry_skill_goal(episode, target):
+    return SkillGoal(0, episode.goals[target].position, toward="place", aim=episode.goals[target].position)
 
 
 def of_object(episode, target):
@@ -38,9 +38,9 @@ def of_goal(episode, target):
 
 
 def test_an_object_is_picked_by_grasping_it_and_bringing_the_gripper_to_rest():
-    env = prepared("pick", "tidy_house", of_object, carry_errand)
+    env = prepared("pick", "tidy_house", of_object, carry_skill_goal)
     *_, terminated, _, info = env.step(action(grip=1.0))
-    assert env.sensors.held.tolist() == [0]
+    assert env.state.held.tolist() == [0]
     assert info["reward_terms"]["grasp"].tolist() == [1.0]
     assert not terminated[0]
     _, rewards, _, _, info = steps_until(env, to_rest, never)
@@ -49,14 +49,14 @@ def test_an_object_is_picked_by_grasping_it_and_bringing_the_gripper_to_rest():
 
 
 def test_nothing_is_picked_by_grasping_16_cm_above_it():
-    env = prepared("pick", "tidy_house", of_object, carry_errand, above=0.16)
+    env = prepared("pick", "tidy_house", of_object, carry_skill_goal, above=0.16)
     env.step(action(grip=1.0))
-    assert env.sensors.held.tolist() == [-1]
+    assert env.state.held.tolist() == [-1]
 
 
 @pytest.mark.parametrize("delta", [1, 90])
 def test_an_object_let_go_above_its_goal_is_placed_when_the_gripper_is_back_and_delta_steps_have_passed(delta):
-    env = prepared("place", "tidy_house", of_goal, carry_errand, delta=delta, held=0, above=0.12, targets=0)
+    env = prepared("place", "tidy_house", of_goal, carry_skill_goal, delta=delta, held=0, above=0.12, targets=0)
     info = env.step(action(grip=-1.0))[-1]
     assert info["reward_terms"]["release"].tolist() == [1.0]
     assert not info["success"][0]
@@ -64,11 +64,11 @@ def test_an_object_let_go_above_its_goal_is_placed_when_the_gripper_is_back_and_
     assert info["success"][0]
     assert env.progress.lasting[0] >= delta
     assert env.progress.lasting[0] == delta or delta == 1  # after 90 steps the arm has long been at rest
-    assert env.sensors.object_to_goal[0] <= 0.15
+    assert env.state.object_to_goal[0] <= 0.15
 
 
 def test_an_object_let_go_16_cm_above_its_goal_is_a_wrong_drop():
-    env = prepared("place", "tidy_house", of_goal, carry_errand, held=0, above=0.16, targets=0)
+    env = prepared("place", "tidy_house", of_goal, carry_skill_goal, held=0, above=0.16, targets=0)
     *_, terminated, _, info = env.step(action(grip=-1.0))
     assert terminated[0]
     assert info["failure"].tolist() == ["wrong drop"]
@@ -80,21 +80,21 @@ def test_an_object_let_go_16_cm_above_its_goal_is_a_wrong_drop():
     ids=["open", "open to the stop", "close"],
 )
 def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull, on):
-    def errand(episode, target):
+    def skill_goal(episode, target):
         link = episode.container(target)
         point = handle(episode.apartment(), link, q)
-        return Errand(0, link=link_number(episode.apartment(), link), toward=skill, aim=point)
+        return SkillGoal(0, link=link_number(episode.apartment(), link), toward=skill, aim=point)
 
     def point(episode, target):
-        return errand(episode, target).aim
+        return skill_goal(episode, target).aim
 
-    probe = make(skill, "set_table", episodes=1).lessons.episodes[0]
+    probe = make(skill, "set_table", episodes=1).sampler.episodes[0]
     link = probe.container(0)
     facing = probe.apartment().piece_of(link).pose.yaw + np.pi
-    env = prepared(skill, "set_table", point, errand, above=0.06, back=0.1, opened={link: q}, headings=[facing])
+    env = prepared(skill, "set_table", point, skill_goal, above=0.06, back=0.1, opened={link: q}, headings=[facing])
     info = env.step(action(grip=1.0))[-1]
     assert info["reward_terms"]["grasp"].tolist() == [1.0]
-    steps_until(env, lambda env: action(forward=pull), lambda env: bool(env.skill.there(env.sensors.link_position)[0]))
+    steps_until(env, lambda env: action(forward=pull), lambda env: bool(env.skill.there(env.state.link_position)[0]))
     for _ in range(on):
         env.step(action(forward=pull))
     info = env.step(action(grip=-1.0))[-1]
@@ -106,15 +106,15 @@ def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull,
 
 def test_a_robot_that_stands_right_has_arrived_when_it_has_stood_long_enough_and_one_turned_away_never_has():
     env = make("navigate", "tidy_house", episodes=1)
-    episode = env.lessons.episodes[0]
+    episode = env.sampler.episodes[0]
     point = episode.objects[0].position
-    space, cells = region(episode.apartment(), {}, Aim("pick", point))
+    space, cells = region(episode.apartment(), {}, Aim(point))
     x, y = space.centers[cells[0]]
     yaw = float(np.arctan2(point[1] - y, point[0] - x))
-    errand = Errand(0, point, toward="pick", aim=point, route=space.distances(cells))
+    skill_goal = SkillGoal(0, point, toward="pick", aim=point, route=space.distances(cells))
     for off, arrives in ((0.2, True), (0.3, False)):
-        arm = start_within_reach(env.lessons.scene(0, 0), point, errand).arm
-        begin_at(env, Start(Pose(float(x), float(y), yaw + off), arm, errand))
+        arm = start_within_reach(env.sampler.scene(0, 0), point, skill_goal).arm
+        begin_at(env, Start(Pose(float(x), float(y), yaw + off), arm, skill_goal))
         env.reset(seed=0)
         _, _, terminated, _, info = env.step(np.zeros((1, 2)))
         assert (terminated[0], info["success"][0], info["failure"][0]) == (arrives, arrives, "none")

@@ -7,8 +7,8 @@ import pytest
 
 from perdure.home.agents import Learned
 from perdure.home.errors import HomeError
-from perdure.home.skills import get_skill
-from perdure.home.skills.training import RECIPES, evaluate_skill, recipes, skill_config, train_skill
+from perdure.home.skills import get_skill, learned_skills
+from perdure.home.skills.training import evaluate_skill, skill_config, train, train_skill
 from perdure.policy import load_policy
 
 
@@ -38,7 +38,7 @@ def test_a_policy_acts_in_its_own_skill_only(policy):
         actor.begin(None, 0, get_skill("navigate"))
 
 
-@pytest.mark.parametrize("skill", RECIPES)
+@pytest.mark.parametrize("skill", learned_skills())
 def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
     config = skill_config(skill, "set_table")
     assert config.protocol.horizon.longest == get_skill(skill).limit
@@ -66,8 +66,8 @@ def test_place_that_must_last_differs_in_nothing_but_how_long(task):
 )
 def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
     runs = []
-    monkeypatch.setattr(recipes, "train", lambda run, *_, **__: runs.append(run) or [])
-    recipes.train_skill(skill, task, (0,), tmp_path, rolling="drag")
+    monkeypatch.setattr(train, "train", lambda run, *_, **__: runs.append(run) or [])
+    train_skill(skill, task, (0,), tmp_path, rolling="drag")
     (run,) = runs
     assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=drag"} | ({wider} - {""})
     assert wider == "" or wider not in run.command
@@ -83,7 +83,7 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
         "perdure.home.skills.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', "
         "episodes=2)"
     )
-    command = recipes._command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
+    command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
     assert command.format(seed=3) == (
         "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --rolling drag --steps 2000"
     )

@@ -10,7 +10,7 @@ from perdure.home.agents.oracle.motions import Motion, View
 from perdure.home.agents.oracle.navigate import navigate
 from perdure.home.agents.oracle.pick import pick
 from perdure.home.agents.oracle.place import place
-from perdure.home.sim.world import ACTION_SIZE, STOP, Sensors, World
+from perdure.home.sim.world import ACTION_SIZE, STOP, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 
 FloatArray = NDArray[np.float64]
@@ -41,12 +41,14 @@ class Oracle:
         self._views[lane] = view
         self._motions[lane] = self._motion(view, skill)
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`. A motion that has ended leaves the robot standing, or says "stop"."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         for row, lane in enumerate(lanes):
             number = int(lane)
-            self._views[number].sensors = sensors[row : row + 1]
+            self._views[number].state = state[row : row + 1]
             motion = self._motions[number]
             if motion is not None:
                 try:
@@ -68,6 +70,6 @@ class Oracle:
         if skill.name == "place":
             return place(view)
         if skill.name == "navigate":
-            errand = view.world.errand(view.number)
-            return navigate(view, errand, errand.toward)
+            skill_goal = view.world.skill_goal(view.number)
+            return navigate(view, skill_goal, skill_goal.toward)
         return articulate(view, *MOVES[skill.name])

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.collision_query import CollisionQuery
+from perdure.home.agents.oracle.gripper_goals import handle_grabs
 from perdure.home.agents.oracle.motions import Motion, View, reach_for, rest_arm, together, turn_and_go, unjam
 from perdure.home.agents.oracle.pick import ATTEMPTS, SAFE, approach
-from perdure.home.agents.oracle.placing import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
-from perdure.home.agents.oracle.wishes import handle_grabs
+from perdure.home.agents.oracle.reach_plan import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.world.handles import Handles
@@ -28,18 +28,18 @@ BACK = 0.15
 
 
 def articulate(view: View, goal: float, enough: float) -> Motion:
-    """Moves the errand's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
-    link = int(view.sensors.link[0])
+    """Moves the skill_goal's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
+    link = int(view.state.link[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
-        plan = plan_handle(Ghost(view.lane), link, view.base)
+        plan = plan_handle(CollisionQuery(view.lane), link, view.base)
         if plan is None:
             return
         yield from approach(view, plan, lambda: _near(view))
         yield view.action(grip=GRASP)
         if view.lane.held_link == link:
             break
-        if not view.sensors.empty_hand[0]:
+        if not view.state.empty_hand[0]:
             yield view.action(grip=RELEASE)
         yield from rest_arm(view)
     else:
@@ -51,29 +51,29 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
 
 def _near(view: View) -> bool:
     """Whether the handle can be grasped."""
-    return float(np.linalg.norm(view.sensors.handle[0] - view.sensors.gripper[0])) < GRASP_RADIUS - SAFE
+    return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - SAFE
 
 
-def plan_handle(ghost: Ghost, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Where to stand and how to reach a handle as it is now."""
-    point, origin = ghost.handles()[link], np.array([base.x, base.y])
-    wishes = handle_grabs(point, origin, _sides(ghost, link, point, origin))
+    point, origin = query.handles()[link], np.array([base.x, base.y])
+    gripper_goals = handle_grabs(point, origin, _sides(query, link, point, origin))
     if stands is not None:
-        return plan_reach(ghost, stands, wishes)
-    plan = plan_reach(ghost, ahead(base, point, AHEAD, TURNS), wishes)
+        return plan_reach(query, stands, gripper_goals)
+    plan = plan_reach(query, ahead(base, point, AHEAD, TURNS), gripper_goals)
     if plan is not None and plan.free:
         return plan
-    farther = plan_reach(ghost, ahead(base, point, FARTHER_AHEAD, TURNS), wishes)
+    farther = plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals)
     return min((each for each in (plan, farther) if each is not None), key=lambda each: each.cost, default=None)
 
 
-def _sides(ghost: Ghost, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
+def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
     """Where the hand may be from a handle: in front of a drawer; of a door before its outer face or its edge too."""
-    scene = ghost.lane.scene
+    scene = query.lane.scene
     handles = Handles.of(scene.apartment)
     if handles.sign[link] == 0.0:
         return [handles.slide[link]]
-    q = ghost.position(link)
+    q = query.position(link)
     out = handles.one(link, q + 0.01) - point
     radial = point - handles.origin[link]
     toward = np.array([*(origin - point[:2]), 0.0])
@@ -86,11 +86,11 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
     """With the handle in the hand: its wanted place runs ahead along its way, gripper and base follow."""
     handles = Handles.of(view.lane.scene.apartment)
     lever = float(np.hypot(*handles.lever[link])) or 1.0
-    wanted = float(view.sensors.link_position[0])
-    tool = view.sensors.turned_to_gripper(view.sensors.handle - view.sensors.gripper)[0]
+    wanted = float(view.state.link_position[0])
+    tool = view.state.turned_to_gripper(view.state.handle - view.state.gripper)[0]
     direction = float(np.sign(goal - wanted))
     for _ in range(150):
-        now = float(view.sensors.link_position[0])
+        now = float(view.state.link_position[0])
         if abs(goal - now) <= enough:
             break
         # The wanted place waits for the handle when it falls behind by more than a hand's breadth.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
+from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
 from perdure.home.sim.world import (
     ACTION_SIZE,
@@ -21,10 +22,10 @@ from perdure.home.sim.world import (
     LEAVE,
     TURN,
     Lane,
-    Sensors,
+    PrivilegedState,
     World,
 )
-from perdure.home.sim.world.sensors import wrap
+from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,11 @@ def never() -> bool:
 
 @dataclass
 class View:
-    """One lane as an oracle skill sees it; `sensors` (one row) is renewed before each action."""
+    """One lane as an oracle skill sees it; `state` (one row) is renewed before each action."""
 
     world: World
     number: int
-    sensors: Sensors
+    state: PrivilegedState
     base_speed: float
 
     @property
@@ -66,18 +67,18 @@ class View:
     @property
     def jammed(self) -> bool:
         """Whether something keeps the arm from where its servos are told to be."""
-        return float(np.abs(self.sensors.arm_target[0] - self.sensors.arm[0]).max()) > JAMMED_RAD
+        return float(np.abs(self.state.arm_target[0] - self.state.arm[0]).max()) > JAMMED_RAD
 
     @property
     def base(self) -> Pose:
         """Where the robot stands."""
-        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        x, y, yaw = (float(value) for value in self.state.base[0])
         return Pose(x, y, yaw)
 
     @property
     def arm(self) -> FloatArray:
         """Where the arm's servos are told to be. Shape (7,)."""
-        target: FloatArray = self.sensors.arm_target[0]
+        target: FloatArray = self.state.arm_target[0]
         return target
 
     def action(
@@ -122,7 +123,7 @@ def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
 def settled(view: View, steps: int = 10) -> Motion:
     """Waits up to some steps until the arm is where its servos were told to be."""
     for _ in range(steps):
-        if np.abs(view.sensors.arm[0] - view.arm).max() < ARRIVED_RAD:
+        if np.abs(view.state.arm[0] - view.arm).max() < ARRIVED_RAD:
             return
         yield view.action()
 
@@ -246,8 +247,8 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     far = float(np.linalg.norm(away))
     away = away * min(1.0, speed / CONTROL_HZ / max(far, 1e-9))
     rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
-    inverse = rows.T @ np.linalg.inv(rows @ rows.T + 0.03**2 * np.eye(3))
-    home = np.clip(0.02 * rest_error(view.sensors.arm_target)[0], -0.01, 0.01)
+    inverse = damped_inverse(rows, 0.03)
+    home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
     step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
     within: FloatArray = np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.articulate import plan_handle
-from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.motions import Motion, View, follow, turn_to
 from perdure.home.agents.oracle.pick import plan_pick
 from perdure.home.agents.oracle.place import plan_place
-from perdure.home.agents.oracle.placing import ReachPlan, ahead, around
+from perdure.home.agents.oracle.reach_plan import ReachPlan, ahead, around
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
-from perdure.home.sim.world import Errand
-from perdure.home.skills.errands import positions
+from perdure.home.sim.world import SkillGoal
+from perdure.home.skills.starts.containers import open_links
 
 FloatArray = NDArray[np.float64]
 
@@ -42,16 +42,16 @@ STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 """How far the next skill may drive on from there, in [m]."""
 
 
-def navigate(view: View, errand: Errand, toward: str) -> Motion:
+def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
     """Drives to where `toward` works."""
-    assert errand.route is not None
-    route = errand.route
+    assert skill_goal.route is not None
+    route = skill_goal.route
     goals = np.nonzero(route.values == 0.0)[0]
-    aim = np.array(errand.aim)
-    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(positions(view.lane).items())))
+    aim = np.array(skill_goal.aim)
+    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(open_links(view.lane).items())))
     stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
     while stands:
-        plan = _plan(view, errand, toward, stands)
+        plan = _plan(view, skill_goal, toward, stands)
         stand = stands[0] if plan is None else plan.base
         cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
         way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
@@ -76,19 +76,19 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
     return cost
 
 
-def _plan(view: View, errand: Errand, toward: str, stands: list[Pose]) -> ReachPlan | None:
+def _plan(view: View, skill_goal: SkillGoal, toward: str, stands: list[Pose]) -> ReachPlan | None:
     """The skill's own plan from the first standing place that works, each with a step ahead or back."""
     best: ReachPlan | None = None
-    ghost = Ghost(view.lane)
-    aim = np.array(errand.aim)
+    query = CollisionQuery(view.lane)
+    aim = np.array(skill_goal.aim)
     for stand in stands:
         places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
         if toward == "pick":
-            plan = plan_pick(ghost, view.sensors.object[0].copy(), errand.target, stand, places)
+            plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places)
         elif toward == "place":
-            plan = plan_place(ghost, aim, stand, places)
+            plan = plan_place(query, aim, stand, places)
         else:
-            plan = plan_handle(ghost, errand.link, stand, places)
+            plan = plan_handle(query, skill_goal.link, stand, places)
         if plan is not None:
             plan = replace(plan, base=stand)
         if plan is not None and (best is None or plan.depth < best.depth):

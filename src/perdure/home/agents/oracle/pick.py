@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.collision_query import CollisionQuery
+from perdure.home.agents.oracle.gripper_goals import pick_gripper_goals, wishes_aside
 from perdure.home.agents.oracle.motions import (
     Motion,
     View,
@@ -20,8 +21,7 @@ from perdure.home.agents.oracle.motions import (
     unjam,
     unwound,
 )
-from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
-from perdure.home.agents.oracle.wishes import pick_wishes, wishes_aside
+from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.world import GRASP, GRASP_RADIUS
 from perdure.home.sim.world.handles import Handles
@@ -34,11 +34,11 @@ SAFE = 0.002
 
 
 def pick(view: View) -> Motion:
-    """Picks the errand's object."""
-    target = int(view.sensors.target[0])
+    """Picks the skill_goal's object."""
+    target = int(view.state.target[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
-        plan = plan_pick(Ghost(view.lane), view.sensors.object[0].copy(), target, view.base)
+        plan = plan_pick(CollisionQuery(view.lane), view.state.object[0].copy(), target, view.base)
         if plan is None:
             return
         yield from approach(view, plan, lambda: _can_grasp(view, target))
@@ -51,7 +51,7 @@ def pick(view: View) -> Motion:
 
 def _can_grasp(view: View, target: int) -> bool:
     """Whether a grasp now would take the target."""
-    lane, gripper = view.lane, view.sensors.gripper[0]
+    lane, gripper = view.lane, view.state.gripper[0]
     middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
     distance = np.linalg.norm(middles - gripper, axis=1)
     handles = Handles.of(lane.scene.apartment).at(lane.qpos[lane.scene.link_qpos])
@@ -60,22 +60,22 @@ def _can_grasp(view: View, target: int) -> bool:
 
 
 def plan_pick(
-    ghost: Ghost, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
+    query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
     """Where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
-    lane = ghost.lane
+    lane = query.lane
     addresses = lane.scene.object_qpos
     others = [lane.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
-    handles = ghost.handles()
-    rivals = np.concatenate([np.array(others).reshape(-1, 3), handles])
-    rivals = rivals[np.linalg.norm(rivals - point, axis=1) < 0.5]
-    inside = ghost.in_fridge(point)
-    wishes = pick_wishes(point, np.array([base.x, base.y]), rivals, inside)
+    handles = query.handles()
+    neighbors = np.concatenate([np.array(others).reshape(-1, 3), handles])
+    neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
+    inside = query.in_fridge(point)
+    gripper_goals = pick_gripper_goals(point, np.array([base.x, base.y]), neighbors, inside)
     firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
     if stands is not None:
-        return plan_reach(ghost, stands, wishes, firm)
+        return plan_reach(query, stands, gripper_goals, firm)
     origin = np.array([base.x, base.y])
-    return plan_from_here(ghost, base, wishes, point, firm, lambda: wishes_aside(point, origin, rivals))
+    return plan_from_here(query, base, gripper_goals, point, firm, lambda: wishes_aside(point, origin, neighbors))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
@@ -98,10 +98,10 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
 
 def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
     """Whether the arm may already move while the base drives."""
-    ghost, now, end = Ghost(view.lane), view.base, plan.entry
+    query, now, end = CollisionQuery(view.lane), view.base, plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
-        if ghost.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
+        if query.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
             return False
     return True
 

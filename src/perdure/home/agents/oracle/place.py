@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.agents.oracle.ghost import Ghost
+from perdure.home.agents.oracle.collision_query import CollisionQuery
+from perdure.home.agents.oracle.gripper_goals import place_gripper_goals
 from perdure.home.agents.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.agents.oracle.pick import approach, retreat
-from perdure.home.agents.oracle.placing import ReachPlan, plan_from_here, plan_reach
-from perdure.home.agents.oracle.wishes import place_wishes
+from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import YcbObjects
 from perdure.home.sim.world import RELEASE
@@ -25,28 +25,34 @@ STILL = 0.03
 
 
 def place(view: View) -> Motion:
-    """Places the errand's object."""
-    target = int(view.sensors.target[0])
+    """Places the skill_goal's object."""
+    target = int(view.state.target[0])
     if view.lane.held != target:
         yield from rest_arm(view)
         return
-    goal = view.sensors.goal[0].copy()
+    goal = view.state.goal[0].copy()
     yield from unjam(view)
-    plan = plan_place(Ghost(view.lane), goal, view.base)
+    plan = plan_place(CollisionQuery(view.lane), goal, view.base)
     if plan is None:
         return
     yield from approach(view, plan)
     for _ in range(20):
-        if np.linalg.norm(view.sensors.gripper_velocity[0]) < STILL:
+        if np.linalg.norm(view.state.gripper_velocity[0]) < STILL:
             break
         yield view.action()
     yield view.action(grip=RELEASE)
     yield from retreat(view, plan)
 
 
-def plan_place(ghost: Ghost, goal: FloatArray, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+def plan_place(
+    query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
+) -> ReachPlan | None:
     """Where to stand and how to bring the held object to its goal."""
-    held = ghost.lane.held
-    half = YcbObjects().box(ghost.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
-    wishes = place_wishes(goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), ghost.in_fridge(goal))
-    return plan_from_here(ghost, base, wishes, goal) if stands is None else plan_reach(ghost, stands, wishes)
+    held = query.lane.held
+    half = YcbObjects().box(query.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    gripper_goals = place_gripper_goals(
+        goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), query.in_fridge(goal)
+    )
+    return (
+        plan_from_here(query, base, gripper_goals, goal) if stands is None else plan_reach(query, stands, gripper_goals)
+    )

@@ -1,7 +1,7 @@
 """Ways to let go of what is placed. All are actors around the one that places.
 
 Contents:
-    ARMS, make_arm    by name: rl (the policy alone), stop, ik, ik+
+    STRATEGIES, make_strategy    by name: rl (the policy alone), stop, ik, ik+
     HandOver          what they share: freeze, move, open the hand, go on
     Stop, Ik, IkPlus
 """
@@ -14,17 +14,17 @@ from perdure.home.agents.release.stop import Stop
 from perdure.home.errors import HomeError
 
 _HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
-ARMS: tuple[str, ...] = ("rl", *_HAND_OVERS)
+STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
 """Names of all, as `--place` takes them."""
 
 
-def make_arm(name: str, inner: Actor) -> Actor:
-    """The arm of that name around an actor; `rl` is the actor itself."""
+def make_strategy(name: str, inner: Actor) -> Actor:
+    """The strategy of that name around an actor; `rl` is the actor itself."""
     if name == "rl":
         return inner
     if name not in _HAND_OVERS:
-        raise HomeError(f"no placing arm is named {name!r}; there are {', '.join(ARMS)}")
+        raise HomeError(f"no release strategy is named {name!r}; there are {', '.join(STRATEGIES)}")
     return _HAND_OVERS[name](inner)
 
 
-__all__ = ["ARMS", "HandOver", "Ik", "IkPlus", "Stop", "make_arm"]
+__all__ = ["STRATEGIES", "HandOver", "Ik", "IkPlus", "Stop", "make_strategy"]

@@ -1,4 +1,4 @@
-"""The hand-over: what happens between the policy's wish to let go and the moment the hand opens.
+"""The hand-over: what happens between the policy's gripper_goal to let go and the moment the hand opens.
 
 An arm wraps the actor that places. As soon as that actor wants to let go of the target it is frozen; the arm's own
 motion runs, one action per step; then the hand opens and the actor goes on. At a place time-out with the target still
@@ -28,10 +28,10 @@ from perdure.home.sim.world import (
     GRIP,
     RELEASE,
     TURN,
-    Sensors,
+    PrivilegedState,
     World,
 )
-from perdure.home.sim.world.sensors import norm
+from perdure.home.sim.world.state import norm
 from perdure.home.skills import Progress, Skill
 
 FloatArray = NDArray[np.float64]
@@ -52,9 +52,9 @@ NOT_ABOVE = "not above the goal"
 
 @dataclass
 class Held:
-    """One lane while its hand-over runs; `sensors` (one row) is renewed before each action."""
+    """One lane while its hand-over runs; `state` (one row) is renewed before each action."""
 
-    sensors: Sensors
+    state: PrivilegedState
     outcome: str = "done"
     """How it went: "done", or the reason of a fall-back."""
     frozen: Pose = field(init=False)
@@ -66,13 +66,13 @@ class Held:
     @property
     def arm(self) -> FloatArray:
         """Where the arm's servos are told to be. Shape (7,)."""
-        target: FloatArray = self.sensors.arm_target[0]
+        target: FloatArray = self.state.arm_target[0]
         return target
 
     @property
     def base(self) -> Pose:
         """Where the robot stands."""
-        x, y, yaw = (float(value) for value in self.sensors.base[0])
+        x, y, yaw = (float(value) for value in self.state.base[0])
         return Pose(x, y, yaw)
 
     @property
@@ -85,13 +85,13 @@ class Held:
     @property
     def above_goal(self) -> bool:
         """Whether the held object's middle is within the goal's radius of 0.15 m, seen from above."""
-        offset = self.sensors.object[0, :2] - self.sensors.goal[0, :2]
+        offset = self.state.object[0, :2] - self.state.goal[0, :2]
         return bool(np.hypot(*offset) <= AT)
 
     @property
     def speed(self) -> float:
         """Of the gripper point in the room in [m/s]."""
-        return float(norm(self.sensors.gripper_velocity)[0])
+        return float(norm(self.state.gripper_velocity)[0])
 
 
 @dataclass
@@ -119,37 +119,39 @@ class HandOver(ABC):
         self._motions.pop(lane, None)
         self.inner.begin(world, lane, skill)
 
-    def act(self, world: World, lanes: IntArray, skill: Skill, sensors: Sensors, progress: Progress) -> FloatArray:
+    def act(
+        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+    ) -> FloatArray:
         """See `Actor.act`."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         running = np.array([int(lane) in self._motions for lane in lanes])
         if not running.all():
             free = np.flatnonzero(~running)
-            wanted = self.inner.act(world, lanes[free], skill, sensors[free], progress[free])
+            wanted = self.inner.act(world, lanes[free], skill, state[free], progress[free])
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
-                if sensors.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
-                    self._freeze(int(lanes[row]), sensors[row : row + 1])
+                if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
+                    self._freeze(int(lanes[row]), state[row : row + 1])
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
             if lane in self._motions:
-                actions[row] = self._continue(lane, sensors[row : row + 1])
+                actions[row] = self._continue(lane, state[row : row + 1])
         return actions
 
     def overtime(self, lane: int) -> bool:
         """Whether a lane needs more time than its limit: while it has something to put down."""
         return True
 
-    def _freeze(self, lane: int, sensors: Sensors) -> None:
-        self._held[lane] = Held(sensors)
+    def _freeze(self, lane: int, state: PrivilegedState) -> None:
+        self._held[lane] = Held(state)
         self._motions[lane] = self.motion(self._held[lane])
 
-    def _continue(self, lane: int, sensors: Sensors) -> FloatArray:
+    def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
         """The next action of a lane's motion; the opening of the hand when it has ended."""
         held = self._held[lane]
-        held.sensors = sensors
-        if sensors.holds_target[0]:
+        held.state = state
+        if state.holds_target[0]:
             try:
                 return next(self._motions[lane])
             except StopIteration:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
-from perdure.home.sim.robot import reach
-from perdure.home.sim.robot.toward import toward
+from perdure.home.sim.robot import TORSO_HEIGHT, gripper_pose, reach, toward
 from perdure.home.sim.world import CONTROL_HZ
 
 EPSILON = 0.05
@@ -36,8 +35,8 @@ class Ik(HandOver):
         """See `HandOver.motion`."""
         if not (yield from stop_above_goal(held)):
             return
-        start = held.sensors.gripper_in_base[0].copy()
-        rotation = held.sensors.gripper_rotation[0].copy()
+        start = held.state.gripper_in_base[0].copy()
+        rotation = held.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
         if reach(end, held.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
             held.outcome = "out of reach"
@@ -46,15 +45,8 @@ class Ik(HandOver):
         wanted = start.copy()
         for _ in range(steps):
             wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
-            yield hold_base(held, toward(held.arm, wanted - self._told(held), rotation=rotation))
+            # From where the servos' targets would put the gripper: what the arm lags behind is not made up for.
+            yield hold_base(held, toward(held.arm, wanted - gripper_pose(TORSO_HEIGHT, held.arm)[0], rotation=rotation))
         yield from stop(held)
-        if np.linalg.norm(held.sensors.gripper_in_base[0] - end) > OUT_OF_REACH:
+        if np.linalg.norm(held.state.gripper_in_base[0] - end) > OUT_OF_REACH:
             held.outcome = "blocked"
-
-    @staticmethod
-    def _told(held: Held) -> np.ndarray:
-        """Where the servos' targets would put the gripper point: what the arm lags behind is not made up for."""
-        from perdure.home.sim.robot import gripper_pose
-        from perdure.home.sim.robot.data import TORSO_HEIGHT
-
-        return gripper_pose(TORSO_HEIGHT, held.arm)[0]

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
-from perdure.home.sim.robot import gripper_pose
+from perdure.home.sim.robot import gripper_pose, toward
 from perdure.home.sim.robot.data import TORSO_HEIGHT
-from perdure.home.sim.robot.toward import toward
 from perdure.home.sim.world import CONTROL_HZ
 
 FloatArray = NDArray[np.float64]
@@ -75,7 +74,7 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
 
 def touches(held: Held) -> bool:
     """Whether the object (or the hand) feels a contact."""
-    return bool(held.sensors.contact_force[0] > CONTACT)
+    return bool(held.state.contact_force[0] > CONTACT)
 
 
 def upright(rotation: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from perdure.home.benchmark.episodes.records import Episode, EpisodeSet
+from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.objects import Placement

@@ -16,10 +16,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
 from perdure.home.benchmark.episodes.models import ObjectModels
-from perdure.home.benchmark.episodes.placing import Surfaces
-from perdure.home.benchmark.episodes.records import Episode, EpisodeSet
 from perdure.home.benchmark.episodes.settle import MOVED, settle
+from perdure.home.benchmark.episodes.surfaces import Surfaces
 from perdure.home.benchmark.tasks import TASKS, HomeTask, PlacementRule, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Receptacle, free_space, make_apartment, split_apartments

@@ -7,10 +7,10 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+from perdure.home.benchmark.episodes.episode import EpisodeSet
 from perdure.home.benchmark.episodes.files import write_episodes
 from perdure.home.benchmark.episodes.generate import generate_episodes
 from perdure.home.benchmark.episodes.models import ObjectModels
-from perdure.home.benchmark.episodes.records import EpisodeSet
 from perdure.home.benchmark.tasks import TASKS
 
 PUBLISHED = ("val", "eval")

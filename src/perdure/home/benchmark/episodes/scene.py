@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from perdure.home.benchmark.episodes.records import Episode
+from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.sim.world import Scene, SceneOptions, build_scene
 
 MAX_CACHED = 256

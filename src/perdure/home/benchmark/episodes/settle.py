@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.benchmark.episodes.models import ObjectModels
-from perdure.home.benchmark.episodes.records import Episode
 from perdure.home.sim.apartments import Apartment, build_apartment
 from perdure.home.sim.objects import Placement
 
@@ -44,7 +44,7 @@ def settle(
     """
     import mujoco
 
-    spec = build_apartment(apartment, looks=False)
+    spec = build_apartment(apartment, visuals=False)
     spec.option.timestep = TIMESTEP
     names = [f"object_{k}" for k in range(len(placements))]
     for name, placement in zip(names, placements, strict=True):

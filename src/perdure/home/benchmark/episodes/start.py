@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from perdure.home.benchmark.episodes.records import Episode
+from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints

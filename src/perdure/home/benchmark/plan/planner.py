@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.resources import files
-from typing import Any, cast
+from typing import Any
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.plan.problem import PlanProblem, plan_problem
 from perdure.home.benchmark.tasks import HomeTask, SkillStep
-from perdure.home.benchmark.tasks.task import SkillName, with_resets
+from perdure.home.benchmark.tasks.task import with_resets
 from perdure.home.errors import HomeError
 
 _NO_SKILL = "next_target"
@@ -42,7 +42,7 @@ def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
             f"no plan solves {problem.name}: no sequence of its skills ends with {' '.join(problem.final)}; "
             "doors are opened only for a target behind them"
         )
-    skills = [(cast(SkillName, name), int(target.removeprefix("target_"))) for name, target in actions]
+    skills = [(name, int(target.removeprefix("target_"))) for name, target in actions]
     return with_resets(*(step for step in skills if step[0] != _NO_SKILL))
 
 

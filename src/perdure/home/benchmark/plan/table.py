@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.plan.planner import make_plan
 from perdure.home.benchmark.plan.problem import Container, plan_problem
 from perdure.home.benchmark.tasks import HomeTask, SkillStep
 
 
-def render_plan(plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None) -> str:
-    """A plan as a table: number, skill, target, where it happens, limit in control steps.
+def render_plan(
+    plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None, limits: Mapping[str, int] | None = None
+) -> str:
+    """Return a plan as a table: number, skill, target, where it happens, step limit.
 
     Args:
         plan: The steps.
-        task: What it is the plan of. When given, the table names the containers, of an episode the very drawer.
+        task: The task or episode of the plan, for the names of containers; an episode determines the drawer, too.
+        limits: Step limit by skill. Without it there is no such column.
     """
     starts: tuple[Container | None, ...] = () if task is None else plan_problem(task).starts
-    rows = [["", "skill", "target", "where", "limit"]]
+    rows = [["", "skill", "target", "where", *(["limit"] if limits else [])]]
     for number, step in enumerate(plan, 1):
-        rows.append([str(number), step.skill, str(step.target), _where(step, starts), str(step.limit)])
+        limit = [str(limits[step.skill])] if limits else []
+        rows.append([str(number), step.skill, str(step.target), _where(step, starts), *limit])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows.insert(1, ["-" * width for width in widths])
-    columns = list(zip("><><>", widths, strict=True))  # numbers to the right, words to the left
+    columns = list(zip("><><>", widths, strict=False))  # numbers to the right, words to the left
     return "\n".join(
         "  ".join(f"{cell:{side}{width}}" for cell, (side, width) in zip(row, columns, strict=True)) for row in rows
     )
 
 
-def print_plan(task: HomeTask | Episode | str) -> None:
-    """Prints the plan of a task or an episode as a table, with a line on what it is and how long it may last."""
+def print_plan(task: HomeTask | Episode | str, limits: Mapping[str, int] | None = None) -> None:
+    """Print the plan of a task or an episode as a table; arguments as of `render_plan`."""
     plan = make_plan(task)
-    limits = sum(step.limit for step in plan)
-    print(f"{plan_problem(task).name}: {len(plan)} steps, their limits together {limits}\n")
-    print(render_plan(plan, task))
+    total = f", their limits together {sum(limits[step.skill] for step in plan)}" if limits else ""
+    print(f"{plan_problem(task).name}: {len(plan)} steps{total}\n")
+    print(render_plan(plan, task, limits))
 
 
 def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:

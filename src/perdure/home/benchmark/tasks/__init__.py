@@ -23,7 +23,15 @@ from perdure.home.benchmark.tasks.facts import NOTHING, SOMETHING_ELSE, WorldFac
 from perdure.home.benchmark.tasks.predicates import AT, PREDICATES, Predicate, predicate
 from perdure.home.benchmark.tasks.prepare_groceries import PREPARE_GROCERIES
 from perdure.home.benchmark.tasks.set_table import SET_TABLE
-from perdure.home.benchmark.tasks.task import LIMITS, HomeTask, PlacementRule, SkillName, SkillStep, Stage, TargetRule
+from perdure.home.benchmark.tasks.task import (
+    BenchmarkSkill,
+    HomeTask,
+    PlacementRule,
+    SkillName,
+    SkillStep,
+    Stage,
+    TargetRule,
+)
 from perdure.home.benchmark.tasks.tidy_house import TIDY_HOUSE
 from perdure.home.errors import HomeError
 
@@ -40,7 +48,6 @@ def get_task(name: str) -> HomeTask:
 
 __all__ = [
     "AT",
-    "LIMITS",
     "NOTHING",
     "PREDICATES",
     "PREPARE_GROCERIES",
@@ -49,6 +56,7 @@ __all__ = [
     "SOMETHING_ELSE",
     "TASKS",
     "TIDY_HOUSE",
+    "BenchmarkSkill",
     "HomeTask",
     "PlacementRule",
     "Predicate",

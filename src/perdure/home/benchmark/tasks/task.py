@@ -14,21 +14,12 @@ from perdure.home.benchmark.tasks.predicates import Predicate, predicate
 from perdure.home.errors import HomeError
 
 BoolArray = NDArray[np.bool_]
-SkillName = Literal[
+BenchmarkSkill = Literal[
     "navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "reset_arm"
 ]
-
-LIMITS: dict[SkillName, int] = {
-    "navigate": 500,
-    "pick": 200,
-    "place": 200,
-    "open_drawer": 200,
-    "close_drawer": 200,
-    "open_fridge": 200,
-    "close_fridge": 200,
-    "reset_arm": 50,
-}
-"""Steps (at 30 per second) after which a skill is stopped, as in M3's composite tasks."""
+"""The skills of the benchmark's own tasks."""
+SkillName = str
+"""The name of any skill; the executor checks it when a plan runs (`perdure.home.skills.SKILLS`)."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +31,6 @@ class SkillStep:
     """Number of the target it is about."""
     toward: SkillName | None = None
     """For `navigate`: the skill that follows, which decides where to go."""
-
-    @property
-    def limit(self) -> int:
-        """Steps after which it is stopped, whatever it has reached."""
-        return LIMITS[self.skill]
 
 
 @dataclass(frozen=True)
@@ -113,7 +99,10 @@ def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
 
 
 def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
-    """A skill sequence from (skill, target) pairs: `reset_arm` after every skill, `navigate` told what follows."""
+    """Return a skill sequence from (skill, target) pairs.
+
+    `reset_arm` is added after every skill, and each `navigate` gets the name of the next skill.
+    """
     steps: list[SkillStep] = []
     for k, (skill, target) in enumerate(skills):
         steps.append(SkillStep(skill, target, skills[k + 1][0] if skill == "navigate" else None))
@@ -123,7 +112,7 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
 
 def pick_and_place_skills(targets: int) -> tuple[SkillStep, ...]:
     """Navigate, pick, navigate, place for each target in turn, as in TidyHouse and PrepareGroceries."""
-    order: tuple[SkillName, ...] = ("navigate", "pick", "navigate", "place")
+    order: tuple[BenchmarkSkill, ...] = ("navigate", "pick", "navigate", "place")
     return with_resets(*((skill, target) for target in range(targets) for skill in order))
 
 

@@ -1,11 +1,9 @@
-"""Running task plans over many episodes at once, open loop, and writing down what happened.
+"""Executing task plans over many episodes at once, open loop.
 
 Contents:
-    Executor, ExecutorOptions    the runner
-    EpisodeLog, SkillRun         what it writes down
+    Executor, ExecutorOptions    runs episodes and yields their logs
 """
 
 from perdure.home.evaluate.execute.executor import Executor, ExecutorOptions
-from perdure.home.evaluate.execute.log import EpisodeLog, SkillRun
 
-__all__ = ["EpisodeLog", "Executor", "ExecutorOptions", "SkillRun"]
+__all__ = ["Executor", "ExecutorOptions"]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import latched, stages_stabilizing
-from perdure.home.evaluate.outcomes.failures import failure_table, mode_table, outcome, outcome_table
 from perdure.home.evaluate.outcomes.files import check_distinct
+from perdure.home.evaluate.outcomes.labels import failure_table, mode_table, outcome, outcome_table
 from perdure.home.evaluate.outcomes.measures import stage_table
 from perdure.home.evaluate.outcomes.placements import IDENTITY, kind_table, placement_table, shape_table
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
 
 if TYPE_CHECKING:
     import polars as pl
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Analysis:
-    """Tables made of logs. All of them are ordered by task, split and arm."""
+    """Tables made of logs. All of them are ordered by task, split and strategy."""
 
     episodes: pl.DataFrame
     """One row per episode: identity, `success` (latched), `stabilizing` (the task's success with every placement
@@ -58,15 +58,15 @@ class Analysis:
         }
 
 
-def analyze(logs: Sequence[EpisodeRecord], seed: int = 0) -> Analysis:
-    """Analyzes logs of any tasks, splits, arms and seeds together. The order of the logs does not matter.
+def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
+    """Analyzes logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
 
     Args:
         logs: Records, from `read_logs`, `record_of` or another simulator.
         seed: Of the bootstrap: the same logs give the same intervals.
 
     Raises:
-        HomeError: If there are no logs, or one episode of one arm and its seeds is there twice.
+        HomeError: If there are no logs, or one episode of one strategy and its seeds is there twice.
     """
     check_distinct(logs, "the logs")
     records = sorted(logs, key=lambda record: record.key)
@@ -83,7 +83,7 @@ def analyze(logs: Sequence[EpisodeRecord], seed: int = 0) -> Analysis:
     )
 
 
-def _episode_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
+def _episode_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
     import polars as pl
 
     rows = [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import Predicate, WorldFacts, goal_stabilizing, stabilizing_stages
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
+from perdure.home.evaluate.log import EpisodeLog
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -29,12 +29,12 @@ _OUTSIDE = 1.0
 _Counted = TypeVar("_Counted")
 
 
-def _once(count: Callable[[EpisodeRecord], _Counted]) -> Callable[[EpisodeRecord], _Counted]:
+def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Counted]:
     """Counts a record once and remembers the result for as long as the record lives."""
-    known: WeakKeyDictionary[EpisodeRecord, _Counted] = WeakKeyDictionary()
+    known: WeakKeyDictionary[EpisodeLog, _Counted] = WeakKeyDictionary()
 
     @wraps(count)
-    def counted(record: EpisodeRecord) -> _Counted:
+    def counted(record: EpisodeLog) -> _Counted:
         if record not in known:
             known[record] = count(record)
         return known[record]
@@ -42,7 +42,7 @@ def _once(count: Callable[[EpisodeRecord], _Counted]) -> Callable[[EpisodeRecord
     return counted
 
 
-def moments(record: EpisodeRecord) -> tuple[IntArray, WorldFacts]:
+def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     """The steps at which anything can change, and the facts at them.
 
     Positions in these facts only say whether an object is in its goal: they are the goal, or 1 m beside it.
@@ -64,7 +64,7 @@ def moments(record: EpisodeRecord) -> tuple[IntArray, WorldFacts]:
 
 
 @_once
-def stage_steps(record: EpisodeRecord) -> tuple[int, ...]:
+def stage_steps(record: EpisodeLog) -> tuple[int, ...]:
     """The step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
     steps, facts = moments(record)
     steps = steps[steps < record.steps]
@@ -78,12 +78,12 @@ def stage_steps(record: EpisodeRecord) -> tuple[int, ...]:
     return (*reached, *[NEVER] * (len(record.home_task.stages) - len(reached)))
 
 
-def latched(record: EpisodeRecord) -> tuple[bool, ...]:
+def latched(record: EpisodeLog) -> tuple[bool, ...]:
     """Which stages are reached, as the benchmark counts."""
     return tuple(step != NEVER for step in stage_steps(record))
 
 
-def handled(record: EpisodeRecord, target: int) -> tuple[int, int] | None:
+def handled(record: EpisodeLog, target: int) -> tuple[int, int] | None:
     """Steps in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
 
     None when its pick never began; when its place never began, the rest of the episode.
@@ -95,7 +95,7 @@ def handled(record: EpisodeRecord, target: int) -> tuple[int, int] | None:
 
 
 @_once
-def stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
+def stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
     """Which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
     if record.diverged:
         return (False,) * len(record.targets)
@@ -109,13 +109,13 @@ def stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
 
 
 @_once
-def stages_stabilizing(record: EpisodeRecord) -> tuple[bool, ...]:
+def stages_stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
     """Which stages count when every placement up to them must be goal-stabilizing."""
     counted = stabilizing_stages(record.home_task, np.array(latched(record)), np.array(stabilizing(record)))
     return tuple(map(bool, counted))
 
 
-def blamed(record: EpisodeRecord, stage: int) -> Predicate | None:
+def blamed(record: EpisodeLog, stage: int) -> Predicate | None:
     """The condition that kept the first unmet stage from being reached.
 
     Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the

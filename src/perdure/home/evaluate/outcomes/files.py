@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.execute.log import EpisodeLog
-from perdure.home.evaluate.outcomes.convert import record_of
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
+from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.schema import (
     READABLE_VERSIONS,
     SCHEMA_NAME,
@@ -31,36 +29,31 @@ BODY = "columns_sha256"
 _RESERVED = ("schema", "version", "sha256", BODY)
 
 
-def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], run: Mapping[str, str]) -> Path:
-    """Writes what an executor kept of some episodes as one file, whole.
+def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: Mapping[str, str]) -> Path:
+    """Write logs as one file, whole.
 
     Args:
         path: Where to.
-        logs: Executed episodes, of one arm and one training seed.
-        run: `arm` and `train_seed` (see `record_of`); everything goes into the file's metadata, too.
+        logs: Logs of an executor or of another simulator.
+        notes: Goes into the file's metadata, such as `policies` and `command`.
 
     Raises:
-        HomeError: If there are no logs, an episode is there twice, or `run` does not say what was run.
+        HomeError: If there are no logs, an episode is there twice, or a note is no text or has a reserved name.
         OSError: If the file cannot be written; an old one is untouched.
     """
-    return write_records(path, [record_of(log, run) for log in logs], run)
-
-
-def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord], run: Mapping[str, str]) -> Path:
-    """Writes records, such as another simulator's, as one file, whole; see `write_logs`."""
-    check_distinct(records, f"the records for {os.fspath(path)}")
-    reserved = [name for name, value in run.items() if name in _RESERVED or not isinstance(value, str)]
+    check_distinct(logs, f"the logs for {os.fspath(path)}")
+    reserved = [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]
     if reserved:
-        raise HomeError(f"run says {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
-    frame = to_frame(records)
-    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **run}
+        raise HomeError(f"notes say {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
+    frame = to_frame(logs)
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **notes}
     notes["sha256"] = _digest(frame, notes)
     # The columns' bytes do not depend on the metadata, which stands behind them: written once to know their digest.
     notes[BODY] = _body_digest(_parquet(frame, notes))
     return write_whole(path, _parquet(frame, notes))
 
 
-def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
+def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
     """Reads a file of logs.
 
     Raises:
@@ -90,7 +83,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
 
 
 def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What the writer of a file of logs added to it: `run` of `write_logs`, such as `arm`.
+    """What the writer of a file of logs added to it: `notes` of `write_logs`, such as `command`.
 
     Raises:
         HomeError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
@@ -132,8 +125,8 @@ def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
     return {str(outcome): count for outcome, count in counts.items()}
 
 
-def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
-    """HomeError when there is no record, or one episode of one arm and its seeds is there twice."""
+def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
+    """HomeError when there is no record, or one episode of one strategy and its seeds is there twice."""
     if not records:
         raise HomeError(f"{name} must hold at least one episode")
     seen: set[Any] = set()

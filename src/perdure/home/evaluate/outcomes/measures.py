@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import latched, stages_stabilizing
-from perdure.home.evaluate.outcomes.failures import COUNTINGS
+from perdure.home.evaluate.outcomes.labels import COUNTINGS
 from perdure.home.evaluate.outcomes.placements import GROUP
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
 from perdure.report.statistics import survival_interval
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def stage_table(records: Sequence[EpisodeRecord], rng: np.random.Generator) -> pl.DataFrame:
-    """One row per task, split, arm, way of counting and stage; the last stage is the task's success.
+def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
+    """One row per task, split, strategy, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
     `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
@@ -72,9 +72,9 @@ def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, F
     return means.mean(axis=0), error
 
 
-def grouped(records: Sequence[EpisodeRecord]) -> dict[tuple[str, str, str], list[EpisodeRecord]]:
-    """Records by task, split and arm, in the order of their first one."""
-    groups: dict[tuple[str, str, str], list[EpisodeRecord]] = {}
+def grouped(records: Sequence[EpisodeLog]) -> dict[tuple[str, str, str], list[EpisodeLog]]:
+    """Records by task, split and strategy, in the order of their first one."""
+    groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
     for record in records:
-        groups.setdefault((record.task, record.split, record.arm), []).append(record)
+        groups.setdefault((record.task, record.split, record.strategy), []).append(record)
     return groups

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from perdure.home.evaluate.outcomes.records import EpisodeRecord, FinalObject
+from perdure.home.evaluate.log import EpisodeLog, FinalObject
 from perdure.home.sim.objects import KINDS, AppleShape, YcbObjects
 
 AT_REST = 0.01
@@ -28,7 +28,7 @@ DEEPEST = 0.005
 class Overlap:
     """Two objects at rest, neither in the hand, one inside the other after the last step of an episode."""
 
-    record: EpisodeRecord
+    record: EpisodeLog
     first: int
     """Number of one object in the episode; targets come first."""
     second: int
@@ -42,7 +42,7 @@ class Overlap:
         return f"{self.record.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
 
 
-def find_overlaps(records: Sequence[EpisodeRecord], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
+def find_overlaps(records: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
     """Yield every pair of objects at rest that overlap by more than a depth.
 
     Episodes that diverged and records without final poses are passed over.
@@ -54,7 +54,7 @@ def find_overlaps(records: Sequence[EpisodeRecord], deeper_than: float = DEEPEST
     for record in records:
         if record.diverged:
             continue
-        apple: AppleShape = "hull" if "hull-apple" in record.arm.split() else "sphere"
+        apple: AppleShape = "hull" if "hull-apple" in record.strategy.split() else "sphere"
         at_rest = [k for k, each in enumerate(record.final_objects) if each.speed < AT_REST and not each.held]
         for first, second in combinations(at_rest, 2):
             depth = overlap_depth(record.final_objects[first], record.final_objects[second], apple)
@@ -86,7 +86,7 @@ def _pair_model(first: str, second: str, apple: AppleShape) -> tuple[Any, list[t
     import mujoco
 
     spec = mujoco.MjSpec()
-    objects = YcbObjects(looks=False, apple=apple)
+    objects = YcbObjects(visuals=False, apple=apple)
     for name, kind in (("first", first), ("second", second)):
         objects.add(spec, kind, name, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     model = spec.compile()

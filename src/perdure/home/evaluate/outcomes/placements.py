@@ -7,31 +7,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import handled, stabilizing
-from perdure.home.evaluate.outcomes.mechanisms import (
+from perdure.home.evaluate.outcomes.failure_causes import (
     in_goal_since,
     placement,
-    placement_mechanism,
+    placement_cause,
     release_offset,
     tilt,
 )
-from perdure.home.evaluate.outcomes.records import EpisodeRecord
 
 if TYPE_CHECKING:
     import polars as pl
 
 STAYED = "stayed"
-"""In place of a mechanism where a placement is goal-stabilizing."""
-IDENTITY = ("task", "split", "arm", "train_seed", "eval_seed", "index")
-GROUP = ("task", "split", "arm")
+"""In place of a cause where a placement is goal-stabilizing."""
+IDENTITY = ("task", "split", "strategy", "train_seed", "eval_seed", "index")
+GROUP = ("task", "split", "strategy")
 
 
-def placement_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
+def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
     """One row per placement; a target that was never let go while the plan handled it has none.
 
     | column | meaning |
     |---|---|
-    | task, split, arm, train_seed, eval_seed, index, target | which |
+    | task, split, strategy, train_seed, eval_seed, index, target | which |
     | kind, cylinder | the object |
     | skill, forced | in which skill it was let go; whether the hand was opened by force |
     | release_height | where its middle was let go, above where it would rest in its goal [m] |
@@ -42,7 +42,7 @@ def placement_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
     | in_goal_end, in_goal_settled | ... of the episode, of the settling time |
     | stabilizing | whether the placement is goal-stabilizing |
     | displacement, fall | its way from the release to the last step of its track: in the plane, downwards [m] |
-    | mechanism | see `mechanisms`; `stayed` where it is goal-stabilizing |
+    | cause | see `causes`; `stayed` where it is goal-stabilizing |
     """
     import polars as pl
 
@@ -54,7 +54,7 @@ def placement_table(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
         **dict.fromkeys(("release_height", "release_offset", "tilt", "object_speed", "gripper_speed"), real),
         "base_speed": real,
         **dict.fromkeys(("in_goal_release", "in_goal_skill_end", "in_goal_end", "in_goal_settled"), flag),
-        **{"stabilizing": flag, "displacement": real, "fall": real, "mechanism": text},
+        **{"stabilizing": flag, "displacement": real, "fall": real, "cause": text},
     }
     return pl.DataFrame(rows, schema=kinds)
 
@@ -95,7 +95,7 @@ def _share(part: pl.Expr, whole: pl.Expr) -> pl.Expr:
     return pl.when(whole > 0).then(part / whole)
 
 
-def _rows(record: EpisodeRecord) -> list[dict[str, object]]:
+def _rows(record: EpisodeLog) -> list[dict[str, object]]:
     stays = stabilizing(record)
     return [
         {**{name: getattr(record, name) for name in IDENTITY}, **row}
@@ -104,7 +104,7 @@ def _rows(record: EpisodeRecord) -> list[dict[str, object]]:
     ]
 
 
-def _row(record: EpisodeRecord, target: int, stays: bool) -> dict[str, object] | None:
+def _row(record: EpisodeLog, target: int, stays: bool) -> dict[str, object] | None:
     release, span = placement(record, target), handled(record, target)
     if release is None or span is None:
         return None
@@ -130,5 +130,5 @@ def _row(record: EpisodeRecord, target: int, stays: bool) -> dict[str, object] |
         "stabilizing": stays,
         "displacement": float(np.hypot(way[0], way[1])),
         "fall": float(-way[2]),
-        "mechanism": STAYED if stays else placement_mechanism(record, target),
+        "cause": STAYED if stays else placement_cause(record, target),
     }

@@ -44,8 +44,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from perdure.home.errors import HomeError
+from perdure.home.evaluate.log import EpisodeLog, Event, FinalObject, Release, SkillRun, Target, Track
 from perdure.home.evaluate.outcomes.counting import stabilizing, stage_steps, stages_stabilizing
-from perdure.home.evaluate.outcomes.records import EpisodeRecord, Event, FinalObject, Release, Run, Target, Track
 
 if TYPE_CHECKING:
     import polars as pl
@@ -54,7 +54,12 @@ SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "2"
 READABLE_VERSIONS = ("1", "2")
 FINAL_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TRACK_COLUMNS = ("x", "y", "z", "up", "gripper_x", "gripper_y", "gripper_z", "base_x", "base_y", "base_yaw")
-_PLAIN = ("task", "split", "index", "episode_hash", "arm", "train_seed", "eval_seed", "control_hz", "steps", "length")
+_PLAIN = {
+    **{name: name for name in ("task", "split", "index", "episode_hash")},
+    "arm": "strategy",
+    **{name: name for name in ("train_seed", "eval_seed", "control_hz", "steps", "length")},
+}
+"""Column to attribute of `EpisodeLog`."""
 _RUN = ("number", "skill", "target", "begin", "end", "ending", "success", "forced_release", "force", "reach")
 
 
@@ -85,19 +90,19 @@ def columns(version: str = SCHEMA_VERSION) -> dict[str, pl.DataType]:
     }
 
 
-def to_frame(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
+def to_frame(records: Sequence[EpisodeLog]) -> pl.DataFrame:
     """Records as a table of the schema."""
     import polars as pl
 
     return pl.DataFrame([_to_row(record) for record in records], schema=columns())
 
 
-def from_frame(frame: pl.DataFrame) -> list[EpisodeRecord]:
+def from_frame(frame: pl.DataFrame) -> list[EpisodeLog]:
     """Records from a table of the schema; HomeError where one contradicts itself."""
     return [_from_row(row) for row in frame.iter_rows(named=True)]
 
 
-def _to_row(record: EpisodeRecord) -> dict[str, Any]:
+def _to_row(record: EpisodeLog) -> dict[str, Any]:
     kept = stabilizing(record)
     targets = [
         {
@@ -108,7 +113,7 @@ def _to_row(record: EpisodeRecord) -> dict[str, Any]:
         for target, lasts in zip(record.targets, kept, strict=True)
     ]
     return {
-        **{name: getattr(record, name) for name in _PLAIN},
+        **{column: getattr(record, name) for column, name in _PLAIN.items()},
         "diverged": record.diverged,
         "targets": targets,
         "stages": _stages(record),
@@ -126,7 +131,7 @@ def _to_row(record: EpisodeRecord) -> dict[str, Any]:
     }
 
 
-def _stages(record: EpisodeRecord) -> list[dict[str, Any]]:
+def _stages(record: EpisodeLog) -> list[dict[str, Any]]:
     names = [stage.name for stage in record.home_task.stages]
     counted = zip(names, stage_steps(record), stages_stabilizing(record), strict=True)
     return [{"name": name, "reached": step, "stabilizing": lasts} for name, step, lasts in counted]
@@ -140,15 +145,15 @@ def _release_row(release: Release) -> dict[str, Any]:
     return {"target": release.target, **speeds, "track": {"step": track.step.tolist(), **poses}}
 
 
-def _from_row(row: Mapping[str, Any]) -> EpisodeRecord:
-    record = EpisodeRecord(
-        **{name: row[name] for name in _PLAIN},
+def _from_row(row: Mapping[str, Any]) -> EpisodeLog:
+    record = EpisodeLog(
+        **{name: row[column] for column, name in _PLAIN.items()},
         diverged=row["diverged"],
         targets=tuple(
             Target(t["kind"], t["cylinder"], t["container"], (t["goal_x"], t["goal_y"], t["goal_z"]))
             for t in row["targets"]
         ),
-        runs=tuple(Run(**run) for run in row["runs"]),
+        runs=tuple(SkillRun(**run) for run in row["runs"]),
         events=tuple(Event(**{**event, "in_goal": tuple(event["in_goal"])}) for event in row["events"]),
         releases=tuple(_release(release) for release in row["releases"]),
         final_objects=tuple(_final_object(each) for each in row.get("final_objects", ())),

@@ -1,4 +1,4 @@
-"""The analysis as plain text: one block per task, split and arm."""
+"""The analysis as plain text: one block per task, split and strategy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from perdure.home.evaluate.outcomes.failures import COUNTINGS
+from perdure.home.evaluate.outcomes.labels import COUNTINGS
 from perdure.home.evaluate.outcomes.placements import GROUP
 
 if TYPE_CHECKING:
@@ -68,9 +68,9 @@ def _outcome_rows(outcomes: pl.DataFrame) -> list[Sequence[str]]:
 
 
 def _mode_rows(modes: pl.DataFrame) -> list[Sequence[str]]:
-    rows = modes.select("stage", "mechanism", "count", "of_all", "of_failed").iter_rows()
+    rows = modes.select("stage", "cause", "count", "of_all", "of_failed").iter_rows()
     return [
-        ("stage", "mechanism", "count", "of all", "of failed"),
+        ("stage", "cause", "count", "of all", "of failed"),
         *((stage, word, str(count), _percent(a), _percent(b)) for stage, word, count, a, b in rows),
     ]
 

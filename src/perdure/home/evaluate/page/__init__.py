@@ -1,18 +1,18 @@
 """The page of the home benchmark: tables in, figures and one HTML file that needs no network out.
 
-    comparison.py    the arms of one task and split side by side
+    comparison.py    the strategies of one task and split side by side
     success.py       figures: success of the task, per stage (figure 2-2)
-    failures.py      figures: outcomes (figures 2-1, 2-3), first unmet stage x mechanism
+    failures.py      figures: outcomes (figures 2-1, 2-3), first unmet stage x cause
     placements.py    figures: kinds of objects, cylinders (figure 2-5), how objects were let go
     tables.py        the same as numbers
     words.py         what figures call release strategies, worlds, stages, outcomes, objects
-    cast.py          who acted, from the files of logs
+    assignment.py          who acted, from the files of logs
     page.py          write_page
 
 It draws with `perdure.report`, which knows nothing of homes.
 """
 
-from perdure.home.evaluate.page.cast import Cast, read_cast
+from perdure.home.evaluate.page.assignment import PolicyAssignment, read_assignment
 from perdure.home.evaluate.page.page import PAGE, write_page
 
-__all__ = ["PAGE", "Cast", "read_cast", "write_page"]
+__all__ = ["PAGE", "PolicyAssignment", "read_assignment", "write_page"]

@@ -1,4 +1,4 @@
-"""The arms of one task and split side by side: their tables, their order, how figures show them."""
+"""The release strategies of one task and split side by side: tables, order, labels and styles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from perdure.home.agents.release import ARMS
+from perdure.home.agents.release import STRATEGIES
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.evaluate.outcomes import Analysis, Counting
 from perdure.home.evaluate.page import words
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What the logs of one task and split say, arm by arm."""
+    """The tables of one task and split by release strategy."""
 
     analysis: Analysis
-    """Of everything; the properties below hold what belongs to this task and split."""
+    """All tables; the properties below select this task and split."""
     task: str
     split: str
-    arms: tuple[str, ...]
-    """In the order in which they are shown."""
+    strategies: tuple[str, ...]
+    """Names in logs, in the order in which they are shown."""
     styles: tuple[Style, ...]
-    """One for each arm."""
+    """One for each strategy."""
 
     @property
     def home_task(self) -> HomeTask:
@@ -44,111 +44,111 @@ class Comparison:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What figures call the arms; a world that all share is in `world`."""
-        return tuple(words.strategy(arm, with_world=not self.world) for arm in self.arms)
+        """Their words in figures; settings that all share are in `world`."""
+        return tuple(words.describe(strategy, with_world=not self.world) for strategy in self.strategies)
 
     @property
     def world(self) -> str:
-        """In words, what differs from the usual world for all arms alike; "" where that is nothing."""
-        worlds = {words.world(arm) for arm in self.arms}
+        """Settings that differ from the default for all strategies alike, in words; "" for none."""
+        worlds = {words.world(strategy) for strategy in self.strategies}
         return worlds.pop() if len(worlds) == 1 else ""
 
     @cached_property
     def episodes(self) -> dict[str, pl.DataFrame]:
-        """Episodes by arm, see `Analysis.episodes`."""
+        """Episodes by strategy, see `Analysis.episodes`."""
         return self._split(self.analysis.episodes)
 
     @cached_property
     def stages(self) -> dict[str, pl.DataFrame]:
-        """Success per stage by arm, both ways of counting."""
+        """Success per stage by strategy, both ways of counting."""
         return self._split(self.analysis.stages)
 
     @cached_property
     def outcomes(self) -> dict[str, pl.DataFrame]:
-        """Outcomes by arm."""
+        """Outcomes by strategy."""
         return self._split(self.analysis.outcomes)
 
     @cached_property
     def modes(self) -> dict[str, pl.DataFrame]:
-        """Failure modes by arm, both ways of counting."""
+        """Failure modes by strategy, both ways of counting."""
         return self._split(self.analysis.modes)
 
     @cached_property
     def placements(self) -> dict[str, pl.DataFrame]:
-        """Placements by arm."""
+        """Placements by strategy."""
         return self._split(self.analysis.placements)
 
     @cached_property
     def kinds(self) -> dict[str, pl.DataFrame]:
-        """Placements by object kind, by arm."""
+        """Placements by object kind, by strategy."""
         return self._split(self.analysis.kinds)
 
     @cached_property
     def shapes(self) -> dict[str, pl.DataFrame]:
-        """Placements of cylinders and others, by arm."""
+        """Placements of cylinders and others, by strategy."""
         return self._split(self.analysis.shapes)
 
-    def final(self, arm: str, counting: Counting) -> dict[str, float]:
-        """The row of `stages` with the task's success: `mean`, `standard_error`, `lower`, `upper`, `runs`, ..."""
-        return self.stages[arm].filter(counting=counting).row(-1, named=True)
+    def final(self, strategy: str, counting: Counting) -> dict[str, float]:
+        """Return the row of `stages` with the task's success: `mean`, `standard_error`, `lower`, `upper`, ..."""
+        return self.stages[strategy].filter(counting=counting).row(-1, named=True)
 
-    def units(self, arm: str) -> tuple[bool, int]:
-        """Whether training seeds are the units of an arm's intervals, rather than episodes, and how many there are."""
-        episodes = self.episodes[arm]
-        if str(self.final(arm, "latched")["units"]) == TRAINING_SEEDS:
+    def units(self, strategy: str) -> tuple[bool, int]:
+        """Return whether training seeds (else episodes) are the units of the intervals, and their number."""
+        episodes = self.episodes[strategy]
+        if str(self.final(strategy, "latched")["units"]) == TRAINING_SEEDS:
             return True, episodes["train_seed"].n_unique()
         return False, len(episodes)
 
-    def has_intervals(self, arm: str) -> bool:
-        """Whether figures draw the arm's intervals: they are over enough units."""
-        return self.units(arm)[1] >= FEWEST_FOR_INTERVAL
+    def has_intervals(self, strategy: str) -> bool:
+        """Return whether a strategy has enough units to draw intervals."""
+        return self.units(strategy)[1] >= FEWEST_FOR_INTERVAL
 
-    def last_left(self, arm: str) -> int:
-        """Episodes that the benchmark counts as success although the object placed last left its goal afterwards."""
+    def last_left(self, strategy: str) -> int:
+        """Return the number of latched successes whose last placed object left its goal afterwards."""
         import polars as pl
 
         last = max(stage.placed for stage in self.home_task.stages if stage.placed is not None)
-        left = self.placements[arm].filter(~pl.col("stabilizing"), target=last)
+        left = self.placements[strategy].filter(~pl.col("stabilizing"), target=last)
         keys = ["train_seed", "eval_seed", "index"]
-        return len(self.episodes[arm].filter("success").join(left.select(keys), on=keys, how="semi"))
+        return len(self.episodes[strategy].filter("success").join(left.select(keys), on=keys, how="semi"))
 
     def _split(self, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
         here = table.filter(task=self.task, split=self.split)
-        return {arm: here.filter(arm=arm) for arm in self.arms}
+        return {strategy: here.filter(strategy=strategy) for strategy in self.strategies}
 
 
 def comparisons(analysis: Analysis) -> tuple[Comparison, ...]:
-    """One for each task and split, in the analysis' order. An arm has the same style in all of them."""
-    rows = analysis.episodes.select("task", "split", "arm").unique(maintain_order=True).rows()
-    order = ordered({arm for _, _, arm in rows})
+    """Return one for each task and split, in the analysis' order. A strategy has the same style in all of them."""
+    rows = analysis.episodes.select("task", "split", "strategy").unique(maintain_order=True).rows()
+    order = ordered({strategy for _, _, strategy in rows})
     found = []
     for task, split in dict.fromkeys((task, split) for task, split, _ in rows):
-        arms = tuple(arm for arm in order if (task, split, arm) in rows)
-        styles = tuple(style(order.index(arm)) for arm in arms)
-        found.append(Comparison(analysis, task, split, arms, styles))
+        strategies = tuple(strategy for strategy in order if (task, split, strategy) in rows)
+        styles = tuple(style(order.index(strategy)) for strategy in strategies)
+        found.append(Comparison(analysis, task, split, strategies, styles))
     return tuple(found)
 
 
-def ordered(arms: set[str]) -> list[str]:
-    """The policy alone, then what was trained to make objects stay, the hand-overs, whatever else there is.
+def ordered(strategies: set[str]) -> list[str]:
+    """Return strategies in order: the policy alone, policies trained to make objects stay, hand-overs, others.
 
-    What differs from the usual world, as in `ik drag`, comes after all that does not.
+    Strategies in other worlds, such as `ik drag`, come after all in the default world.
     """
 
-    def place(arm: str) -> tuple[str, int, int, str]:
-        name, _, world = arm.partition(" ")
+    def place(strategy: str) -> tuple[str, int, int, str]:
+        name, _, world = strategy.partition(" ")
         if delta := re.match(r"delta-(\d+)", name):
             return world, 1, int(delta[1]), name
-        return world, 2 * (ARMS.index(name) if name in ARMS else len(ARMS)), 0, name
+        return world, 2 * (STRATEGIES.index(name) if name in STRATEGIES else len(STRATEGIES)), 0, name
 
-    return sorted(arms, key=place)
+    return sorted(strategies, key=place)
 
 
 def percent(share: float) -> str:
-    """0.917 -> "91.7 %"."""
+    """Return a share in percent: 0.917 -> "91.7 %"."""
     return f"{100 * share:.1f} %"
 
 
 def listed(words: Sequence[str]) -> str:
-    """a, b and c."""
+    """Return words as a list: "a, b and c"."""
     return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from perdure.home.evaluate.outcomes import COUNTINGS, Analysis
 from perdure.home.evaluate.page import tables, words
-from perdure.home.evaluate.page.cast import Cast
+from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons, listed, percent
-from perdure.home.evaluate.page.failures import mode_figure, outcome_figure
+from perdure.home.evaluate.page.failure_modes import mode_figure, outcome_figure
 from perdure.home.evaluate.page.placements import MEASURES, kind_figure, release_figure, shape_figure
 from perdure.home.evaluate.page.success import final_figure, stage_figure
 from perdure.report import document
@@ -21,7 +21,7 @@ from perdure.runs import write_whole
 
 PAGE = "report.html"
 METHOD = """A task plan runs skills one after the other, whatever became of the last one, from the same episodes and
-start poses under every placing arm. <em>Latched</em> counts as the benchmark does: a stage that was reached stays
+start poses under every release strategy. <em>Latched</em> counts as the benchmark does: a stage that was reached stays
 reached. <em>Goal-stabilizing</em> counts as the thesis does: from the end of its place to the end of the episode and of
 the settling time after it, the object is in its goal and out of the hand at every step. Every number comes from the
 logs alone; nothing is simulated for this page."""
@@ -31,16 +31,16 @@ def write_page(
     analysis: Analysis,
     out: str | os.PathLike[str],
     command: str,
-    cast: Cast | None = None,
+    assignment: PolicyAssignment | None = None,
     formats: Sequence[Format] = ("png",),
 ) -> Path:
     """Write `report.html`, which needs no network, and each figure as a file beside it.
 
     Args:
-        analysis: From `analyze`; several tasks, splits and arms may be in it.
+        analysis: From `analyze`; several tasks, splits and strategies may be in it.
         out: A folder; made if it is missing.
         command: What made the page; shown so that a reader can repeat it.
-        cast: Who acted, from `read_cast`; the page says "not recorded" without it.
+        assignment: Who acted, from `read_assignment`; the page says "not recorded" without it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
 
     Returns:
@@ -50,16 +50,16 @@ def write_page(
         ReportError: An unknown format.
         OSError: The folder cannot be written.
     """
-    folder, parts, cast = Path(out), list[str](), cast or Cast()
+    folder, parts, assignment = Path(out), list[str](), assignment or PolicyAssignment()
     taken: set[str] = set()
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in comparisons(analysis):
         figures = unique(make_figures(comparison), taken)
         save(figures, folder, formats)
         parts += [document.header(_title(comparison), verdict(comparison)), document.figures(figures)]
-        parts += _tables(comparison, cast)
+        parts += _tables(comparison, assignment)
     parts.append(document.text("How to read this", METHOD))
-    others = [each for each in cast.commands if each != command]
+    others = [each for each in assignment.commands if each != command]
     if others:
         made = "".join(f"<pre>{html.escape(each)}</pre>" for each in others)
         parts.append(f"<section><h2>The logs were made by</h2>{made}</section>")
@@ -79,7 +79,7 @@ def make_figures(comparison: Comparison) -> list[Figure]:
 def verdict(comparison: Comparison) -> str:
     """One sentence: how often the whole task succeeded and stayed so, and what the benchmark counts."""
     lasting, latched = (
-        [percent(comparison.final(arm, counting)["mean"]) for arm in comparison.arms]
+        [percent(comparison.final(strategy, counting)["mean"]) for strategy in comparison.strategies]
         for counting in ("stabilizing", "latched")
     )
     stayed = "; ".join(f"{label} {share}" for label, share in zip(comparison.labels, lasting, strict=True))
@@ -90,13 +90,13 @@ def _title(comparison: Comparison) -> str:
     return ", ".join(filter(None, (words.task(comparison.task), comparison.split, comparison.world)))
 
 
-def _tables(comparison: Comparison, cast: Cast) -> list[str]:
+def _tables(comparison: Comparison, assignment: PolicyAssignment) -> list[str]:
     return [
         tables.success_table(comparison),
         tables.paired_table(comparison),
         tables.mode_table(comparison),
         tables.placement_table(comparison),
         tables.release_table(comparison),
-        tables.hand_over_table(comparison, cast),
-        tables.cast_table(comparison, cast),
+        tables.hand_over_table(comparison, assignment),
+        tables.assignment_table(comparison, assignment),
     ]

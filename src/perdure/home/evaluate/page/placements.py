@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.evaluate.outcomes.mechanisms import DROPPED_HEIGHT, THROWN_SPEED
+from perdure.home.evaluate.outcomes.failure_causes import DROPPED_HEIGHT, THROWN_SPEED
 from perdure.home.evaluate.page import words
 from perdure.home.evaluate.page.comparison import Comparison
 from perdure.report import theme, wording
@@ -23,12 +23,18 @@ SLOWEST = 0.001
 
 def kind_figure(comparison: Comparison) -> Figure | None:
     """How many objects of each kind were placed and how many of them did not stay; None when nothing was placed."""
-    kinds = sorted({row for arm in comparison.arms for row in comparison.kinds[arm].select("kind", "cylinder").rows()})
+    kinds = sorted(
+        {
+            row
+            for strategy in comparison.strategies
+            for row in comparison.kinds[strategy].select("kind", "cylinder").rows()
+        }
+    )
     if not kinds:
         return None
     bars = []
-    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
-        table = comparison.kinds[arm]
+    for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
+        table = comparison.kinds[strategy]
         placed, failed = (table[name].to_numpy().astype(np.float64) for name in ("placements", "failures"))
         counts = table.select("failures", "placements", "rate").iter_rows()
         texts = [f"{bad} of {n} ({wording.share(rate)})" for bad, n, rate in counts]
@@ -51,11 +57,11 @@ def shape_figure(comparison: Comparison) -> Figure | None:
     names: list[str] = []
     shares: list[float] = []
     texts: list[str] = []
-    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
-        if not comparison.shapes[arm]["cylinder"].any():
+    for strategy, label in zip(comparison.strategies, comparison.labels, strict=True):
+        if not comparison.shapes[strategy]["cylinder"].any():
             continue
         for column, what in (("placements", "placed"), ("failures", "did not stay")):
-            counts = dict(comparison.shapes[arm].select("cylinder", column).iter_rows())
+            counts = dict(comparison.shapes[strategy].select("cylinder", column).iter_rows())
             total, cylinders = sum(counts.values()), counts.get(True, 0)
             names.append(f"{label}: {what} (n = {total})")
             shares.append(cylinders / total if total else 0.0)
@@ -82,7 +88,7 @@ class Measure:
     axis: str
     log: bool = False
     marker: Marker | None = None
-    """A threshold of the failure mechanisms."""
+    """A threshold of the failure causes."""
 
 
 MEASURES = (
@@ -109,10 +115,10 @@ MEASURES = (
 
 
 def release_figure(comparison: Comparison, measure: Measure) -> Figure | None:
-    """The distribution of one measure for each arm, as the share of placements at or below; None without any."""
+    """The distribution of one measure for each strategy, as the share of placements at or below; None without any."""
     drawn, shown = [], []
-    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
-        values = comparison.placements[arm][measure.column].to_numpy()
+    for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
+        values = comparison.placements[strategy][measure.column].to_numpy()
         if len(values):
             shown.append(np.maximum(values, SLOWEST) if measure.log else values)
             drawn.append((label, style))

@@ -20,30 +20,34 @@ WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "
 
 
 def final_figure(comparison: Comparison) -> Figure:
-    """Success of the whole task: a row for each arm, a point for each way of counting."""
+    """Success of the whole task: a row for each strategy, a point for each way of counting."""
 
     def points(counting: Counting) -> Points:
-        rows = [comparison.final(arm, counting) for arm in comparison.arms]
-        drawn = np.array([comparison.has_intervals(arm) for arm in comparison.arms])
+        rows = [comparison.final(strategy, counting) for strategy in comparison.strategies]
+        drawn = np.array([comparison.has_intervals(strategy) for strategy in comparison.strategies])
         lower, upper = (np.where(drawn, [row[bound] for row in rows], np.nan) for bound in ("lower", "upper"))
         latched = counting == "latched"
         return Points(
             label=WORDS[counting],
-            rows=range(len(comparison.arms)),
+            rows=range(len(comparison.strategies)),
             x=np.array([row["mean"] for row in rows]),
             style=theme.Style(theme.FADED, shape="square") if latched else theme.style(0),
             lower=lower,
             upper=upper,
-            members=None if latched else [_by_seed(comparison, arm) for arm in comparison.arms],
+            members=None if latched else [_by_seed(comparison, strategy) for strategy in comparison.strategies],
         )
 
-    pairs = zip(comparison.arms, comparison.labels, strict=True)
-    rings = "Rings: each training seed. " if any(_by_seed(comparison, arm) for arm in comparison.arms) else ""
+    pairs = zip(comparison.strategies, comparison.labels, strict=True)
+    rings = (
+        "Rings: each training seed. "
+        if any(_by_seed(comparison, strategy) for strategy in comparison.strategies)
+        else ""
+    )
     return Figure(
         name="success",
         title="Success of the whole task",
         chart=point_chart(
-            [f"{label} (n = {len(comparison.episodes[arm]):,})" for arm, label in pairs],
+            [f"{label} (n = {len(comparison.episodes[strategy]):,})" for strategy, label in pairs],
             [points(counting) for counting in COUNTINGS],
             Axis("share of n episodes", percent=True),
         ),
@@ -55,14 +59,14 @@ def final_figure(comparison: Comparison) -> Figure:
 
 
 def stage_figure(comparison: Comparison) -> Figure:
-    """Success per stage: a curve for each arm and way of counting."""
+    """Success per stage: a curve for each strategy and way of counting."""
     names = words.stages(comparison.home_task)
     curves = []
-    for arm, label, style in zip(comparison.arms, comparison.labels, comparison.styles, strict=True):
+    for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
         for counting in reversed(COUNTINGS):
-            table = comparison.stages[arm].filter(counting=counting)
+            table = comparison.stages[strategy].filter(counting=counting)
             lasting = counting == "stabilizing"
-            shown = lasting and comparison.has_intervals(arm)
+            shown = lasting and comparison.has_intervals(strategy)
             curves.append(
                 Curve(
                     label=label if lasting else f"{label}: latched",
@@ -92,15 +96,15 @@ def stage_figure(comparison: Comparison) -> Figure:
 
 
 def _episodes(comparison: Comparison) -> str:
-    return wording.sample([len(comparison.episodes[arm]) for arm in comparison.arms], "episode")
+    return wording.sample([len(comparison.episodes[strategy]) for strategy in comparison.strategies], "episode")
 
 
 def error_note(comparison: Comparison, what: str = "Bars") -> str:
-    """What error bars are: 95 % intervals, over which units, how many and by which method, for each arm."""
+    """What error bars are: 95 % intervals, over which units, how many and by which method, for each strategy."""
     methods: dict[tuple[str, bool, int], list[str]] = {}
-    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
-        method = str(comparison.final(arm, "latched")["method"])
-        methods.setdefault((method, *comparison.units(arm)), []).append(label)
+    for strategy, label in zip(comparison.strategies, comparison.labels, strict=True):
+        method = str(comparison.final(strategy, "latched")["method"])
+        methods.setdefault((method, *comparison.units(strategy)), []).append(label)
     parts = []
     for (method, seeds, count), labels in methods.items():
         which = "" if len(methods) == 1 else f" of {listed(labels)}"
@@ -114,15 +118,15 @@ def error_note(comparison: Comparison, what: str = "Bars") -> str:
 
 
 def unequal_note(comparison: Comparison) -> str:
-    """A warning where the arms did not run the same episodes from the same start poses; else nothing."""
-    ran = [set(comparison.episodes[arm].select("eval_seed", "index").rows()) for arm in comparison.arms]
+    """A warning where the strategies did not run the same episodes from the same start poses; else nothing."""
+    ran = [set(comparison.episodes[strategy].select("eval_seed", "index").rows()) for strategy in comparison.strategies]
     if all(each == ran[0] for each in ran):
         return ""
     counts = listed([f"{label}: {len(each)}" for label, each in zip(comparison.labels, ran, strict=True)])
-    return f" The arms ran different episodes ({counts}): see the table of the same episodes under two arms."
+    return f" The strategies ran different episodes ({counts}): see the table of paired episodes."
 
 
-def _by_seed(comparison: Comparison, arm: str) -> list[float]:
+def _by_seed(comparison: Comparison, strategy: str) -> list[float]:
     """The goal-stabilizing success of every training seed; nothing where there is one."""
-    parts = comparison.episodes[arm].partition_by("train_seed")
+    parts = comparison.episodes[strategy].partition_by("train_seed")
     return [float(part["stabilizing"].to_numpy().mean()) for part in parts] if len(parts) > 1 else []

@@ -1,35 +1,37 @@
-"""The page's tables: numbers of every arm, the same episodes under two arms, failure modes, releases, who acted."""
+"""The page's tables: success, paired episodes, failure modes, placements, releases, hand-overs, policies."""
 
 from __future__ import annotations
 
 import math
 from itertools import combinations
 
-from perdure.home.evaluate.outcomes import COUNTINGS, UNTRAINED, paired_difference
+from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.evaluate.outcomes import COUNTINGS, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_EPISODE
-from perdure.home.evaluate.page.cast import Cast
+from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, percent
-from perdure.home.evaluate.page.failures import mode_counts, mode_labels
+from perdure.home.evaluate.page.failure_modes import mode_counts, mode_labels
 from perdure.home.evaluate.page.success import WORDS
 from perdure.report import document
 from perdure.report.statistics import EVALUATION_SEEDS_ONLY, TRAINING_SEEDS, Interval
 
 UNKNOWN = "not recorded"
+STRATEGY = "release strategy"
 
 
 def success_table(comparison: Comparison) -> str:
-    """Success of every arm, and successes that did not last."""
-    headings = ("arm", "in the figures", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
+    """Success of every strategy, and successes that did not last."""
+    headings = (STRATEGY, "in the figures", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
     headings += ("counted, did not last", "of these the last object", "diverged")
     rows = []
-    for arm, label in zip(comparison.arms, comparison.labels, strict=True):
-        episodes = comparison.episodes[arm]
+    for strategy, label in zip(comparison.strategies, comparison.labels, strict=True):
+        episodes = comparison.episodes[strategy]
         lost = episodes.filter(outcome="success that did not last")
         rows.append(
             (
-                *(arm, label, f"{len(episodes):,}", _seeds(comparison, arm)),
-                *(_mean(comparison.final(arm, counting)) for counting in COUNTINGS),
-                *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(arm))),
+                *(strategy, label, f"{len(episodes):,}", _seeds(comparison, strategy)),
+                *(_mean(comparison.final(strategy, counting)) for counting in COUNTINGS),
+                *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(strategy))),
                 str(episodes["diverged"].sum()),
             )
         )
@@ -42,10 +44,10 @@ def success_table(comparison: Comparison) -> str:
 
 
 def paired_table(comparison: Comparison) -> str:
-    """Every two arms on the episodes that both ran; nothing for a single arm."""
+    """Every two strategies on the episodes that both ran; nothing for a single strategy."""
     rows = []
-    for first, second in combinations(comparison.arms, 2):
-        left, right = (comparison.episodes[arm] for arm in (first, second))
+    for first, second in combinations(comparison.strategies, 2):
+        left, right = (comparison.episodes[strategy] for strategy in (first, second))
         both = left.join(right, on=SAME_EPISODE)
         if both.is_empty():
             continue
@@ -57,41 +59,48 @@ def paired_table(comparison: Comparison) -> str:
         rows.append((f"{second} against {first}", *cells))
     if not rows:
         return ""
-    headings = ("arms", "same episodes", "better", "worse", "mean difference")
+    headings = ("release strategies", "same episodes", "better", "worse", "mean difference")
     note = (
         "Goal-stabilizing success with the same policies from the same start. Mean difference [95 % interval over "
         "training seeds, Student t; over episodes where there is one training seed]. Not corrected for the number of "
         "comparisons."
     )
-    return document.table("The same episodes under two arms", headings, rows, note)
+    return document.table("The same episodes under two release strategies", headings, rows, note)
 
 
 def mode_table(comparison: Comparison) -> str:
-    """Every failure mode with its count and both shares, for every arm and way of counting."""
+    """Every failure mode with its count and both shares, for every strategy and way of counting."""
     rows = []
     for counting in COUNTINGS:
-        counts = {arm: mode_counts(comparison, counting, arm) for arm in comparison.arms}
+        counts = {strategy: mode_counts(comparison, counting, strategy) for strategy in comparison.strategies}
         for label in mode_labels(comparison, counting):
-            cells = [counts[arm].get(label) for arm in comparison.arms]
+            cells = [counts[strategy].get(label) for strategy in comparison.strategies]
             rows.append((WORDS[counting], *label, *map(_counted, cells)))
     if not rows:
         return ""
-    headings = ("counting", "first unmet stage", "mechanism", *comparison.arms)
+    headings = ("counting", "first unmet stage", "failure cause", *comparison.strategies)
     return document.table("Failure modes", headings, rows, "Count (share of all episodes, share of the failed ones).")
 
 
 def placement_table(comparison: Comparison) -> str:
-    """Placements of every arm: how many did not stay, of all, of cylinders and of the others."""
+    """Placements of every strategy: how many did not stay, of all, of cylinders and of the others."""
     rows = []
-    for arm in comparison.arms:
-        shapes = {row["cylinder"]: row for row in comparison.shapes[arm].iter_rows(named=True)}
+    for strategy in comparison.strategies:
+        shapes = {row["cylinder"]: row for row in comparison.shapes[strategy].iter_rows(named=True)}
         cells = [
             _failed_of(shapes[c]["failures"], shapes[c]["placements"]) if c in shapes else "none" for c in (True, False)
         ]
         everything = [sum(row[name] for row in shapes.values()) for name in ("failures", "placements")]
         shares = [shapes[True][name] if True in shapes else 0.0 for name in ("of_placements", "of_failures")]
-        rows.append((arm, _failed_of(*everything), *cells, *("" if s is None else percent(s) for s in shares)))
-    headings = ("arm", "did not stay", "cylinders", "other objects", "cylinders of all placed", "of those that left")
+        rows.append((strategy, _failed_of(*everything), *cells, *("" if s is None else percent(s) for s in shares)))
+    headings = (
+        "strategy",
+        "did not stay",
+        "cylinders",
+        "other objects",
+        "cylinders of all placed",
+        "of those that left",
+    )
     return document.table("Placements", headings, rows, "Did not stay: not goal-stabilizing, of so many placements.")
 
 
@@ -105,38 +114,45 @@ def release_table(comparison: Comparison) -> str:
         "tilt": ("tilt [deg]", 1.0, 0),
     }
     rows = []
-    for arm in comparison.arms:
-        placements = comparison.placements[arm]
+    for strategy in comparison.strategies:
+        placements = comparison.placements[strategy]
         cells = []
         for column, (_, scale, digits) in columns.items():
             found = [placements[column].quantile(level, "linear") for level in (0.5, 0.1, 0.9)]
             middle, low, high = ("" if value is None else f"{scale * value:.{digits}f}" for value in found)
             cells.append(f"{middle} ({low} to {high})" if middle else "")
-        rows.append((arm, str(len(placements)), *cells))
-    headings = ("arm", "placements", *(words for words, _, _ in columns.values()))
+        rows.append((strategy, str(len(placements)), *cells))
+    headings = (STRATEGY, "placements", *(words for words, _, _ in columns.values()))
     return document.table("At the release", headings, rows, "Median (10 % to 90 %).")
 
 
-def hand_over_table(comparison: Comparison, cast: Cast) -> str:
+def hand_over_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
     """How often each outcome of a release strategy came; nothing where no logs note it."""
-    counts = {arm: cast.hand_overs.get((comparison.task, comparison.split, arm), {}) for arm in comparison.arms}
+    counts = {
+        strategy: assignment.hand_overs.get((comparison.task, comparison.split, strategy), {})
+        for strategy in comparison.strategies
+    }
     outcomes = sorted({outcome for each in counts.values() for outcome in each})
     if not outcomes:
         return ""
-    rows = [(arm, *(str(each.get(outcome, 0)) for outcome in outcomes)) for arm, each in counts.items() if each]
+    rows = [
+        (strategy, *(str(each.get(outcome, 0)) for outcome in outcomes)) for strategy, each in counts.items() if each
+    ]
     note = "Done: the whole motion ran. Anything else is a fall-back: the object was let go at rest, where it was."
-    return document.table("Release strategies: how the motion went", ("arm", *outcomes), rows, note)
+    return document.table("Release strategies: how the motion went", (STRATEGY, *outcomes), rows, note)
 
 
-def cast_table(comparison: Comparison, cast: Cast) -> str:
+def assignment_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
     """Which policy acted in which skill."""
     task, split = comparison.task, comparison.split
     rows = []
-    for skill in cast.skills(task, split) or ["every skill"]:
-        names = [cast.acting.get((task, split, arm), {}).get(skill, ()) for arm in comparison.arms]
+    for skill in assignment.skills(task, split) or ["every skill"]:
+        names = [
+            assignment.acting.get((task, split, strategy), {}).get(skill, ()) for strategy in comparison.strategies
+        ]
         rows.append((skill, *(", ".join(map(_named, each)) or UNKNOWN for each in names)))
     note = "The scripted oracle knows the whole world; a learned policy sees what the skill's table says."
-    return document.table("Who acted", ("skill", *comparison.arms), rows, note)
+    return document.table("Policies", ("skill", *comparison.strategies), rows, note)
 
 
 def _named(name: str) -> str:
@@ -145,7 +161,7 @@ def _named(name: str) -> str:
 
 def _units(comparison: Comparison) -> str:
     """What the intervals are over, and how they were computed."""
-    found = {comparison.stages[arm].select("units", "method").row(0) for arm in comparison.arms}
+    found = {comparison.stages[strategy].select("units", "method").row(0) for strategy in comparison.strategies}
     words = {
         TRAINING_SEEDS: "over training seeds",
         EVALUATION_SEEDS_ONLY: "over episodes where there is one training seed: it says nothing about training again",
@@ -153,8 +169,8 @@ def _units(comparison: Comparison) -> str:
     return ", ".join(f"{words[units]} ({method})" for units, method in sorted(found, reverse=True))
 
 
-def _seeds(comparison: Comparison, arm: str) -> str:
-    episodes = comparison.episodes[arm]
+def _seeds(comparison: Comparison, strategy: str) -> str:
+    episodes = comparison.episodes[strategy]
     trained = [seed for seed in episodes["train_seed"].unique() if seed != UNTRAINED]
     return f"{len(trained) or 'untrained'} x {episodes['eval_seed'].n_unique()}"
 

@@ -6,8 +6,8 @@ import re
 
 from perdure.home.benchmark.tasks import HomeTask, Stage
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes.failures import DID_NOT_LAST, OTHER, SUCCESS
-from perdure.home.evaluate.protocol.naming import read_arm
+from perdure.home.evaluate.outcomes.labels import DID_NOT_LAST, OTHER, SUCCESS
+from perdure.home.evaluate.protocol.naming import read_strategy
 
 _STRATEGIES = {
     "rl": "policy alone",
@@ -29,32 +29,32 @@ _OUTCOMES = {
 }
 
 
-def strategy(arm: str, with_world: bool = True) -> str:
+def describe(strategy: str, with_world: bool = True) -> str:
     """Return what a release strategy does: "ik" -> "stop, lower 5 cm"; the name itself where it is not ours.
 
     Args:
-        arm: As logs name it, see `arm_name`.
+        strategy: As logs name it, see `strategy_name`.
         with_world: Whether to add what differs from the usual world.
     """
     try:
-        place, _ = read_arm(arm)
+        place, _ = read_strategy(strategy)
     except HomeError:
-        return arm
+        return strategy
     trained = re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", place)
     if trained:
         words = f"trained to stay {trained[1]} steps" + (f" of {trained[2]}" if trained[2] else "")
     else:
         words = _STRATEGIES.get(place, place)
-    return ", ".join(filter(None, (words, world(arm) if with_world else "")))
+    return ", ".join(filter(None, (words, world(strategy) if with_world else "")))
 
 
-def world(arm: str) -> str:
+def world(strategy: str) -> str:
     """Return what differs from the usual world: "ik drag" -> "no rolling resistance"; "" where nothing is known."""
     try:
-        read_arm(arm)
+        read_strategy(strategy)
     except HomeError:
         return ""
-    return ", ".join(_WORLDS.get(word, word.replace("-", " ")) for word in arm.split(" ")[1:])
+    return ", ".join(_WORLDS.get(word, word.replace("-", " ")) for word in strategy.split(" ")[1:])
 
 
 def stage(each: Stage, unmet: bool = False) -> str:

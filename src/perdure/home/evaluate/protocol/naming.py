@@ -1,4 +1,4 @@
-"""How logs and figures call an arm: how objects are placed, and what differs from the usual world."""
+"""How logs and figures call a strategy: how objects are placed, and what differs from the usual world."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import get_args
 
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol.placing import placing
+from perdure.home.evaluate.protocol.release_choice import read_release
 from perdure.home.sim.objects import AppleShape
 from perdure.home.sim.world import Jaws, ReleaseVelocity, Rolling
 
@@ -22,7 +22,7 @@ _RELEASE: dict[str, ReleaseVelocity] = {
 _JAWS: dict[str, Jaws] = {f"jaws-{each}": each for each in get_args(Jaws)}
 
 
-def arm_name(place: str, options: ExecutorOptions) -> str:
+def strategy_name(place: str, options: ExecutorOptions) -> str:
     """`place`, then what is unusual: `ik`, `ik drag`, `rl jaws-apart drag 240-hz`."""
     scene, words = options.scene, [place]
     words += [f"jaws-{options.jaws}"] if options.jaws != USUAL.jaws else []
@@ -34,8 +34,8 @@ def arm_name(place: str, options: ExecutorOptions) -> str:
 
 
 @lru_cache(maxsize=64)
-def read_arm(name: str) -> tuple[str, ExecutorOptions]:
-    """`place` and the world's settings from a name that `arm_name` made; HomeError when it made none."""
+def read_strategy(name: str) -> tuple[str, ExecutorOptions]:
+    """`place` and the world's settings from a name that `strategy_name` made; HomeError when it made none."""
     place, *words = name.split(" ")
     options = USUAL
     for word in words:
@@ -50,12 +50,12 @@ def read_arm(name: str) -> tuple[str, ExecutorOptions]:
         elif (hertz := word.removesuffix("-hz")).isdigit() and int(hertz) > 0:
             options = replace(options, scene=replace(options.scene, physics_hz=int(hertz)))
     try:
-        placing(place)
+        read_release(place)
     except HomeError:
         place = ""
-    if not place or arm_name(place, options) != name:
+    if not place or strategy_name(place, options) != name:
         raise HomeError(
-            f"{name!r} is no arm of this package: these are rl, stop, ik, ik+, delta-N or delta-N-in-M, "
+            f"{name!r} is no strategy of this package: these are rl, stop, ik, ik+, delta-N or delta-N-in-M, "
             f"then jaws-apart, drag, hull-apple, base-velocity-removed or released-at-zero-velocity, "
             f"and N-hz where they were chosen"
         )

@@ -10,16 +10,16 @@ from pathlib import Path
 
 from perdure.home.agents import Actor, Learned, Scripted
 from perdure.home.agents.oracle import Oracle
-from perdure.home.agents.release import make_arm
+from perdure.home.agents.release import make_strategy
 from perdure.home.benchmark.tasks import SkillName, get_task
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes import UNTRAINED
-from perdure.home.evaluate.protocol.placing import Placing, placing
+from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.evaluate.protocol.release_choice import ReleaseChoice, read_release
 from perdure.home.skills import SKILLS
 from perdure.policy import Policy, load_policy, shipped
 
 SHIPPED = shipped.SHIPPED / "home"
-"""Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `Placing.policy`."""
+"""Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `ReleaseChoice.policy`."""
 ORACLE = "oracle"
 LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}
 """Skills that are learned on one task for all of them: their state does not tell one task from another."""
@@ -94,7 +94,7 @@ def _folders(task: str, policy: str) -> list[Path]:
 
 
 def choose_policies(
-    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: Placing | None = None
+    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: ReleaseChoice | None = None
 ) -> dict[SkillName, SkillPolicy]:
     """What acts in each skill of a task.
 
@@ -111,7 +111,7 @@ def choose_policies(
             one of another, or none was trained for what `how` asks: the oracle does not stand in for one that should
             be there, for it would pass for a result of that training.
     """
-    chosen, how = dict(chosen or {}), how or placing("rl")
+    chosen, how = dict(chosen or {}), how or read_release("rl")
     unknown = chosen.keys() - SKILLS.keys()
     if unknown:
         raise HomeError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
@@ -144,13 +144,13 @@ def choose_policies(
     return result
 
 
-def make_actors(policies: Mapping[SkillName, SkillPolicy], arm: str) -> dict[str, Actor]:
+def make_actors(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, Actor]:
     """An actor for each skill, that of place behind its arm."""
     oracle = Oracle()
     actors: dict[str, Actor] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():
         actor: Actor = oracle if chosen.policy is None else Learned(chosen.policy)
-        actors[skill] = make_arm(arm, Oracle() if actor is oracle else actor) if skill == "place" else actor
+        actors[skill] = make_strategy(strategy, Oracle() if actor is oracle else actor) if skill == "place" else actor
     return actors
 
 

@@ -1,4 +1,4 @@
-"""What a protocol is: task, arm, split, how many episodes and seeds, and who acts."""
+"""What a protocol is: task, strategy, split, how many episodes and seeds, and who acts."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import SkillName, get_task
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol.naming import arm_name
-from perdure.home.evaluate.protocol.placing import Placing, placing
+from perdure.home.evaluate.protocol.naming import strategy_name
 from perdure.home.evaluate.protocol.policies import ORACLE, SkillPolicy, choose_policies
+from perdure.home.evaluate.protocol.release_choice import ReleaseChoice, read_release
 from perdure.home.sim.world import SceneOptions
 from perdure.home.skills import Skill, get_skill
 
@@ -26,7 +26,7 @@ class Protocol:
 
     task: str
     place: str = "rl"
-    """See `placing`."""
+    """See `read_release`."""
     split: str = "val"
     episodes: int = 100
     train_seeds: int = 1
@@ -37,7 +37,7 @@ class Protocol:
     options: ExecutorOptions = field(default_factory=ExecutorOptions)
 
     def __post_init__(self) -> None:
-        """Whatever is no task, split, arm or count raises HomeError."""
+        """Whatever is no task, split, strategy or count raises HomeError."""
         count = len(load_episodes(self.task, self.split))
         for name, value, most in (("episodes", self.episodes, count), ("train_seeds", self.train_seeds, None)):
             if value < 1 or (most is not None and value > most):
@@ -46,36 +46,36 @@ class Protocol:
             raise HomeError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
         if self.vary not in get_args(Vary):
             raise HomeError(f"vary must be one of {', '.join(get_args(Vary))}, not {self.vary!r}")
-        _ = self.placing
+        _ = self.release
 
     @property
-    def placing(self) -> Placing:
-        """What `place` means."""
-        return placing(self.place)
+    def release(self) -> ReleaseChoice:
+        """The meaning of `place`."""
+        return read_release(self.place)
 
     @property
     def name(self) -> str:
-        """How logs and figures call it, see `arm_name`."""
-        return arm_name(self.place, self.options)
+        """How logs and figures call it, see `strategy_name`."""
+        return strategy_name(self.place, self.options)
 
     @property
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
         return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
 
-    def cast(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
+    def assignment(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """What acts in each skill with the policies of a training seed; HomeError as for `choose_policies`."""
-        everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.placing)
+        everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.release)
         if self.vary == "place" and train_seed > 0:
             others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
-            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, self.placing)
+            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, self.release)
             everyone["place"] = alone["place"]
         return everyone
 
     def skills(self) -> dict[str, Skill]:
         """The skills of the task's plan."""
         names: set[str] = {step.skill for step in get_task(self.task).skills}
-        return {name: get_skill(name, **(self.placing.options if name == "place" else {})) for name in names}
+        return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
 
     def to_json(self) -> dict[str, Any]:
         """For another process, see `from_json`."""

@@ -1,12 +1,11 @@
-"""The benchmark's protocol: episodes x training seeds x evaluation seeds for one task and one arm, resumable."""
+"""The benchmark's protocol: episodes x training seeds x evaluation seeds for one task and strategy, resumable."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-from perdure.home.evaluate.protocol.job import LOGS, Job, parts
 from perdure.home.evaluate.protocol.protocol import Protocol
+from perdure.home.evaluate.protocol.units import LOGS, protocol_units
 from perdure.runs import Observer, Store, core_count, make_workers, run_units
 
 
@@ -19,30 +18,23 @@ def run_protocol(
     command: str = "",
     observe: Observer = lambda status: None,
 ) -> list[Path]:
-    """Run what is missing of a protocol and return the logs of all of it.
+    """Run what is missing of a protocol and return the paths of all its logs.
 
     Args:
         protocol: What to run.
         out: Folder of the store. The same call resumes an interrupted one.
-        cores: Cores to use; all by default. No result depends on it.
+        cores: Cores to use; all by default. Results do not depend on it.
         on: Where to run, see `perdure.runs.make_workers`.
-        command: What asked for it; noted in the logs that are written now.
-        observe: Called with the progress of every part; the measure is episodes.
+        command: The command that asked for it, noted in new logs.
+        observe: Called with the progress of every unit, measured in episodes.
 
     Raises:
         HomeError: If a policy is missing, before anything is run.
-        RunError: If a part failed.
+        RunError: If a unit failed.
     """
-    store, jobs = Store(out), list(_jobs(protocol, command))
-    store.warn_of_other_source(job.key for job in jobs)
-    missing = [job.unit for job in jobs if not store.done(job.key, job.config)]
+    store, units = Store(out), list(protocol_units(protocol, command))
+    store.warn_of_other_source(unit.key for unit in units)
+    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
     if missing:
         run_units(missing, out, make_workers(on, missing, cores), observe, threads=core_count(cores))
-    return [store.get(job.key, job.config) / LOGS for job in jobs]
-
-
-def _jobs(protocol: Protocol, command: str) -> Iterator[Job]:
-    """All parts; each training seed's policies are read once."""
-    policies = {seed: protocol.cast(seed) for seed in range(protocol.train_seeds)}
-    for part in parts(protocol):
-        yield Job(protocol, part, policies[part.train_seed], command)
+    return [store.get(unit.key, unit.config) / LOGS for unit in units]

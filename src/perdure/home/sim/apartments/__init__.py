@@ -25,7 +25,7 @@ from perdure.home.sim.apartments.free_space import (
 )
 from perdure.home.sim.apartments.fridge import OPEN as FRIDGE_OPEN
 from perdure.home.sim.apartments.macros import MACROS
-from perdure.home.sim.apartments.records import Apartment, Articulation, Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Receptacle, Solid, Zone
 from perdure.home.sim.apartments.splits import SPLITS, split_apartments
 
 __all__ = [

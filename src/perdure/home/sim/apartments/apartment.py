@@ -19,7 +19,7 @@ from perdure.home.sim.apartments import counter, fridge, furniture
 from perdure.home.sim.apartments.accepted import THROWN_AWAY
 from perdure.home.sim.apartments.checks import why_not
 from perdure.home.sim.apartments.macros import Macro, Spot, macro_layout
-from perdure.home.sim.apartments.records import Apartment, Piece, Pose
+from perdure.home.sim.apartments.piece import Apartment, Piece, Pose
 from perdure.home.sim.apartments.walls import room_walls
 
 MICROS = 21

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from perdure.home.sim.apartments.colors import PALETTE
-from perdure.home.sim.apartments.records import Apartment, Articulation, Piece, Solid
+from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Solid
 
 if TYPE_CHECKING:
     import mujoco
@@ -26,14 +26,14 @@ FRICTION = (0.2, 0.005, 0.0001)
 
 
 def build_apartment(
-    apartment: Apartment, spec: mujoco.MjSpec | None = None, *, looks: bool = True, damping_scale: float = 1.0
+    apartment: Apartment, spec: mujoco.MjSpec | None = None, *, visuals: bool = True, damping_scale: float = 1.0
 ) -> mujoco.MjSpec:
     """Adds an apartment to a MuJoCo specification.
 
     Args:
         apartment: What to build.
         spec: Where to add it; a new one when None. Options such as the timestep are left alone.
-        looks: Whether parts that are only seen are built (False makes a smaller model for training).
+        visuals: Whether parts that are only seen are built (False makes a smaller model for training).
         damping_scale: Factor on the damping of drawers and doors.
 
     Returns:
@@ -44,8 +44,8 @@ def build_apartment(
     spec = mujoco.MjSpec() if spec is None else spec
     _add_floor(spec, apartment)
     for piece in (*apartment.walls, *apartment.pieces):
-        _add_piece(spec, piece, looks, damping_scale)
-    if looks:
+        _add_piece(spec, piece, visuals, damping_scale)
+    if visuals:
         _add_light(spec, apartment)
         _add_cameras(spec, apartment)
     return spec
@@ -76,21 +76,21 @@ def _add_floor(spec: Any, apartment: Apartment) -> None:
     )
 
 
-def _add_piece(spec: Any, piece: Piece, looks: bool, damping_scale: float) -> None:
+def _add_piece(spec: Any, piece: Piece, visuals: bool, damping_scale: float) -> None:
     half_yaw = 0.5 * piece.pose.yaw
     body = spec.worldbody.add_body(
         name=piece.name, pos=(piece.pose.x, piece.pose.y, 0.0), quat=(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
     )
     for solid in piece.solids:
-        _add_solid(body, f"{piece.name}/{solid.name}", solid, looks, "wall" if piece.kind == "wall" else None)
+        _add_solid(body, f"{piece.name}/{solid.name}", solid, visuals, "wall" if piece.kind == "wall" else None)
     for moving in piece.articulations:
-        _add_articulation(spec, body, piece, moving, looks, damping_scale)
+        _add_articulation(spec, body, piece, moving, visuals, damping_scale)
 
 
-def _add_solid(body: Any, name: str, solid: Solid, looks: bool, group: str | None = None) -> None:
+def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | None = None) -> None:
     import mujoco
 
-    if solid.role == "look" and not looks:
+    if solid.role == "look" and not visuals:
         return
     shapes = {
         "box": (mujoco.mjtGeom.mjGEOM_BOX, solid.half),
@@ -114,7 +114,7 @@ def _add_solid(body: Any, name: str, solid: Solid, looks: bool, group: str | Non
 
 
 def _add_articulation(
-    spec: Any, parent: Any, piece: Piece, moving: Articulation, looks: bool, damping_scale: float
+    spec: Any, parent: Any, piece: Piece, moving: Articulation, visuals: bool, damping_scale: float
 ) -> None:
     import mujoco
 
@@ -132,7 +132,7 @@ def _add_articulation(
     damping = moving.damping * damping_scale
     joint.damping = damping if np.ndim(joint.damping) == 0 else [damping, 0.0, 0.0]  # a vector since MuJoCo 3.7
     for solid in moving.solids:
-        _add_solid(body, f"{piece.name}/{moving.link}/{solid.name}", solid, looks)
+        _add_solid(body, f"{piece.name}/{moving.link}/{solid.name}", solid, visuals)
     body.add_site(name=moving.handle_name, pos=moving.handle, size=(0.02, 0.02, 0.02), group=GROUPS["handle"])
     spec.add_exclude(bodyname1=piece.name, bodyname2=moving.link)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import CLIMB, REACH_UP, footprints
 from perdure.home.sim.apartments.free_space import FreeSpace, free_space
-from perdure.home.sim.apartments.records import Apartment, Piece, Receptacle, Zone
+from perdure.home.sim.apartments.piece import Apartment, Piece, Receptacle, Zone
 
 FloatArray = NDArray[np.float64]
 

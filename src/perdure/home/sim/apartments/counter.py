@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from perdure.home.sim.apartments.motors import drawer_damping
-from perdure.home.sim.apartments.records import Articulation, Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.apartments.piece import Articulation, Piece, Pose, Receptacle, Solid, Zone
 
 TOP = 0.846
 """Height of the worktops in [m]."""

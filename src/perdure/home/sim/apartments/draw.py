@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.apartments.records import Apartment
+from perdure.home.sim.apartments.piece import Apartment
 
 
 def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None:

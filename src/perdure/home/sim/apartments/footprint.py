@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.apartments.records import Apartment, Articulation, Piece, Pose, Solid
+from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Solid
 
 FloatArray = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
-from perdure.home.sim.apartments.records import Apartment
+from perdure.home.sim.apartments.piece import Apartment
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -7,7 +7,7 @@ the regions of all receptacles, is OURS: see `docs/home/benchmark.md`.
 
 from __future__ import annotations
 
-from perdure.home.sim.apartments.records import Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.apartments.piece import Piece, Pose, Receptacle, Solid, Zone
 
 _SKY = float("inf")
 

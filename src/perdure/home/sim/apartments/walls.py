@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from perdure.home.sim.apartments.records import Piece, Pose, Solid
+from perdure.home.sim.apartments.piece import Piece, Pose, Solid
 
 HEIGHT = 2.5
 """Height of the walls in [m] (OURS)."""

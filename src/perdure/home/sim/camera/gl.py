@@ -39,11 +39,11 @@ def open_context(width: int, height: int) -> Any:
 
 
 def _candidates() -> tuple[str, ...]:
-    wish = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if wish in OFF:
-        raise HomeError(f"no picture can be drawn: MUJOCO_GL={wish} switches pictures off")
-    if wish in ("egl", "osmesa", "glfw"):
-        return (wish,)
+    gripper_goal = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if gripper_goal in OFF:
+        raise HomeError(f"no picture can be drawn: MUJOCO_GL={gripper_goal} switches pictures off")
+    if gripper_goal in ("egl", "osmesa", "glfw"):
+        return (gripper_goal,)
     return ("egl", "osmesa") if sys.platform.startswith("linux") else ("default",)
 
 

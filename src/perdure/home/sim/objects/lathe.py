@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.objects.kinds import Kind
-from perdure.home.sim.objects.looks import COATS
 from perdure.home.sim.objects.shapes import FLOOR, FOOT, WALL, cap_radius
+from perdure.home.sim.objects.visuals import COATS
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ PROUD = 3e-4
 
 
 @dataclass(frozen=True)
-class Look:
+class Visual:
     """A part that is only seen.
 
     Attributes:
@@ -29,11 +29,11 @@ class Look:
     axis: Vec3 = (0.0, 0.0, 1.0)
 
 
-def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) -> Look:
+def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) -> Visual:
     """A band around a can between two heights, in shares of its own from the bottom; `out` lays one over another."""
     radius, height = kind.half[0] + out * PROUD, kind.size[2]
     center = (0.0, 0.0, (0.5 * (low + high) - 0.5) * height)
-    return Look(Piece("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
+    return Visual(Piece("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
 
 
 def plate(
@@ -45,7 +45,7 @@ def plate(
     shape: str = "box",
     turn: float = 0.0,
     out: float = 1.0,
-) -> Look:
+) -> Visual:
     """A label right through the object, so that it shows on both faces across an axis.
 
     Args:
@@ -64,15 +64,15 @@ def plate(
     for axis, at, extent in zip(across, middle, half, strict=True):
         center[axis], size[axis] = at * kind.half[axis], extent * kind.half[axis]
     normal = (float(face == 0), float(face == 1), float(face == 2))
-    return Look(Piece(shape, (size[0], size[1], size[2]), (center[0], center[1], center[2]), turn), color, normal)
+    return Visual(Piece(shape, (size[0], size[1], size[2]), (center[0], center[1], center[2]), turn), color, normal)
 
 
-def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> Look:
+def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> Visual:
     """A prism over a share of a rounded box's outline that stands out of its ends."""
     x, y, z = kind.half
     outline = rounded_rectangle(share * x, share * y, share * CORNER)
     corners = tuple((*corner, side * (z + proud)) for side in (-1, 1) for corner in outline)
-    return Look(Piece("hull", name=f"{kind.name}/{name}", corners=corners), color)
+    return Visual(Piece("hull", name=f"{kind.name}/{name}", corners=corners), color)
 
 
 def rounded_rectangle(x: float, y: float, radius: float) -> tuple[tuple[float, float], ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from perdure.home.errors import HomeError
 from perdure.home.sim.objects.kinds import KINDS, Kind, Vec3
 from perdure.home.sim.objects.lathe import add_shell
-from perdure.home.sim.objects.looks import COATS, looks
 from perdure.home.sim.objects.shapes import AppleShape, Piece, moments, pieces
+from perdure.home.sim.objects.visuals import COATS, visuals
 
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
@@ -27,11 +27,11 @@ class YcbObjects:
     """The ten YCB objects.
 
     Attributes:
-        looks: Whether parts that are only seen are built (False makes a smaller model with the same physics).
+        visuals: Whether parts that are only seen are built (False makes a smaller model with the same physics).
         apple: What an apple is to the physics.
     """
 
-    looks: bool = True
+    visuals: bool = True
     apple: AppleShape = "sphere"
 
     def kind(self, name: str) -> Kind:
@@ -63,8 +63,8 @@ class YcbObjects:
         body.add_freejoint(name=f"{name}/free")
         body.mass, body.inertia, body.explicitinertial = what.mass, moments(what), True
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
-        shell = self.looks and what.shape in ("bowl", "sphere")
-        hidden = self.looks and what.shape != "box"
+        shell = self.visuals and what.shape in ("bowl", "sphere")
+        hidden = self.visuals and what.shape != "box"
         for piece in pieces(what, self.apple):
             geom = _add_piece(spec, body, piece)
             geom.friction = (what.sliding, TORSIONAL, what.rolling if piece.rolls else 0.0)
@@ -73,9 +73,9 @@ class YcbObjects:
             geom.conaffinity |= OBJECT_BIT
             geom.group = HIDDEN if hidden else BOTH
             geom.rgba = COATS[kind]
-        if self.looks:
+        if self.visuals:
             seen = [add_shell(spec, body, what)] if shell else []
-            for look in looks(what):
+            for look in visuals(what):
                 seen.append(_add_piece(spec, body, look.piece, look.axis))
                 seen[-1].rgba = look.color
             for geom in seen:

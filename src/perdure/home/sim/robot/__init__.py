@@ -1,10 +1,9 @@
 """The Fetch: a robot of 121 kg that drives, lifts, reaches with seven joints and holds with two fingers.
 
 Contents:
-    add_fetch                       the robot in a MuJoCo specification, with servos, cameras and looks
+    add_fetch                       the robot in a MuJoCo specification, with servos, cameras and visuals
     gripper_pose, jacobian          forward kinematics in NumPy, for many robots at once
-    reach, Reach                    inverse kinematics (mink)
-    toward                          one small step of the gripper in a straight line, for many robots at once
+    reach, reach_many, toward       inverse kinematics: one pose, many poses, one small straight step
     JOINTS, ARM_JOINTS, REST_ARM... names, limits, the pose of rest
 """
 
@@ -24,10 +23,9 @@ from perdure.home.sim.robot.data import (
     TORSO_LIMIT,
 )
 from perdure.home.sim.robot.fetch import add_fetch
-from perdure.home.sim.robot.inverse import Reach, reach
+from perdure.home.sim.robot.inverse import Reach, reach, reach_many, rotation_vector, toward
 from perdure.home.sim.robot.kinematics import gripper_pose, jacobian, pose_and_jacobian
 from perdure.home.sim.robot.links import GRIPPER_POINT
-from perdure.home.sim.robot.toward import rotation_vector, toward
 
 __all__ = [
     "ARM_HIGH",
@@ -50,6 +48,7 @@ __all__ = [
     "jacobian",
     "pose_and_jacobian",
     "reach",
+    "reach_many",
     "rotation_vector",
     "toward",
 ]

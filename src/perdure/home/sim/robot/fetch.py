@@ -23,9 +23,9 @@ from perdure.home.sim.robot.links import (
     Vec3,
     combined,
 )
-from perdure.home.sim.robot.looks import add_looks
 from perdure.home.sim.robot.servos import ARMATURE, add_servos
 from perdure.home.sim.robot.shapes import BITS, SHAPES, Shape
+from perdure.home.sim.robot.visuals import add_visuals
 
 if TYPE_CHECKING:
     import mujoco
@@ -42,7 +42,7 @@ HAND_CAMERA: Vec3 = (0.0, 0.0, 0.1)
 """In the frame of `gripper_link`; it looks along the gripper's x (M3)."""
 
 
-def add_fetch(spec: mujoco.MjSpec, *, looks: bool = True) -> None:
+def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
     """Adds the robot to a MuJoCo specification, at the room's origin with all joints at 0.
 
     Bodies `robot` (the base frame) to `gripper_link` and the fingers; joints and actuators
@@ -54,7 +54,7 @@ def add_fetch(spec: mujoco.MjSpec, *, looks: bool = True) -> None:
 
     Args:
         spec: Where to add it.
-        looks: Whether parts that are only seen are built; without them the colliding shapes are seen.
+        visuals: Whether parts that are only seen are built; without them the colliding shapes are seen.
     """
     base = spec.worldbody.add_body(name="robot", gravcomp=1.0)
     _set_inertia(base, combined(BASE_PARTS))
@@ -68,10 +68,10 @@ def add_fetch(spec: mujoco.MjSpec, *, looks: bool = True) -> None:
     for link in FINGERS:
         add_link(spec, bodies, link)
     for shape in SHAPES:
-        _add_shape(bodies[shape.body], shape, ONLY_COLLIDES if looks else SEEN)
+        _add_shape(bodies[shape.body], shape, ONLY_COLLIDES if visuals else SEEN)
     _add_cameras(bodies)
-    if looks:
-        add_looks(bodies)
+    if visuals:
+        add_visuals(bodies)
     add_servos(spec)
 
 

@@ -1,30 +1,32 @@
-"""Joint angles that bring the gripper to a wanted place: inverse kinematics by quadratic programs (mink).
+"""Inverse kinematics of the arm by damped least squares, for one arm or many at once.
 
-Each iteration asks for the joint step that best removes the error of the gripper's pose and stays within the limits,
-and weakly for the posture it started from, which settles what the pose leaves open. The base and the torso stand still.
+Every solver here repeats the step dq = W J^T (J W J^T + d^2 I)^-1 e (Nakamura and Hanafusa, 1986), which stays bounded
+where the arm is stretched out. e is the error of the gripper as (displacement, rotation vector). W is 1 for joints that
+may move and 0 for joints at a limit. Base and torso stand still.
+
+| function | for | joint limits | accuracy |
+|---|---|---|---|
+| `toward` | one small step of a straight motion | free joints make up for joints at a limit | one step |
+| `reach_many` | hundreds of candidate poses | clipped | centimeters |
+| `reach` | one pose | free joints make up for joints at a limit | 0.1 mm, restarts from other arm poses |
 """
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot.data import REST_ARM, TORSO_HEIGHT
-from perdure.home.sim.robot.fetch import add_gripper, add_link
-from perdure.home.sim.robot.links import ARM, TORSO, FloatArray
-from perdure.home.sim.robot.toward import rotation_vector
+from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
+from perdure.home.sim.robot.kinematics import pose_and_jacobian
+from perdure.home.sim.robot.links import FloatArray
 
+LARGEST = 0.025
+"""Largest joint step of `toward` in [rad]: the benchmark's largest command."""
 CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
-"""Errors below which a solution is taken to be one."""
-LARGEST_STEP = 0.4
-"""Of a joint in one iteration in [rad]: the linearised problem holds no farther."""
-TURN_COST, POSTURE_COST = 0.5, 1e-3
-"""Of a radian of the gripper and of a joint, against 1 for a meter: posture shifts a solution by a few micrometers."""
+"""Errors of `reach` below which a pose counts as reached."""
 OTHER_STARTS = (
     REST_ARM,
     (0.0, 0.6, 0.0, 0.8, 0.0, 0.4, 0.0),
@@ -32,14 +34,33 @@ OTHER_STARTS = (
     (-0.8, -0.6, -1.2, 1.6, 0.8, 1.2, -1.0),
     (0.0, 0.9, 3.0, 1.2, 3.0, 1.2, 0.0),
 )
-"""OURS: where the search starts anew, in turn, when it got stuck: low and ahead, elbow left, right and down."""
+"""Arm poses from which `reach` starts again (OURS): at rest; low and ahead; elbow left, right and down."""
 
-_local = threading.local()
+
+@dataclass(frozen=True)
+class _Solver:
+    """Constants of one solver (OURS)."""
+
+    damping: float
+    """d, as an absolute value ..."""
+    damping_per_error: float
+    """... plus this share of the norm of the weighted error, added in squares (Sugihara, 2011)."""
+    turn_weight: float
+    """Meters that a radian of the gripper weighs as much as."""
+    largest: float
+    """Largest joint step of one iteration in [rad]."""
+
+
+_TOWARD = _Solver(0.01, 0.0, 0.3, LARGEST)
+_EXACT = _Solver(1e-3, 0.03, 0.5, 0.4)
+_MANY = _Solver(0.05, 0.0, 1.0, 0.3)
+_MANY_LONGEST = 0.15, 0.5
+"""Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What inverse kinematics found."""
+    """An arm pose that `reach` found."""
 
     arm: FloatArray
     """Joint angles in [rad], within the limits. Shape (7,)."""
@@ -50,44 +71,70 @@ class Reach:
 
     @property
     def ok(self) -> bool:
-        """Whether the gripper gets there: within 0.1 mm and 1 mrad."""
+        """Whether the pose is reached: within 0.1 mm and 1 mrad."""
         return self.position_error <= CLOSE_M and self.rotation_error <= CLOSE_RAD
 
-    @property
-    def exact(self) -> bool:
-        """Whether further search is not worth its time."""
-        return self.position_error <= 0.1 * CLOSE_M and self.rotation_error <= 0.1 * CLOSE_RAD
 
-    @property
-    def score(self) -> float:
-        """Both errors in one number, the smaller the better."""
-        return self.position_error + TURN_COST * self.rotation_error
+def toward(
+    arm: ArrayLike,
+    displacement: ArrayLike,
+    *,
+    rotation: ArrayLike | None = None,
+    torso: ArrayLike = TORSO_HEIGHT,
+    largest: float = LARGEST,
+) -> FloatArray:
+    """Return joint steps that move the gripper point by a small displacement and keep its rotation.
+
+    Args:
+        arm: Joint angles in [rad]. Shape (..., 7).
+        displacement: Wanted motion of the gripper point in the base frame in [m]. Shape (..., 3).
+        rotation: Rotation to turn to (or to return to, over many steps); None keeps the present one. Shape (..., 3, 3).
+        torso: Height of the torso in [m]. Shape (...) or one number.
+        largest: Largest joint step in [rad]. A longer step is shortened as a whole; its direction is kept.
+
+    Returns:
+        Steps in [rad] to add to `arm`; the sum keeps the limits if `arm` does. Shape (..., 7).
+
+    Raises:
+        HomeError: When `arm` or `displacement` has a wrong shape or `largest` is not positive.
+    """
+    angles, move = np.asarray(arm, dtype=np.float64), np.asarray(displacement, dtype=np.float64)
+    if move.shape[-1:] != (3,):
+        raise HomeError(f"displacement must have shape (..., 3), got {move.shape}")
+    if not largest > 0.0:
+        raise HomeError(f"largest must be positive, got {largest}")
+    _, now, matrix = pose_and_jacobian(torso, angles)
+    turn = np.zeros(3) if rotation is None else rotation_vector(now, rotation)
+    batch = np.broadcast_shapes(matrix.shape[:-2], move.shape[:-1], turn.shape[:-1])
+    motion = np.concatenate([np.broadcast_to(move, (*batch, 3)), np.broadcast_to(turn, (*batch, 3))], axis=-1)
+    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, 7)), _TOWARD)
+    return _shorten(step, np.max(np.abs(step), axis=-1, keepdims=True), largest)
 
 
-@dataclass(frozen=True)
-class _Goal:
-    position: FloatArray
-    rotation: FloatArray | None
-    approach: FloatArray | None
+def reach_many(
+    points: FloatArray, approach: FloatArray, upright: bool, start: FloatArray, iterations: int = 25
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return arm poses that bring the gripper to many places, about a hundred in the time `reach` needs for one.
 
-    @property
-    def orientation_cost(self) -> list[float]:
-        """About the gripper's own axes; the roll about x is free unless a rotation is wanted."""
-        if self.rotation is not None:
-            return [TURN_COST] * 3
-        return [0.0] * 3 if self.approach is None else [0.0, TURN_COST, TURN_COST]
+    Args:
+        points: Wanted gripper points in the base frame in [m]. Shape (n, 3).
+        approach: Wanted directions of the gripper's x axis, of length 1. Shape (n, 3).
+        upright: Whether the gripper's z axis must point up; else the roll about x is free.
+        start: Where the search starts. Shape (n, 7) or (7,).
+        iterations: Number of steps.
 
-    def target(self, now: FloatArray) -> FloatArray:
-        """The wanted rotation; of all that have the wanted approach direction the one nearest to `now`."""
-        if self.rotation is not None:
-            return self.rotation
-        return now if self.approach is None else _carry(now[:, 0], self.approach) @ now
-
-    def errors(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:
-        far = float(np.linalg.norm(self.position - position))
-        if self.rotation is None and self.approach is None:
-            return far, 0.0
-        return far, float(np.linalg.norm(rotation_vector(rotation, self.target(rotation))))
+    Returns:
+        Joint angles (n, 7), remaining distance in [m] (n,) and remaining turn in [rad] (n,).
+    """
+    arm = np.broadcast_to(start, (len(points), 7)).copy()
+    wanted = _upright(approach) if upright else None
+    for _ in range(iterations):
+        way, turn, matrix = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+        way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
+        step = damped_step(matrix, np.concatenate([way, turn], axis=1), _MANY.damping)
+        arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _MANY.largest), ARM_LOW, ARM_HIGH)
+    way, turn, _ = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+    return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
 
 
 def reach(
@@ -97,10 +144,10 @@ def reach(
     rotation: ArrayLike | None = None,
     approach: ArrayLike | None = None,
     torso: float = TORSO_HEIGHT,
-    iterations: int = 40,
+    iterations: int = 60,
     restarts: int = len(OTHER_STARTS),
 ) -> Reach:
-    """Finds joint angles that bring the gripper point to a place in the base frame.
+    """Return joint angles that bring the gripper point to a place in the base frame.
 
     Args:
         position: Wanted place in [m]. Shape (3,).
@@ -109,7 +156,7 @@ def reach(
         approach: Wanted direction of the gripper's x axis, of any length; the roll about it is left open. Shape (3,).
         torso: Height of the torso in [m].
         iterations: Largest number of steps of one search.
-        restarts: How many other starts are tried while no solution was found.
+        restarts: Number of other starts to try while no solution was found.
 
     Returns:
         The best angles found. A place out of reach is no error: see `position_error` and `ok`.
@@ -117,109 +164,155 @@ def reach(
     Raises:
         HomeError: When a shape is wrong or both a rotation and an approach are given.
     """
-    goal = _goal(position, rotation, approach)
-    first = _array("start_arm", start_arm, (7,))
-    found: list[Reach] = []
-    for start in (first, *(np.array(other) for other in OTHER_STARTS[:restarts])):
-        found.append(_search(goal, start, torso, iterations))
-        if found[-1].ok:
-            return found[-1]
-    return min(found, key=lambda one: one.score)
-
-
-def _search(goal: _Goal, start: FloatArray, torso: float, iterations: int) -> Reach:
-    """One descent; keeps the best angles on its way."""
-    solver = _solver(torso)
-    configuration = solver.configuration
-    configuration.update(np.clip(start, *solver.limits))
-    solver.posture.set_target(configuration.q)
-    solver.frame.set_orientation_cost(goal.orientation_cost)
-    best = Reach(configuration.q.copy(), *goal.errors(*solver.pose()))
-    for _ in range(iterations):
-        step = None if best.exact else _step(solver, goal.position, goal.target(solver.pose()[1]))
-        if step is None or np.max(np.abs(step)) < 1e-7:
-            break
-        configuration.update(configuration.q + step * min(1.0, LARGEST_STEP / np.max(np.abs(step))))
-        now = Reach(configuration.q.copy(), *goal.errors(*solver.pose()))
-        best = min(best, now, key=lambda one: one.score)
-    return best
-
-
-def _step(solver: _Solver, position: FloatArray, rotation: FloatArray) -> FloatArray | None:
-    """The joint step of one quadratic program; None when it has no solution."""
-    import mink
-
-    solver.frame.set_target(mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position))
-    try:
-        velocity = mink.solve_ik(
-            solver.configuration, [solver.frame, solver.posture], 1.0, "daqp", 1e-6, limits=[solver.limit]
-        )
-    except mink.MinkError:
-        return None
-    step: FloatArray = np.asarray(velocity, dtype=np.float64)
-    return step if np.all(np.isfinite(step)) else None
-
-
-@dataclass(frozen=True)
-class _Solver:
-    """A model of the arm alone and the tasks on it: MuJoCo's data belongs to one thread."""
-
-    model: Any
-    configuration: Any
-    frame: Any
-    posture: Any
-    limit: Any
-    limits: tuple[FloatArray, FloatArray]
-
-    def pose(self) -> tuple[FloatArray, FloatArray]:
-        """Position and rotation of the gripper point at the configuration."""
-        data = self.configuration.data
-        return data.site_xpos[0].copy(), data.site_xmat[0].reshape(3, 3).copy()
-
-
-def _solver(torso: float) -> _Solver:
-    """This thread's solver, its torso at the given height."""
-    if not hasattr(_local, "solver"):
-        _local.solver = _make_solver()
-    solver: _Solver = _local.solver
-    solver.model.body(TORSO.body).pos[2] = TORSO.origin[2] + torso
-    return solver
-
-
-def _make_solver() -> _Solver:
-    import mink
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    bodies = {TORSO.body: spec.worldbody.add_body(name=TORSO.body, pos=TORSO.origin)}
-    for link in ARM:
-        add_link(spec, bodies, link)
-    add_gripper(bodies)
-    model = spec.compile()
-    bounded = model.jnt_limited.astype(bool)
-    low = np.where(bounded, model.jnt_range[:, 0], -np.inf)
-    high = np.where(bounded, model.jnt_range[:, 1], np.inf)
-    return _Solver(
-        model=model,
-        configuration=mink.Configuration(model),
-        frame=mink.FrameTask("gripper", "site", position_cost=1.0, orientation_cost=TURN_COST, lm_damping=1e-3),
-        posture=mink.PostureTask(model, cost=POSTURE_COST),
-        limit=mink.ConfigurationLimit(model, gain=1.0),
-        limits=(low, high),
-    )
-
-
-def _goal(position: ArrayLike, rotation: ArrayLike | None, approach: ArrayLike | None) -> _Goal:
     if rotation is not None and approach is not None:
         raise HomeError("reach takes a rotation or an approach direction, not both")
+    place, first = _array("position", position, (3,)), _array("start_arm", start_arm, (7,))
+    turned = None if rotation is None else _array("rotation", rotation, (3, 3))
     direction = None if approach is None else _array("approach", approach, (3,))
     if direction is not None:
         length = np.linalg.norm(direction)
         if not length > 0.0:
             raise HomeError(f"approach must have a direction, got {direction.tolist()}")
         direction = direction / length
-    turned = None if rotation is None else _array("rotation", rotation, (3, 3))
-    return _Goal(_array("position", position, (3,)), turned, direction)
+    found: list[Reach] = []
+    for starts in (first[None], np.array(OTHER_STARTS[:restarts]).reshape(-1, 7)):
+        found += _search(place, turned, direction, torso, starts, iterations)
+        solved = [each for each in found if each.ok]
+        if solved:
+            return solved[0]
+    return min(found, key=lambda each: each.position_error + _EXACT.turn_weight * each.rotation_error)
+
+
+def damped_step(
+    matrix: FloatArray, error: FloatArray, damping: float | FloatArray, free: FloatArray | None = None
+) -> FloatArray:
+    """Return the damped least squares step W J^T (J W J^T + d^2 I)^-1 e.
+
+    Args:
+        matrix: Jacobian J. Shape (..., m, n).
+        error: e. Shape (..., m).
+        damping: d, one number or shape (...).
+        free: Diagonal of W: 1 for joints that may move, else 0; None for all. Shape (..., n).
+
+    Returns:
+        Shape (..., n).
+    """
+    used = matrix if free is None else matrix * free[..., None, :]
+    square = used @ np.swapaxes(matrix, -1, -2) + np.asarray(damping**2)[..., None, None] * np.eye(matrix.shape[-2])
+    step: FloatArray = (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
+    return step
+
+
+def damped_inverse(matrix: FloatArray, damping: float) -> FloatArray:
+    """Return the damped pseudoinverse J^T (J J^T + d^2 I)^-1 of one Jacobian. Shape (m, n) -> (n, m)."""
+    inverse: FloatArray = matrix.T @ np.linalg.inv(matrix @ matrix.T + damping**2 * np.eye(len(matrix)))
+    return inverse
+
+
+def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
+    """Return the turn from one rotation to another: its axis times its angle in [rad]. Shapes (..., 3, 3) to (..., 3).
+
+    Close to half a turn the axis is lost in rounding; the angle is not, unless it is exact to the last bit.
+    """
+    turn = np.asarray(end, dtype=np.float64) @ np.swapaxes(np.asarray(start, dtype=np.float64), -1, -2)
+    pairs = ((2, 1), (0, 2), (1, 0))
+    twice_sine = np.stack([turn[..., i, j] - turn[..., j, i] for i, j in pairs], axis=-1)
+    sine = 0.5 * np.linalg.norm(twice_sine, axis=-1, keepdims=True)
+    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1)[..., None] - 1.0)
+    vector: FloatArray = 0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)
+    return vector
+
+
+def _search(
+    place: FloatArray,
+    rotation: FloatArray | None,
+    approach: FloatArray | None,
+    torso: float,
+    starts: FloatArray,
+    iterations: int,
+) -> list[Reach]:
+    """Return the best pose on the way of one descent from each start."""
+    if not len(starts):
+        return []
+    arm = np.clip(starts, ARM_LOW, ARM_HIGH)
+    best, errors = arm.copy(), np.full((len(arm), 2), np.inf)
+    for number in range(iterations + 1):
+        way, turn, matrix = _error(place, rotation, approach, torso, arm)
+        now = np.concatenate([_length(way), _length(turn)], axis=1)
+        better = now @ (1.0, _EXACT.turn_weight) < errors @ (1.0, _EXACT.turn_weight)
+        best[better], errors[better] = arm[better], now[better]
+        if number == iterations or (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
+            break
+        step = _step_within_limits(matrix, np.concatenate([way, turn], axis=1), arm, _EXACT)
+        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _EXACT.largest)
+    return [Reach(each, float(m), float(rad)) for each, (m, rad) in zip(best, errors, strict=True)]
+
+
+def _step_within_limits(matrix: FloatArray, motion: FloatArray, angles: FloatArray, solver: _Solver) -> FloatArray:
+    """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
+    weights = np.array([1.0] * 3 + [solver.turn_weight] * 3)
+    matrix, motion = weights[:, None] * matrix, weights * motion
+    damping: float | FloatArray = solver.damping
+    if solver.damping_per_error:
+        damping = np.hypot(damping, solver.damping_per_error * np.linalg.norm(motion, axis=-1))
+    step, free = np.zeros_like(angles), np.ones_like(angles)
+    for _ in range(4):  # at most three joints reach their limits in one step, as a rule; the last clip is always made
+        rest = motion - (matrix @ (step * (1.0 - free))[..., None])[..., 0]
+        wanted = np.where(free > 0.0, damped_step(matrix, rest, damping, free), step)
+        step = np.clip(angles + wanted, ARM_LOW, ARM_HIGH) - angles
+        crossed = np.abs(step - wanted) > 1e-12
+        if not np.any(crossed):
+            break
+        free = np.where(crossed, 0.0, free)
+    return step
+
+
+def _error(
+    place: FloatArray, rotation: FloatArray | None, approach: FloatArray | None, torso: float, arm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacement (n, 3), turn (n, 3) and Jacobian (n, 6, 7) to a pose.
+
+    With an approach direction rolling about the gripper's x axis is free. With neither, the rotation is.
+    """
+    position, now, matrix = pose_and_jacobian(torso, arm)
+    way = place - position
+    if rotation is not None:
+        return way, rotation_vector(now, rotation), matrix
+    if approach is None:
+        return way, np.zeros_like(way), matrix * np.array([1.0] * 3 + [0.0] * 3)[:, None]
+    x = now[..., :, 0]
+    matrix[:, 3:] -= x[:, :, None] * np.einsum("ni,nij->nj", x, matrix[:, 3:])[:, None, :]
+    return way, _turn_x(x, np.broadcast_to(approach, x.shape)), matrix
+
+
+def _turn_x(x: FloatArray, approach: FloatArray) -> FloatArray:
+    """Return the shortest turns from one unit vector to another as rotation vectors. Shape (n, 3)."""
+    axis = np.cross(x, approach)
+    sine = _length(axis)
+    cosine = (x * approach).sum(axis=1, keepdims=True)
+    vector: FloatArray = axis / np.maximum(sine, 1e-9) * np.arctan2(sine, cosine)
+    opposite = (sine[:, 0] < 1e-9) & (cosine[:, 0] < 0.0)
+    if opposite.any():  # half a turn about any axis across
+        across = np.cross(x[opposite], np.eye(3)[np.abs(x[opposite]).argmin(axis=1)])
+        vector[opposite] = np.pi * across / _length(across)
+    return vector
+
+
+def _upright(approach: FloatArray) -> FloatArray:
+    """Return rotations whose x axis is a level approach and whose z axis points up. Shape (n, 3, 3)."""
+    up = np.broadcast_to((0.0, 0.0, 1.0), approach.shape)
+    return np.stack([approach, np.cross(up, approach), up], axis=-1)
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    length: FloatArray = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return length
+
+
+def _shorten(vectors: FloatArray, size: FloatArray, largest: float) -> FloatArray:
+    """Return vectors scaled down so that their size is at most `largest`."""
+    short: FloatArray = vectors * np.minimum(1.0, largest / np.maximum(size, 1e-12))
+    return short
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -227,14 +320,3 @@ def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if array.shape != shape or not np.all(np.isfinite(array)):
         raise HomeError(f"{name} must be finite numbers of shape {shape}, got {array.tolist()}")
     return array
-
-
-def _carry(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The smallest rotation that carries one unit vector to another (Rodrigues)."""
-    axis, cosine = np.cross(start, end), float(start @ end)
-    if cosine < -1.0 + 1e-9:  # half a turn about any axis across
-        across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
-        across /= np.linalg.norm(across)
-        return 2.0 * np.outer(across, across) - np.eye(3)
-    skew = np.cross(np.eye(3), axis)
-    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)

@@ -1,10 +1,10 @@
-"""The one stepper of training, oracle and execution: scenes, lanes, the magic grasp, sensors.
+"""The one stepper of training, oracle and execution: scenes, lanes, the magic grasp, state.
 
 Contents:
     SceneOptions, Scene, build_scene                   compiled models
     World                                              many lanes in a pool of threads
     Lane                                               one of them
-    Sensors, Errand                                    what is known of a lane, and what it is about
+    PrivilegedState, SkillGoal                                    what is known of a lane, and what it is about
     ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         what a robot can be told
 """
 
@@ -25,7 +25,7 @@ from perdure.home.sim.world.actions import (
     TURN,
 )
 from perdure.home.sim.world.lane import Jaws, Lane
-from perdure.home.sim.world.rivals import NEIGHBORHOOD, RIVALS
+from perdure.home.sim.world.neighbors import NEIGHBORHOOD, NEIGHBORS
 from perdure.home.sim.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
 from perdure.home.sim.world.scene import (
     CONTROL_HZ,
@@ -36,7 +36,7 @@ from perdure.home.sim.world.scene import (
     SceneOptions,
     build_scene,
 )
-from perdure.home.sim.world.sensors import Errand, Sensors
+from perdure.home.sim.world.state import PrivilegedState, SkillGoal
 from perdure.home.sim.world.world import World
 
 __all__ = [
@@ -53,22 +53,22 @@ __all__ = [
     "LEAVE",
     "NAVIGATION_SPEED",
     "NEIGHBORHOOD",
+    "NEIGHBORS",
     "PHYSICS_HZ",
     "RELEASE",
-    "RIVALS",
     "SCAN_ANGLES",
     "SCAN_RANGE",
     "STOP",
     "STOP_LEVEL",
     "TURN",
-    "Errand",
     "Jaws",
     "Lane",
+    "PrivilegedState",
     "ReleaseVelocity",
     "Rolling",
     "Scene",
     "SceneOptions",
-    "Sensors",
+    "SkillGoal",
     "World",
     "build_scene",
 ]

@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
-from perdure.home.sim.world.rivals import Rivals
+from perdure.home.sim.world.neighbors import Neighbors
 from perdure.home.sim.world.scene import CONTROL_HZ
-from perdure.home.sim.world.sensors import Errand, Sensors, norm, turn, wrap
+from perdure.home.sim.world.state import PrivilegedState, SkillGoal, norm, turn, wrap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
 class Readings:
-    """Arrays over all lanes; the names are those of `Sensors`."""
+    """Arrays over all lanes; the names are those of `PrivilegedState`."""
 
     def __init__(self, lanes: int) -> None:
         """Zeros for every lane."""
@@ -29,7 +29,7 @@ class Readings:
         self.held_point = np.zeros((lanes, 3))
         self.object, self.object_velocity = np.zeros((lanes, 7)), np.zeros((lanes, 3))
         self.handle, self.link_state = np.zeros((lanes, 3)), np.zeros((lanes, 2))
-        self.errand = np.zeros((lanes, 2), dtype=np.int64)
+        self.skill_goal = np.zeros((lanes, 2), dtype=np.int64)
         self.goal, self.aim, self.front = np.zeros((lanes, 3)), np.zeros((lanes, 3)), np.zeros((lanes, 3))
         self.force = np.zeros(lanes)
         self.stopped = np.zeros(lanes, dtype=bool)
@@ -56,21 +56,21 @@ class Readings:
         self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
         self.gripper[chosen], self.gripper_velocity[chosen] = point, moved
 
-    def take_errand(self, number: int, lane: Lane, errand: Errand) -> None:
+    def take_skill_goal(self, number: int, lane: Lane, skill_goal: SkillGoal) -> None:
         """What a lane is about from now on."""
-        self.errand[number] = errand.target, errand.link
+        self.skill_goal[number] = skill_goal.target, skill_goal.link
         self.stopped[number] = False
-        self.goal[number], self.aim[number] = errand.goal, errand.aim
-        self.front[number] = *errand.front, 0.0
-        known = 0 <= errand.target < len(lane.scene.placements)
-        self._target[number] = lane.object(errand.target) if known else _NO_OBJECT
-        self.read_errand(number, lane)
+        self.goal[number], self.aim[number] = skill_goal.goal, skill_goal.aim
+        self.front[number] = *skill_goal.front, 0.0
+        known = 0 <= skill_goal.target < len(lane.scene.placements)
+        self._target[number] = lane.object(skill_goal.target) if known else _NO_OBJECT
+        self.read_skill_goal(number, lane)
 
-    def read_errand(self, number: int, lane: Lane) -> None:
-        """Where the errand's things are, and what is in the hand."""
+    def read_skill_goal(self, number: int, lane: Lane) -> None:
+        """Where the skill_goal's things are, and what is in the hand."""
         target = self._target[number]
         self.object[number], self.object_velocity[number] = target
-        link = int(self.errand[number, 1])
+        link = int(self.skill_goal[number, 1])
         if link >= 0:
             q = lane.qpos[lane.scene.link_qpos[link]]
             self.handle[number] = lane.scene.handles.one(link, float(q))
@@ -86,17 +86,17 @@ class Readings:
         else:
             self.held_point[number] = self.gripper[number]
 
-    def sensors(
-        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Rivals
-    ) -> Sensors:
+    def state(
+        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Neighbors
+    ) -> PrivilegedState:
         """The record for some lanes. Shapes (m,), (m, 3), (m, beams)."""
         robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
         base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
         flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
         moving = turn(flat, -base[:, 2])
         moving[:, 2] = velocity[:, 2]
-        holds, errand, link = self.holds[chosen], self.errand[chosen], self.link_state[chosen]
-        return Sensors(
+        holds, skill_goal, link = self.holds[chosen], self.skill_goal[chosen], self.link_state[chosen]
+        return PrivilegedState(
             base=base,
             base_velocity=moving,
             torso=robot[:, TORSO],
@@ -110,12 +110,12 @@ class Readings:
             held=holds[:, 0],
             held_link=holds[:, 1],
             hold_error=norm(self.held_point[chosen] - gripper),
-            target=errand[:, 0],
+            target=skill_goal[:, 0],
             object=pose[:, :3],
             object_up=up_axis(pose[:, 3:]),
             object_velocity=self.object_velocity[chosen],
             goal=self.goal[chosen],
-            link=errand[:, 1],
+            link=skill_goal[:, 1],
             handle=self.handle[chosen],
             link_position=link[:, 0],
             link_velocity=link[:, 1],
@@ -125,8 +125,8 @@ class Readings:
             front=self.front[chosen],
             facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
             scan=scan,
-            rivals=around.from_object,
-            rival_distance=around.distance,
+            neighbors=around.from_object,
+            neighbor_distance=around.distance,
             handle_distance=around.handle_distance,
             stopped=self.stopped[chosen],
             contact_force=self.force[chosen],

@@ -19,9 +19,9 @@ from perdure.home.sim.apartments import Apartment, build_apartment
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
+from perdure.home.sim.world.base_bumper import add_base_bumper
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.nearby import Nearby
-from perdure.home.sim.world.skirt import add_skirt
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,7 +45,7 @@ class SceneOptions:
     """How a scene is built; the same options and episode give the same model."""
 
     physics_hz: int = PHYSICS_HZ
-    looks: bool = False
+    visuals: bool = False
     """Whether parts that are only seen are built: pictures need them, physics does not."""
     clutter: bool = True
     """Whether objects that are no targets are there."""
@@ -218,12 +218,12 @@ def build_scene(
     options = options or SceneOptions()
     spec = mujoco.MjSpec()
     _set_physics(spec, options)
-    build_apartment(apartment, spec, looks=options.looks)
-    objects = YcbObjects(looks=options.looks, apple=options.apple)
+    build_apartment(apartment, spec, visuals=options.visuals)
+    objects = YcbObjects(visuals=options.visuals, apple=options.apple)
     for number, placement in enumerate(placements):
         objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
-    add_fetch(spec, looks=options.looks)
-    add_skirt(spec, apartment)
+    add_fetch(spec, visuals=options.visuals)
+    add_base_bumper(spec, apartment)
     _add_holds(spec, apartment, len(placements))
     scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
     if options.rolling == "drag":

@@ -14,11 +14,11 @@ from perdure.home.sim.apartments import Pose
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
+from perdure.home.sim.world.neighbors import Neighbors, Surroundings, no_neighbors
 from perdure.home.sim.world.readings import Readings
-from perdure.home.sim.world.rivals import Rivals, Surroundings, no_rivals
 from perdure.home.sim.world.scan import NO_SCAN, Outlines
 from perdure.home.sim.world.scene import Scene
-from perdure.home.sim.world.sensors import Errand, Sensors
+from perdure.home.sim.world.state import PrivilegedState, SkillGoal
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -26,7 +26,7 @@ IntArray = NDArray[np.int64]
 
 
 class World:
-    """n lanes, each with a scene, a robot and an errand.
+    """n lanes, each with a scene, a robot and an skill_goal.
 
     A lane's course depends on its own scene, start and actions only, not on how many lanes there are or on which
     thread steps it.
@@ -50,12 +50,12 @@ class World:
         self._idle: dict[Scene, list[Lane]] = {}
         self._idle_count = 0
         self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
-        self._errand = [Errand()] * lanes
+        self._skill_goal = [SkillGoal()] * lanes
         self._readings = Readings(lanes)
         self._outlines = Outlines(lanes)
         self._surroundings = Surroundings(lanes)
         self._ahead: list[tuple[float, float, float] | None] = [None] * lanes
-        """What `Geodesic.ahead` said of the errand's route from where the robot is now, None when not asked yet."""
+        """What `Geodesic.ahead` said of the skill_goal's route from where the robot is now, None when not asked yet."""
 
     def reset(
         self,
@@ -65,7 +65,7 @@ class World:
         arm: ArrayLike = REST_ARM,
         opened: Mapping[str, float] | None = None,
         held: int = -1,
-        errand: Errand | None = None,
+        skill_goal: SkillGoal | None = None,
     ) -> None:
         """Starts a lane's episode.
 
@@ -76,7 +76,7 @@ class World:
             arm: Its arm's joint angles. Shape (7,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
             held: Number of the object in the gripper, -1 for none.
-            errand: What the lane is about.
+            skill_goal: What the lane is about.
         """
         old = self._lanes[lane]
         if old is None or old.scene is not scene:
@@ -84,17 +84,17 @@ class World:
             if old is not None:
                 self._leave(old)
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), held)
-        self._errand[lane] = errand or Errand()
+        self._skill_goal[lane] = skill_goal or SkillGoal()
         self._begin(lane)
 
-    def assign(self, lane: int, errand: Errand) -> None:
-        """Gives a lane another errand."""
-        self._errand[lane] = errand
-        self._take_errand(lane)
+    def assign(self, lane: int, skill_goal: SkillGoal) -> None:
+        """Gives a lane another skill_goal."""
+        self._skill_goal[lane] = skill_goal
+        self._take_skill_goal(lane)
 
-    def errand(self, lane: int) -> Errand:
+    def skill_goal(self, lane: int) -> SkillGoal:
         """What a lane is about."""
-        return self._errand[lane]
+        return self._skill_goal[lane]
 
     def lane(self, number: int) -> Lane:
         """The lane itself, for whoever must look deeper; HomeError before its first reset."""
@@ -135,20 +135,20 @@ class World:
         self,
         lanes: IntArray | None = None,
         scan_reach: FloatArray | float = 0.0,
-        rivals: BoolArray | bool = False,
-    ) -> Sensors:
+        neighbors: BoolArray | bool = False,
+    ) -> PrivilegedState:
         """What is known of some lanes now.
 
         Args:
             lanes: Which lanes, all when None. Shape (m,).
             scan_reach: How far each lane's scan looks in [m]; the nearer, the faster. What is farther is not told
                 apart. Shape (m,).
-            rivals: Whether objects and handles around a lane's target are looked for. Shape (m,).
+            neighbors: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
-        reach, look = np.broadcast_to(scan_reach, len(chosen)), np.broadcast_to(rivals, len(chosen))
+        reach, look = np.broadcast_to(scan_reach, len(chosen)), np.broadcast_to(neighbors, len(chosen))
         way, waypoint = self._ways(chosen)
-        return self._readings.sensors(chosen, way, waypoint, self._scan(chosen, reach), self._look_around(chosen, look))
+        return self._readings.state(chosen, way, waypoint, self._scan(chosen, reach), self._look_around(chosen, look))
 
     def objects(self, lanes: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Poses (position, quaternion) and velocities of the first objects. Shapes (m, count, 7), (m, count, 3)."""
@@ -191,12 +191,12 @@ class World:
         readings = self._readings
         readings.arm_target[number] = arm
         readings.force[number] = 0.0
-        self._take_errand(number)
+        self._take_skill_goal(number)
         self._read(np.array([number]), first=True)
         if held >= 0:
             lane.hold_object(held, lane.gripper, lane.gripper_axes)
             lane.forward()
-            readings.read_errand(number, lane)
+            readings.read_skill_goal(number, lane)
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
@@ -246,22 +246,22 @@ class World:
         for number in map(int, chosen):
             lane = self.lane(number)
             lane.part(readings.gripper[number])
-            readings.read_errand(number, lane)
+            readings.read_skill_goal(number, lane)
 
-    def _take_errand(self, number: int) -> None:
+    def _take_skill_goal(self, number: int) -> None:
         self._ahead[number] = None
-        self._readings.take_errand(number, self.lane(number), self._errand[number])
+        self._readings.take_skill_goal(number, self.lane(number), self._skill_goal[number])
 
     def _handle_points(self, number: int) -> FloatArray:
         lane = self.lane(number)
         return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
 
     def _ways(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Lengths of the errands' ways, and points of them ahead of the robots; here and 0 where there is none."""
+        """Lengths of the skill_goals' ways, and points of them ahead of the robots; here and 0 where there is none."""
         way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
         waypoint[:, :2] = self._readings.robot[chosen, :2]
         for row, number in enumerate(chosen.tolist()):
-            route = self._errand[number].route
+            route = self._skill_goal[number].route
             if route is not None:
                 known = self._ahead[number]
                 if known is None:
@@ -280,12 +280,12 @@ class World:
             ranges[rows] = self._outlines.scan(chosen[rows], self._readings.robot[chosen[rows], :3], each)
         return ranges
 
-    def _look_around(self, chosen: IntArray, look: BoolArray) -> Rivals:
-        around, rows = no_rivals(len(chosen)), np.flatnonzero(look)
+    def _look_around(self, chosen: IntArray, look: BoolArray) -> Neighbors:
+        around, rows = no_neighbors(len(chosen)), np.flatnonzero(look)
         if len(rows):
             readings, numbers = self._readings, chosen[rows]
             lanes = [self.lane(number) for number in numbers.tolist()]
-            found = self._surroundings.look(numbers, lanes, readings.errand[numbers, 0], readings.gripper[numbers])
+            found = self._surroundings.look(numbers, lanes, readings.skill_goal[numbers, 0], readings.gripper[numbers])
             for kept, seen in zip(around, found, strict=True):
                 kept[rows] = seen
         return around

@@ -1,16 +1,16 @@
-"""Gymnasium environments in which skills are learned. Importing this package imports gymnasium and registers them.
+"""Gymnasium environments of the skills. Importing this package imports gymnasium and registers them.
 
 Contents:
-    perdure/HomePick-v0, HomePlace-v0, ...  what `gymnasium.make` and `make_vec` know after the import
+    perdure/HomePick-v0, HomePlace-v0, ...  names for `gymnasium.make` and `gymnasium.make_vec`
     HomeSkillVectorEnv, HomeSkillEnv        many lanes over one world; one lane
-    LessonOptions                           their options
+    SkillEnvOptions                         their options
     HeadDepth, VectorHeadDepth              wrappers that add the head camera's depth image
-    register, env_id                        the names
+    register, env_id                        registration and names of the environments
 """
 
 from typing import TYPE_CHECKING
 
-from perdure.home.skills.gym.options import LessonOptions
+from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.gym.register import SUITE, env_id, register
 from perdure.home.skills.gym.single import HomeSkillEnv
 from perdure.home.skills.gym.vector import HomeSkillVectorEnv
@@ -23,7 +23,7 @@ __all__ = [
     "HeadDepth",
     "HomeSkillEnv",
     "HomeSkillVectorEnv",
-    "LessonOptions",
+    "SkillEnvOptions",
     "VectorHeadDepth",
     "env_id",
     "register",
@@ -33,7 +33,7 @@ register()
 
 
 def __getattr__(name: str) -> object:
-    """Loads what draws only when it is asked for."""
+    """Import the depth wrappers, which need OpenGL, when they are first used."""
     if name in ("HeadDepth", "VectorHeadDepth"):
         from perdure.home.skills.gym import depth as module
 

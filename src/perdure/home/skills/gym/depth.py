@@ -1,4 +1,4 @@
-"""The head camera's depth image as a part of the observations, drawn only for those who wrap."""
+"""Wrappers that add the head camera's depth image to the observations."""
 
 from __future__ import annotations
 
@@ -19,34 +19,36 @@ from perdure.home.skills.gym.vector import HomeSkillVectorEnv
 from perdure.horizon.wrappers.any_vector_wrapper import AnyVectorWrapper
 
 Observation = dict[str, NDArray[Any]]
-"""`state`: what the environment observes; `head_depth`: float32 from 0 to 1."""
+"""`state`: the observation of the environment; `head_depth`: float32 from 0 to 1."""
 
 
 class VectorHeadDepth(AnyVectorWrapper):
-    """Observations {"state", "head_depth"} of a `HomeSkillVectorEnv`. All else is as without it, to the last bit.
+    """Observations {"state", "head_depth"} of a `HomeSkillVectorEnv`. Everything else stays bitwise equal.
 
-    `state` is the vector that was there before, shape (n, d). `head_depth` is planar depth in units of 10 m, 1 for
-    everything farther, as in M3 (`configs/rearrange/tasks/__base__.py`: 128 x 128 pixels, 90 degrees, 0 to 10 m,
-    normalized); times 10 it is meters. float32, shape (n, side, side), the upper left pixel first. Where the camera is
-    and what it sees: `perdure.home.sim.camera.depth.HeadCamera`.
+    `state` is the original observation, shape (n, d). `head_depth` is float32 of shape (n, side, side), the upper left
+    pixel first: planar depth in units of 10 m, 1 for everything farther, as in M3
+    (`configs/rearrange/tasks/__base__.py`: 128 x 128 pixels, 90 degrees, 0 to 10 m, normalized). The camera is
+    `perdure.home.sim.camera.depth.HeadCamera`.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], side: int = SIDE) -> None:
-        """Wraps a vector environment and opens an OpenGL context.
+        """Wrap a vector environment and open an OpenGL context.
 
         Args:
-            env: A `HomeSkillVectorEnv`, wrapped or not, which does not reset lanes in the step in which they end.
+            env: A `HomeSkillVectorEnv`, wrapped or not, in any autoreset mode but SAME_STEP.
             side: Width and height of the images in pixels.
 
         Raises:
-            HomeError: If the environment is another one, or no picture can be drawn on this machine.
+            HomeError: If the environment is another one, or this machine cannot render.
         """
         super().__init__(env)
         lanes = env.unwrapped
         if not isinstance(lanes, HomeSkillVectorEnv):
-            raise HomeError(f"a head depth image is there for home skills only, not for {env}")
+            raise HomeError(f"env must be a home skill environment, not {env}")
         if lanes.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
-            raise HomeError("with SAME_STEP an episode's last depth image is gone before it is drawn; use NEXT_STEP")
+            raise HomeError(
+                "autoreset_mode must not be SAME_STEP, which loses the last depth image of an episode; use NEXT_STEP"
+            )
         self._lanes, self._camera = lanes, HeadCamera(side)
         self.single_observation_space = _with_depth(env.single_observation_space, side)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -64,7 +66,7 @@ class VectorHeadDepth(AnyVectorWrapper):
         return self._observe(observations), *outcome
 
     def close(self, **kwargs: Any) -> None:
-        """Ends the camera and the environment."""
+        """Close the camera and the environment."""
         self._camera.close()
         super().close(**kwargs)
 
@@ -77,20 +79,20 @@ class HeadDepth(gymnasium.ObservationWrapper[Any, Any, Any], RecordConstructorAr
     """`VectorHeadDepth` for one `HomeSkillEnv`: shapes (d,) and (side, side)."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], side: int = SIDE) -> None:
-        """Wraps an environment, see `VectorHeadDepth`."""
+        """Wrap an environment, see `VectorHeadDepth`."""
         RecordConstructorArgs.__init__(self, side=side)
         gymnasium.ObservationWrapper.__init__(self, env)
         if not isinstance(env.unwrapped, HomeSkillEnv):
-            raise HomeError(f"a head depth image is there for home skills only, not for {env}")
+            raise HomeError(f"env must be a home skill environment, not {env}")
         self._lanes, self._camera = env.unwrapped.lanes, HeadCamera(side)
         self.observation_space = _with_depth(env.observation_space, side)
 
     def observation(self, observation: Any) -> Observation:
-        """The observation with the image of now."""
+        """Return the observation with the current image."""
         return {"state": observation, "head_depth": _image(self._camera, self._lanes, 0)}
 
     def close(self) -> None:
-        """Ends the camera and the environment."""
+        """Close the camera and the environment."""
         self._camera.close()
         super().close()
 

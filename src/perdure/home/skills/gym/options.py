@@ -1,58 +1,64 @@
-"""What a home environment is about, checked before anything is built."""
+"""The options of a skill environment, checked before anything is built."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from typing import Any
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
-from perdure.home.benchmark.tasks import get_task
+from perdure.home.benchmark.tasks import TASKS, HomeTask, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import split_apartments
 from perdure.home.sim.world import PHYSICS_HZ, Rolling, SceneOptions
-from perdure.home.skills import Skill, get_skill
-from perdure.home.skills.starts import ANY_HEADING, STARTS, Draw, train_pool
+from perdure.home.skills.registry import SKILLS, get_skill, learned_skills
+from perdure.home.skills.skill import Skill
+from perdure.home.skills.starts import train_pool
+
+SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
+"""Options that are fields of a skill."""
 
 
 @dataclass(frozen=True)
-class LessonOptions:
-    """Which skill is learned, and on what."""
+class SkillEnvOptions:
+    """The skill, its task and the world of an environment."""
 
     skill: str = "place"
     task: str = "tidy_house"
     split: str = "train"
-    """`train`: generated episodes, see `episodes`; `val` and `eval`: the published ones."""
+    """`train`: generated episodes, see `episodes`; `val` and `eval`: the published episodes."""
     targets: tuple[int, ...] | int | None = None
-    """Targets of the task it is about (or the only one), drawn uniformly; all that the skill is used for when None."""
+    """The targets to draw from, uniformly; all that need the skill when None."""
     delta: int = 1
-    """For place: how many steps the object must stay."""
+    """See `Place`."""
     limited_to: int | None = None
-    """For place: control steps it may last; 200, with delta 200 + delta, when None."""
+    """See `Place`."""
     any_heading: bool = False
-    """For place: whether half the robots begin with any heading; else, as in M3, all face the goal."""
+    """See `Place`."""
     clutter: bool = False
-    """Whether objects that are no targets are there."""
+    """Whether objects that are no targets are in the scene."""
     physics_hz: int = PHYSICS_HZ
     rolling: Rolling = "friction"
-    """What stops objects that roll, see `SceneOptions`."""
+    """What stops rolling objects, see `SceneOptions`."""
     episodes: int | None = None
-    """How many episodes are used; 64 of `train` (one per apartment), all published ones when None."""
+    """Number of episodes; when None 64 of `train`, one for each apartment, or all published ones."""
 
     def __post_init__(self) -> None:
-        """Whatever does not fit together raises HomeError."""
-        if self.skill not in STARTS:
-            raise HomeError(f"there is no environment for the skill {self.skill!r}; there are {', '.join(STARTS)}")
-        if self.delta != 1 and self.skill != "place":
-            raise HomeError(f"delta is about place; {self.skill} has none, so it must stay 1, not {self.delta}")
-        if self.limited_to is not None and self.skill != "place":
-            raise HomeError(f"limited_to is about place; {self.skill} has none, so it must be None")
-        if self.any_heading and self.skill not in ANY_HEADING:
-            raise HomeError(f"any_heading is about {', '.join(ANY_HEADING)}; {self.skill} has no such starts")
+        """Raise HomeError for options that do not exist or do not fit together."""
+        if self.skill not in learned_skills():
+            raise HomeError(f"no environment for the skill {self.skill!r}; there are {', '.join(learned_skills())}")
+        for each in fields(self):
+            kinds = [name for name, kind in SKILLS.items() if each.name in (own.name for own in fields(kind))]
+            value = getattr(self, each.name)
+            if each.name in SKILL_OPTIONS and self.skill not in kinds and value != each.default:
+                raise HomeError(
+                    f"{each.name} is an option of {', '.join(kinds)}, not of {self.skill}; leave it at {each.default}"
+                )
         if self.episodes is not None and self.episodes < 1:
             raise HomeError(f"episodes must be at least 1, not {self.episodes}")
         split_apartments(self.split)
-        used = self._used()
+        used = targets_of(self.skill, get_task(self.task))
         if not used:
             raise HomeError(f"{self.task} never uses the skill {self.skill}")
         if not self.chosen_targets or set(self.chosen_targets) - set(used):
@@ -61,41 +67,40 @@ class LessonOptions:
 
     @property
     def chosen_targets(self) -> tuple[int, ...]:
-        """The targets among which is drawn."""
+        """Return the targets to draw from."""
         if self.targets is None:
-            return self._used()
+            return targets_of(self.skill, get_task(self.task))
         return (self.targets,) if isinstance(self.targets, int) else tuple(self.targets)
 
     @property
     def scene(self) -> SceneOptions:
-        """How scenes are built, up to the target."""
+        """Return how scenes are built; the target is added for each."""
         return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
 
-    @property
-    def draw(self) -> Draw:
-        """Where it begins."""
-        return (ANY_HEADING if self.any_heading else STARTS)[self.skill]
-
     def make_skill(self) -> Skill:
-        """The skill."""
-        given = {"delta": self.delta, "limited_to": self.limited_to} if self.skill == "place" else {}
-        return get_skill(self.skill, **given)
+        """Return the skill with its own options."""
+        own = {each.name for each in fields(SKILLS[self.skill])}
+        return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
 
     def load(self) -> tuple[Episode, ...]:
-        """The episodes among which is drawn."""
+        """Return the episodes to draw from."""
         if self.split == "train":
             return train_pool(self.task, **({} if self.episodes is None else {"count": self.episodes})).episodes
         return load_episodes(self.task, self.split).episodes[: self.episodes]
 
-    def _used(self) -> tuple[int, ...]:
-        """Targets for which the task's plan uses the skill."""
-        return tuple(sorted({step.target for step in get_task(self.task).skills if step.skill == self.skill}))
+
+def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
+    """Return the targets for which a task's plan uses a skill; all targets for a skill that no task uses."""
+    if not any(step.skill == skill for each in TASKS.values() for step in each.skills):
+        return tuple(range(len(task.targets)))
+    return tuple(sorted({step.target for step in task.skills if step.skill == skill}))
 
 
-def checked_options(options: Mapping[str, Any]) -> LessonOptions:
-    """Options by name; HomeError for names that do not exist."""
-    known = [each.name for each in fields(LessonOptions)]
-    unknown = sorted(set(options) - set(known))
-    if unknown:
-        raise HomeError(f"no option is named {', '.join(unknown)}; there are {', '.join(known)}")
-    return LessonOptions(**options)
+def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
+    """Return options by name; raise HomeError for unknown names."""
+    known = [each.name for each in fields(SkillEnvOptions)]
+    for name in sorted(set(options) - set(known)):
+        nearest = get_close_matches(name, known, n=1)
+        hint = f"; did you mean {nearest[0]}?" if nearest else ""
+        raise HomeError(f"no option is named {name}; there are {', '.join(known)}{hint}")
+    return SkillEnvOptions(**options)

@@ -5,27 +5,27 @@ from __future__ import annotations
 import gymnasium
 
 from perdure.envs.suites import VectorSuite
-from perdure.home.benchmark.tasks import TASKS, get_task
-from perdure.home.skills import get_skill
-from perdure.home.skills.starts import STARTS
+from perdure.home.benchmark.tasks import TASKS
+from perdure.home.skills.gym.options import targets_of
+from perdure.home.skills.registry import get_skill, learned_skills
 
 SUITE = VectorSuite("Home", "perdure.home.skills.gym", "perdure/Home")
 """The suite of these environments, which `pyproject.toml` names as an entry point."""
 
 
 def env_id(skill: str) -> str:
-    """Such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
+    """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
     return f"perdure/Home{''.join(word.capitalize() for word in skill.split('_'))}-v0"
 
 
 def default_task(skill: str) -> str:
-    """The first task that uses a skill."""
-    return next(name for name in TASKS if any(step.skill == skill for step in get_task(name).skills))
+    """Return the first task that uses a skill."""
+    return next(name for name, task in TASKS.items() if targets_of(skill, task))
 
 
 def register() -> None:
-    """Registers one environment per skill, by entry-point strings; doing so again changes nothing."""
-    for skill in STARTS:
+    """Register an environment for each learned skill that has none; call it again after adding a skill."""
+    for skill in learned_skills():
         if env_id(skill) in gymnasium.registry:
             continue
         gymnasium.register(

@@ -1,4 +1,4 @@
-"""One environment of one skill: the vector of one lane."""
+"""The environment of one skill with one lane."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ FloatArray = NDArray[np.float64]
 
 
 class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
-    """See `HomeSkillVectorEnv`; the same seed and actions give the same bits as a lane of it."""
+    """One lane of a `HomeSkillVectorEnv`: the same seed and actions give the same bits."""
 
     def __init__(self, **options: Any) -> None:
-        """Takes the fields of `LessonOptions`."""
+        """Create the environment from the fields of `SkillEnvOptions`."""
         self.lanes = HomeSkillVectorEnv(1, threads=1, **options)
         self.observation_space = self.lanes.single_observation_space
         self.action_space = self.lanes.single_action_space
@@ -37,12 +37,12 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 
     def close(self) -> None:
-        """Ends what the lane holds."""
+        """Release the lane's resources."""
         self.lanes.close()
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
-    """The only lane's entries."""
+    """Return the entries of the only lane."""
     return {
         name: _first(value) if isinstance(value, dict) else value[0].item()
         for name, value in info.items()

@@ -1,4 +1,4 @@
-"""Many learners' environments of one skill over one `World`."""
+"""Many lanes of one skill in one `World`, as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -9,34 +9,30 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Sensors, World
-from perdure.home.skills import Progress, Skill
-from perdure.home.skills.actions import used, whole
-from perdure.home.skills.gym.lessons import lessons
+from perdure.home.sim.world import PrivilegedState, World
+from perdure.home.skills.gym.episode_sampler import episode_sampler
 from perdure.home.skills.gym.options import checked_options
-from perdure.home.skills.gym.records import masked, put
+from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress, put_rows
+from perdure.home.skills.skill import Skill
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 Outcome = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
 class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]):
-    """n lanes of one skill. A lane's course depends on its own seed and actions only, to the last bit.
+    """n lanes of one skill. A lane's trajectory depends on its own seed and actions only, bit for bit.
 
-    terminated: the skill succeeded or failed. truncated: `max_episode_steps` are over, or the simulation diverged; a
-    diverged lane gets reward 0 for that step, shows the start of its episode and is counted in `diverged`.
+    terminated: the skill succeeded or failed. truncated: `max_episode_steps` was reached, or the simulation diverged. A
+    diverged lane gets reward 0 for that step, returns the observation of its episode's start and is counted in
+    `diverged`.
 
-    info has an array for each of `success`, `failure` (its label, "none" for none), `diverged`, `elapsed`,
-    and under `reward_terms` for each term of the reward.
+    info has arrays `success`, `failure` (its label, "none" for none), `diverged` and `elapsed`, and an array for each
+    reward term under `reward_terms`.
 
-    Gymnasium's three ways of going on after an end: DISABLED (you reset, with `options["reset_mask"]`), NEXT_STEP (the
-    next step of an ended lane begins its next episode, with reward 0), SAME_STEP (the last observation and info are in
-    `final_obs` and `final_info`).
+    Autoreset modes: DISABLED (the caller resets, with `options["reset_mask"]`), NEXT_STEP (the next step of an ended
+    lane begins its next episode, with reward 0), SAME_STEP (the last observation and info are in `final_obs` and
+    `final_info`).
     """
 
     def __init__(
@@ -48,14 +44,14 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED,
         **options: Any,
     ) -> None:
-        """Loads episodes; scenes are built when they are needed.
+        """Load the episodes; scenes are built when they are needed.
 
         Args:
             num_envs: Number of lanes.
             max_episode_steps: Steps after which a lane is truncated, None for no limit.
-            threads: Threads that simulate; the cores this process may use when None. No result depends on it.
-            autoreset_mode: Who begins the next episode, see the class.
-            options: Fields of `LessonOptions`.
+            threads: Simulation threads; as many as the process may use cores when None. Results do not depend on it.
+            autoreset_mode: See the class.
+            options: Fields of `SkillEnvOptions`.
 
         Raises:
             HomeError: If an option is unknown or does not fit the others.
@@ -63,105 +59,106 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self.options = checked_options(options)
         self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode), "render_modes": []}
         self.skill: Skill = self.options.make_skill()
-        self.lessons = lessons(self.options)
+        self.sampler = episode_sampler(self.options)
         self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
         self.world = World(num_envs, threads)
         self.diverged = np.zeros(num_envs, dtype=np.int64)
-        """How often each lane diverged. Shape (num_envs,)."""
-        self._columns = used(self.skill)
+        """Number of divergences of each lane. Shape (num_envs,)."""
         self._set_spaces()
         self._rng: list[np.random.Generator | None] = [None] * num_envs
         self._over = np.ones(num_envs, dtype=bool)
-        self._sensors: Sensors | None = None
+        self._state: PrivilegedState | None = None
         self._progress: Progress | None = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Starts new episodes.
+        """Begin new episodes.
 
         Args:
-            seed: Lane k gets seed + k, or the k-th of a sequence; None goes on with the lane's own generator.
-            options: `reset_mask`: which lanes to reset, shape (num_envs,), all without it.
+            seed: Lane k gets seed + k, or the k-th of a sequence; None keeps the lane's generator.
+            options: `reset_mask`: which lanes to reset, shape (num_envs,); all by default.
 
         Returns:
-            Observations of all lanes (those not reset as they were) and an empty info.
+            Observations of all lanes, those that were not reset unchanged, and an empty info.
 
         Raises:
-            HomeError: If there are not as many seeds as lanes, or the first reset leaves lanes out.
+            HomeError: If the number of seeds is not that of the lanes, or the first reset leaves lanes out.
         """
         mask = self._mask(options)
         for number, one in enumerate(self._seeds(seed)):
             if mask[number] and (one is not None or self._rng[number] is None):
                 self._rng[number] = np.random.Generator(np.random.PCG64(one))
-        sensors, progress = self._begin(np.flatnonzero(mask))
-        return self.skill.observe(sensors, progress), {}
+        state, progress = self._begin(np.flatnonzero(mask))
+        return self.skill.observe(state, progress), {}
 
     def step(self, actions: FloatArray) -> Outcome:
-        """One control step of all lanes.
+        """Run one control step of all lanes.
 
         Args:
-            actions: Shape (num_envs, m), values outside [-1, 1] are clipped.
+            actions: Shape (num_envs, m); values outside [-1, 1] are clipped.
 
         Raises:
-            HomeError: If a lane has ended and was not reset, or an action has a wrong shape or is not finite.
+            HomeError: If a lane has ended and was not reset, or actions have a wrong shape or are not finite.
         """
         mode, renewed = self.metadata["autoreset_mode"], self._over.copy()
-        if self._sensors is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
+        if self._state is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
             raise HomeError(f"lanes {np.flatnonzero(renewed).tolist()} have ended or never begun: reset them first")
-        told = whole(self._checked(actions), self._columns)
+        full = self.skill.expand_action(self._checked(actions))
         stepped = np.flatnonzero(~renewed)
         if renewed.any():
             self._begin(np.flatnonzero(renewed))
-        outcome = self._advance(self._sensors, self._progress, told, stepped)
+        outcome = self._advance(self._state, self._progress, full, stepped)
         return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
 
     @property
-    def sensors(self) -> Sensors:
-        """What is known of all lanes now; HomeError before the first reset."""
-        if self._sensors is None:
-            raise HomeError("nothing is known before the first reset")
-        return self._sensors
+    def state(self) -> PrivilegedState:
+        """Return the privileged state of all lanes; HomeError before the first reset."""
+        if self._state is None:
+            raise HomeError("state does not exist before the first reset")
+        return self._state
 
     @property
     def progress(self) -> Progress:
-        """What the skill remembers of all lanes now; HomeError before the first reset."""
+        """Return the skill's progress in all lanes; HomeError before the first reset."""
         if self._progress is None:
-            raise HomeError("nothing is remembered before the first reset")
+            raise HomeError("progress does not exist before the first reset")
         return self._progress
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the threads."""
+        """Stop the threads."""
         self.world.close()
 
-    def _begin(self, lanes: IntArray) -> tuple[Sensors, Progress]:
-        """Starts episodes in some lanes; what is then known of all lanes."""
+    def _begin(self, lanes: IntArray) -> tuple[PrivilegedState, Progress]:
+        """Begin episodes in some lanes; return state and progress of all lanes."""
         for lane in map(int, lanes):
             rng = self._rng[lane]
             assert rng is not None
-            self.lessons.begin(self.world, lane, rng)
-        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_rivals)
+            self.sampler.begin(self.world, lane, rng)
+        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_neighbors)
         begun = self.skill.begin(fresh)
-        if self._sensors is None or self._progress is None:
-            self._sensors, self._progress = fresh, begun
+        if self._state is None or self._progress is None:
+            self._state, self._progress = fresh, begun
         else:
-            self._sensors, self._progress = put(self._sensors, lanes, fresh), self._progress.put(lanes, begun)
+            self._state, self._progress = put_rows(self._state, lanes, fresh), self._progress.put(lanes, begun)
         self._over[lanes] = False
-        return self._sensors, self._progress
+        return self._state, self._progress
 
-    def _advance(self, before: Sensors, was: Progress, told: FloatArray, lanes: IntArray) -> Outcome:
-        """Steps some lanes; the others have just begun, which is an outcome without reward."""
+    def _advance(self, before: PrivilegedState, was: Progress, actions: FloatArray, lanes: IntArray) -> Outcome:
+        """Step some lanes; the others have just begun, so their outcome has no reward."""
         skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
         stepped[lanes] = True
         if len(lanes):
-            legal = skill.mask(told, before)
+            legal = skill.mask(actions, before)
             self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
-        after = self.world.sense(None, skill.scan_reach, skill.needs_rivals)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
         now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
-        self._sensors, self._progress = after, now
+        self._state, self._progress = after, now
         return self._outcome(before, after, was, now, stepped)
 
-    def _outcome(self, before: Sensors, after: Sensors, was: Progress, now: Progress, stepped: BoolArray) -> Outcome:
+    def _outcome(
+        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress, stepped: BoolArray
+    ) -> Outcome:
         skill, diverged = self.skill, stepped & after.diverged
         sound = stepped & ~diverged
         rewards, terms = skill.reward(before, after, was, now)
@@ -174,7 +171,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self._over = terminated | truncated
         info = {
             "success": success,
-            "failure": np.array(skill.failures)[failure],
+            "failure": np.array(skill.failure_labels)[failure],
             "diverged": diverged,
             "elapsed": now.elapsed.copy(),
             "reward_terms": masked({name: np.where(sound, value, 0.0) for name, value in terms.items()}),
@@ -182,24 +179,24 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
 
     def _same_step(self, outcome: Outcome) -> Outcome:
-        """Begins the next episode of lanes that have just ended."""
+        """Begin the next episode of lanes that have just ended."""
         last, rewards, terminated, truncated, info = outcome
         over = self._over.copy()
-        sensors, progress = self._begin(np.flatnonzero(over))
+        state, progress = self._begin(np.flatnonzero(over))
         final = {"final_obs": last, "_final_obs": over, "final_info": info, "_final_info": over}
-        return self.skill.observe(sensors, progress), rewards, terminated, truncated, {**info, **final}
+        return self.skill.observe(state, progress), rewards, terminated, truncated, {**info, **final}
 
     def _set_spaces(self) -> None:
         low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
         self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self._columns),), dtype=np.float64)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.skill.active_columns),), dtype=np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
     def _checked(self, actions: FloatArray) -> FloatArray:
         given = np.asarray(actions, dtype=np.float64)
         if given.shape != self.action_space.shape:
-            raise HomeError(f"actions have shape {given.shape}; it must be {self.action_space.shape}")
+            raise HomeError(f"actions must have shape {self.action_space.shape}, not {given.shape}")
         return given
 
     def _mask(self, options: Mapping[str, Any] | None) -> BoolArray:
@@ -208,8 +205,8 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool:
                 raise HomeError(f"reset_mask must be {self.num_envs} booleans, not {options['reset_mask']!r}")
-        if self._sensors is None and not mask.all():
-            raise HomeError("the first reset must begin all lanes")
+        if self._state is None and not mask.all():
+            raise HomeError("reset_mask must select all lanes in the first reset")
         return mask
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
@@ -217,5 +214,11 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             return [None] * self.num_envs
         seeds = [int(seed) + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
         if len(seeds) != self.num_envs:
-            raise HomeError(f"{self.num_envs} lanes need as many seeds, not {len(seeds)}")
+            raise HomeError(f"seed must have one entry for each of {self.num_envs} lanes, not {len(seeds)}")
         return seeds
+
+
+def masked(info: dict[str, Any]) -> dict[str, Any]:
+    """Return an info with Gymnasium's `_name` beside each entry, which says that all lanes have it."""
+    size = len(next(value for value in info.values() if isinstance(value, np.ndarray)))
+    return {**info, **{f"_{name}": np.ones(size, dtype=bool) for name in info}}

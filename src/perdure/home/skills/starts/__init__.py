@@ -1,27 +1,12 @@
-"""Where skills begin in training, one file each, and the episodes they begin in.
+"""Parts of start states that skills share, and the training episodes.
 
 Contents:
-    STARTS                  a skill's name to its draw(episode, target, rng) -> Start
-    ANY_HEADING             the same where half the robots face any way
-    begin, put, touching    draws until the robot has room, and brings a lane there
-    train_pool              generated episodes of the split `train`, kept in the user's cache
+    Start, Draw, begin, put, touching   a start state; draws one without contacts, brings a lane to it
+    cache_folder, train_pool            generated episodes of the split `train`, kept in the user's cache
+    stand, arm, containers              modules: where the robot stands, how it holds its arm, what is open
 """
 
-from perdure.home.skills.starts import close_drawer, close_fridge, navigate, open_drawer, open_fridge, pick, place
 from perdure.home.skills.starts.pool import cache_folder, train_pool
 from perdure.home.skills.starts.start import Draw, Start, begin, put, touching
 
-STARTS: dict[str, Draw] = {
-    "pick": pick.draw,
-    "place": place.draw,
-    "open_drawer": open_drawer.draw,
-    "close_drawer": close_drawer.draw,
-    "open_fridge": open_fridge.draw,
-    "close_fridge": close_fridge.draw,
-    "navigate": navigate.draw,
-}
-"""Start distributions by the skill's name."""
-ANY_HEADING: dict[str, Draw] = {"place": place.draw_any_heading}
-"""Wider ones to learn from."""
-
-__all__ = ["ANY_HEADING", "STARTS", "Draw", "Start", "begin", "cache_folder", "put", "touching", "train_pool"]
+__all__ = ["Draw", "Start", "begin", "cache_folder", "put", "touching", "train_pool"]

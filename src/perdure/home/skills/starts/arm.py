@@ -1,4 +1,4 @@
-"""How the arm is held when a skill begins: the gripper near its rest position."""
+"""Arm poses at the start of a skill: the gripper point near its rest position."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from perdure.home.sim.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
 FloatArray = NDArray[np.float64]
 
 SPREAD, FARTHEST = 0.025, 0.05
-"""Of the gripper point per axis in [m]: standard deviation and cut (M3)."""
+"""Noise of the gripper point per axis in [m]: standard deviation and clip (M3)."""
 BANK = 1024
-"""OURS: so many poses are solved once, and starts draw among them."""
+"""Number of poses that are solved once; start states draw from them (OURS)."""
 REACHED = 0.001
-"""Error per axis in [m] up to which a pose counts as solved."""
+"""Largest error per axis of a solved pose in [m]."""
 
 
 def draw_arm(rng: np.random.Generator) -> FloatArray:
-    """Joint angles whose gripper point is at rest plus N(0, 0.025 m), cut at 0.05 m, per axis. Shape (7,)."""
+    """Draw joint angles with the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m. Shape (7,)."""
     poses = bank()
     one: FloatArray = poses[int(rng.integers(len(poses)))]
     return one
@@ -29,7 +29,7 @@ def draw_arm(rng: np.random.Generator) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def bank() -> FloatArray:
-    """The poses, the gripper turned as at rest, those left out that the wrist's limit forbids. Shape (<= BANK, 7)."""
+    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. Shape (<= BANK, 7)."""
     rng = np.random.Generator(np.random.PCG64(0))
     points = np.asarray(REST_POSITION) + np.clip(rng.normal(0.0, SPREAD, (BANK, 3)), -FARTHEST, FARTHEST)
     arm = np.tile(REST_ARM, (BANK, 1))

@@ -1,43 +1,69 @@
-"""How far drawers and the fridge are open when a skill begins, and what moves along with them."""
+"""Drawers and the fridge: which one contains an object, how far it is open, what moves with it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
+from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Pose
 from perdure.home.sim.objects import Placement
+from perdure.home.sim.world import Lane
 
 FRIDGE_DOOR = "top_door"
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
-"""Uniform ranges in [m] and [rad] when an object inside is picked or a goal inside is placed at (M3)."""
+"""Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
 
-def goal_container(episode: Episode, target: int) -> str | None:
-    """The drawer or door one must open to get at a target's goal: a link name, None when it is in the open."""
-    apartment = episode.apartment()
-    receptacle = apartment.receptacle(episode.goals[target].receptacle)
+def container_of(apartment: Apartment, placement: Placement) -> str | None:
+    """Return the link name of the drawer or door in front of a placement, None when it is in the open."""
+    receptacle = apartment.receptacle(placement.receptacle)
     return FRIDGE_DOOR if apartment.piece(receptacle.piece).kind == "fridge" else receptacle.link
 
 
+def needed_container(episode: Episode, target: int) -> str:
+    """Return the drawer or door that a target begins in; HomeError when it begins in the open."""
+    link = episode.container(target)
+    if link is None:
+        raise HomeError(f"target {target} of {episode.name} is not in a drawer or fridge: nothing to open or close")
+    return link
+
+
+def front_of(apartment: Apartment, placement: Placement) -> tuple[float, float]:
+    """Return the direction in which a placement's furniture faces, a unit vector in the room."""
+    yaw = apartment.piece(apartment.receptacle(placement.receptacle).piece).pose.yaw
+    return math.cos(yaw), math.sin(yaw)
+
+
 def draw_open(apartment: Apartment, link: str | None, rng: np.random.Generator) -> dict[str, float]:
-    """A container opened as it would be before pick or place; nothing for None."""
+    """Draw how far a container is open for pick or place; empty for None."""
     if link is None:
         return {}
     low, high = DRAWER_OPEN if is_drawer(apartment, link) else FRIDGE_OPEN
     return {link: float(rng.uniform(low, high))}
 
 
+def open_links(lane: Lane) -> dict[str, float]:
+    """Return the positions of open drawers and doors in [m] or [rad] by link name.
+
+    Values are rounded to 0.01, so that cached free spaces are found again. Values up to 0.02 count as closed.
+    """
+    q = lane.qpos[lane.scene.link_qpos]
+    rounded = {link: round(float(value), 2) for link, value in zip(lane.scene.links, q, strict=True)}
+    return {link: value for link, value in rounded.items() if abs(value) > 0.02}
+
+
 def is_drawer(apartment: Apartment, link: str) -> bool:
-    """Whether a link slides."""
+    """Return whether a link slides."""
     return apartment.articulation(link).kind == "slide"
 
 
 def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[int, Placement]:
-    """The target in its drawer, moved along with it; nothing when it does not lie in one that moved."""
+    """Return where a target lies that has moved with its drawer, as `Start.moved`; empty when it has not moved."""
     placement = episode.objects[target]
     link = episode.apartment().receptacle(placement.receptacle).link
     if link is None or link not in opened:
@@ -49,17 +75,20 @@ def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[
 
 
 def handle(apartment: Apartment, link: str, q: float) -> tuple[float, float, float]:
-    """Where a handle is, in the room."""
+    """Return the position of a handle in the room in [m] when its link is at `q`."""
     x, y, z = apartment.handle_to_room(link, q)
     return float(x), float(y), float(z)
 
 
-def handle_frame(apartment: Apartment, link: str, q: float) -> Pose:
-    """The frame of a drawer's handle: x away from the piece."""
+def front_frame(apartment: Apartment, link: str, q: float) -> Pose:
+    """Return the frame of rectangles in front of a container: at a drawer's handle, at the fridge's center."""
+    piece = apartment.piece_of(link).pose
+    if not is_drawer(apartment, link):
+        return piece
     x, y, _ = handle(apartment, link, q)
-    return Pose(x, y, apartment.piece_of(link).pose.yaw)
+    return Pose(x, y, piece.yaw)
 
 
 def link_number(apartment: Apartment, link: str) -> int:
-    """Its number in `Scene.links`."""
+    """Return a link's number in `Scene.links`."""
     return [moving.link for moving in apartment.articulations].index(link)

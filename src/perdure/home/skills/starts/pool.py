@@ -1,4 +1,4 @@
-"""The episodes a learner trains on: made once by the generator for training apartments, then kept on disk."""
+"""Training episodes: generated once in the training apartments, then kept on disk."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import split_apartments
 
 POOL = 64
-"""Episodes in a pool: one in each apartment of the split `train`."""
+"""Episodes in a pool: one for each training apartment."""
 _MADE_BY = ("sim/apartments", "sim/objects", "benchmark/tasks", "benchmark/episodes")
-"""Folders whose code decides what an episode looks like."""
+"""Folders whose code determines the episodes."""
 
 
 def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
-    """Episodes of the split `train`; the same arguments give the same; a larger pool begins with a smaller one.
+    """Return episodes of the split `train`.
 
-    The first call takes about a second for each episode and says so on the error stream; later ones read a file.
+    The same arguments give the same episodes, and a larger pool begins with a smaller one. The first call needs about a
+    second for each episode and reports progress on stderr; later calls read a file.
 
     Args:
         task: Name of the task.
-        count: How many, spread over the apartments.
-        seed: Another seed gives other episodes.
+        count: Number of episodes, spread over the apartments.
+        seed: Seed of the generator.
 
     Raises:
         HomeError: If `count` is not positive or the task is unknown.
     """
     get_task(task)
     if count < 1:
-        raise HomeError(f"a pool needs at least one episode, not {count}")
+        raise HomeError(f"count must be 1 episode or more, not {count}")
     path = cache_folder() / f"{task}_train_{count}_seed{seed}_{fingerprint()}.json"
     if path.exists():
         try:
             return read_episodes(path)
         except HomeError as damage:
-            print(f"{damage}; it is made anew", file=sys.stderr)
+            print(f"{damage}; generating it again", file=sys.stderr)
     pool = _make(task, count, seed)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_episodes(path, pool)
@@ -49,14 +50,14 @@ def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
 
 
 def cache_folder() -> Path:
-    """Where pools are kept: `$XDG_CACHE_HOME/perdure/episodes`, `~/.cache/perdure/episodes` where that is not set."""
+    """Return the folder of the pools: `$XDG_CACHE_HOME/perdure/episodes`; `~/.cache` where the variable is not set."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "perdure" / "episodes"
 
 
 @lru_cache(maxsize=1)
 def fingerprint() -> str:
-    """Digest (12 digits) of everything that decides what a generated episode is: our code and MuJoCo's version."""
+    """Return a digest (12 digits) of all that determines generated episodes: code and MuJoCo version."""
     digest = hashlib.sha256(version("mujoco").encode())
     home = Path(__file__).parents[2]
     for folder in _MADE_BY:
@@ -72,14 +73,14 @@ def _make(task: str, count: int, seed: int) -> EpisodeSet:
     made = []
     for index in range(count):
         made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], models, seed))
-        said = f"making training episodes of {task}: {index + 1} of {count}"
+        message = f"making training episodes of {task}: {index + 1} of {count}"
         if sys.stderr.isatty():
-            print(f"\r{said}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)
+            print(f"\r{message}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)
         elif index + 1 in (1, count):
-            print(said, file=sys.stderr, flush=True)
+            print(message, file=sys.stderr, flush=True)
     return EpisodeSet(task, "train", {"seed": str(seed), "mujoco": version("mujoco")}, tuple(made))
 
 
 def _spread() -> tuple[tuple[int, int], ...]:
-    """Training apartments in an order in which a few of them already show all layouts."""
+    """Return the training apartments, all layouts among the first few."""
     return tuple(sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0])))

@@ -1,8 +1,9 @@
-"""Where the robot stands when a skill begins: cells of the free space, noise, and facing what the skill is about."""
+"""Where the robot stands when a skill begins: a free cell, with noise, facing what the skill acts on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,24 +13,36 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, FreeSpace, Pose, free_space
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 NEAR = 2.0
-"""How far from what it is about a pick or place begins at most, in [m] (M3)."""
+"""Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
 IN_FRONT = 0.5
-"""Cosine of the angle within which a container's inside is approached (OURS)."""
-PLACE_SPREAD, PLACE_FARTHEST = 0.1, 0.2
-"""Noise of the base's place per axis in [m]: standard deviation and cut (M3)."""
-TURN_SPREAD, TURN_FARTHEST = 0.25, 0.5
-"""Noise of its heading in [rad] (M3)."""
+"""Cosine of the largest angle from a container's open side at which the robot begins (OURS)."""
+POSITION_NOISE, POSITION_CLIP = 0.1, 0.2
+"""Noise of the base position per axis in [m]: standard deviation and clip (M3)."""
+HEADING_NOISE, HEADING_CLIP = 0.25, 0.5
+"""Noise of the heading in [rad]: standard deviation and clip (M3)."""
 
-Rectangle = tuple[tuple[float, float], float]
-"""x from, to; half width in y."""
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle on the floor in front of furniture: x away from the furniture, y to its left, in [m]."""
+
+    x: tuple[float, float]
+    half_width: float
+
+    def contains(self, local: FloatArray) -> BoolArray:
+        """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
+        x, y = local[:, 0], np.abs(local[:, 1])
+        inside: BoolArray = (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
+        return inside
 
 
 def closed_space(apartment: Apartment) -> FreeSpace:
-    """The free space with all drawers and doors closed (M3's navigation mesh is a fixed one, too).
+    """Return the free space with all drawers and doors closed (M3's navigation mesh is fixed, too).
 
-    Whether the robot meets one that is open is seen when it has been put there.
+    A robot that touches an open one is found by the contact check of `begin`.
     """
     return free_space(apartment, {})
 
@@ -40,21 +53,21 @@ def stand_near(
     rng: np.random.Generator,
     front: tuple[float, float] | None = None,
 ) -> Pose:
-    """A cell within 2.0 m of a point, with noise, facing the point.
+    """Draw a cell within 2.0 m of a point, with noise, facing the point.
 
     Args:
-        apartment: Where.
-        point: What to face.
-        rng: What to draw from.
-        front: For a point inside a container: which way it is open. The cell lies within 60 degrees of it (OURS: here,
-            unlike in a kitchen unit, the robot could stand beside the fridge, where navigation never leaves it).
+        apartment: The apartment.
+        point: The point to face.
+        rng: The random generator.
+        front: For a point in a container, the direction of its open side. The cell is within 60 degrees of it (OURS:
+            beside our fridge there is floor, which navigation never ends on).
     """
     return _draw(_cells_near(apartment, point[:2], front), point, rng)
 
 
 @lru_cache(maxsize=4096)
 def _cells_near(apartment: Apartment, point: tuple[float, float], front: tuple[float, float] | None) -> FloatArray:
-    """Middles of the cells of the largest island within 2.0 m of a point, in front of it. Shape (m, 2)."""
+    """Return the centers of allowed cells. Shape (m, 2)."""
     space = closed_space(apartment)
     away = np.hypot(*(space.centers - point).T)
     inside = (space.island == 0) & (away <= NEAR)
@@ -72,26 +85,29 @@ def stand_in(
     point: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> Pose:
-    """A cell in a rectangle before a piece of furniture, with noise, facing a point.
+    """Draw a cell of a rectangle in front of furniture, with noise, facing a point.
 
     Args:
-        apartment: Where.
-        frame: The rectangle's frame: x away from the piece, y to its left.
-        rectangles: The first one that has a free cell is used.
-        point: What to face.
-        rng: What to draw from.
+        apartment: The apartment.
+        frame: The frame of the rectangles.
+        rectangles: The first one that contains a free cell is used.
+        point: The point to face.
+        rng: The random generator.
+
+    Raises:
+        HomeError: If no rectangle contains a free cell.
     """
     space = closed_space(apartment)
     local = frame.to_local(space.centers)
-    for (low, high), half in rectangles:
-        inside = (local[:, 0] >= low) & (local[:, 0] <= high) & (np.abs(local[:, 1]) <= half) & (space.island == 0)
+    for rectangle in rectangles:
+        inside = rectangle.contains(local) & (space.island == 0)
         if inside.any():
             return _draw(space.centers[inside], point, rng)
-    raise HomeError(f"{apartment.name}: the robot can stand nowhere before {frame}")
+    raise HomeError(f"{apartment.name}: no free cell in front of the furniture at {frame}")
 
 
 def stand_anywhere(apartment: Apartment, opened: Mapping[str, float], rng: np.random.Generator) -> Pose:
-    """A cell of the largest island, any heading."""
+    """Draw a cell of the largest island and a heading, both uniformly."""
     space = free_space(apartment, opened)
     x, y = _cell(space.centers[space.island == 0], rng)
     return Pose(x, y, 2.0 * np.pi * float(rng.random()))
@@ -99,14 +115,14 @@ def stand_anywhere(apartment: Apartment, opened: Mapping[str, float], rng: np.ra
 
 def _draw(cells: FloatArray, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
     x, y = _cell(cells, rng)
-    dx, dy = np.clip(rng.normal(0.0, PLACE_SPREAD, 2), -PLACE_FARTHEST, PLACE_FARTHEST)
-    turn = float(np.clip(rng.normal(0.0, TURN_SPREAD), -TURN_FARTHEST, TURN_FARTHEST))
+    dx, dy = np.clip(rng.normal(0.0, POSITION_NOISE, 2), -POSITION_CLIP, POSITION_CLIP)
+    turn = float(np.clip(rng.normal(0.0, HEADING_NOISE), -HEADING_CLIP, HEADING_CLIP))
     x, y = x + float(dx), y + float(dy)
     return Pose(x, y, float(np.arctan2(point[1] - y, point[0] - x)) + turn)
 
 
 def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
     if not len(cells):
-        raise HomeError("the robot can stand nowhere: no free cell is allowed")
+        raise HomeError("the robot has no free cell to begin in")
     x, y = cells[int(rng.integers(len(cells)))]
     return float(x), float(y)

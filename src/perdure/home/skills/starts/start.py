@@ -1,4 +1,4 @@
-"""What a start of a skill is, and how a lane is brought to it."""
+"""A start state of a skill, and how a lane is brought to it."""
 
 from __future__ import annotations
 
@@ -12,64 +12,64 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import Errand, Lane, Scene, World
+from perdure.home.sim.world import Lane, Scene, SkillGoal, World
 
 FloatArray = NDArray[np.float64]
 
 TRIES = 1000
-"""Draws for one start; in every published episode one of the first few dozen is free."""
+"""Largest number of draws for one start state; published episodes need a few dozen at most."""
 TOUCH = 0.001
-"""Depth in [m] up to which the robot, or what it holds, may be inside something at the start (OURS)."""
+"""Largest penetration depth of the robot, or of what it holds, at the start in [m] (OURS)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a skill begins. Objects are numbered as in a scene whose only target is the skill's own."""
+    """The state in which a skill begins. Objects are numbered as in a scene that has the skill's target only."""
 
     base: Pose
     arm: FloatArray
     """Joint angles. Shape (7,)."""
-    errand: Errand
+    skill_goal: SkillGoal
     opened: Mapping[str, float] = field(default_factory=dict)
-    """Positions of drawers and doors by link name where they differ from the episode's."""
+    """Positions of drawers and doors that differ from the episode's, by link name."""
     held: int = -1
-    """Number of the object in the gripper, -1 for none."""
+    """Number of the held object, -1 for none."""
     moved: Mapping[int, Placement] = field(default_factory=dict)
-    """Objects that are elsewhere than at the episode's start, by number."""
+    """Placements of objects that have moved since the episode's start, by number."""
 
 
 Draw = Callable[[Episode, int, np.random.Generator], Start]
-"""Draws a start for (episode, target); whether the robot has room there is not looked at."""
+"""Draws a start state for (episode, target), without a check for contacts."""
 
 
 def begin(
     world: World, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
 ) -> Start:
-    """Draws until the robot is free of contacts, and leaves the lane there.
+    """Bring a lane to a start state without contacts, drawn until there is one.
 
     Args:
         world: The world.
-        lane: Which of its lanes.
+        lane: Number of the lane.
         scene: The episode's scene with `SceneOptions(targets=(target,))`.
-        draw: The skill's own start distribution.
+        draw: The skill's start distribution.
         episode: The episode.
         target: Number of the target in the episode.
-        rng: What to draw from.
+        rng: The random generator.
 
     Raises:
-        HomeError: When none of 1000 draws is free.
+        HomeError: If all of 1000 draws have contacts.
     """
     for _ in range(TRIES):
         start = draw(episode, target, rng)
         put(world, lane, scene, start)
         if touching(world.lane(lane)) <= TOUCH:
             return start
-    raise HomeError(f"{episode.name}: nowhere can the robot begin with target {target}; {TRIES} draws collide")
+    raise HomeError(f"{episode.name}: the robot touches something in all of {TRIES} start states drawn for {target=}")
 
 
 def put(world: World, lane: int, scene: Scene, start: Start) -> None:
-    """Brings a lane to a start."""
-    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.errand)
+    """Bring a lane to a start state."""
+    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal)
     one = world.lane(lane)
     for number, placement in start.moved.items():
         address = scene.object_qpos[number]
@@ -81,7 +81,7 @@ def put(world: World, lane: int, scene: Scene, start: Start) -> None:
 
 
 def touching(lane: Lane) -> float:
-    """How deep the robot, or what it holds, is inside something else in [m], 0 for free."""
+    """Return the penetration depth of the robot, or of what it holds, in [m], 0 without contact."""
     contact, scene = lane.data.contact, lane.scene
     geoms, distance = contact.geom, contact.dist
     if not len(distance):

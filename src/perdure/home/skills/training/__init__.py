@@ -1,22 +1,21 @@
-"""Learning the skills: settings of each, and how good a policy is.
+"""Training and scores of skills.
 
 Contents:
-    RECIPES, Recipe, skill_config    PPO's settings for each skill
-    FLAGS                            options that change what is learned
-    train_skill                      trains one
-    evaluate_skill, SkillScore       success from fresh starts
+    skill_recipe, skill_config       a skill's recipe; PPO's settings made from it
+    FLAGS                            environment options that are flags of `perdure home train`
+    train_skill                      train a skill
+    evaluate_skill, SkillScore       success rate from fresh start states
 """
 
 from perdure.home.skills.training.evaluate import SkillScore, evaluate_skill
-from perdure.home.skills.training.recipes import FLAGS, RECIPES, Recipe, skill_config, skill_task, train_skill
+from perdure.home.skills.training.train import FLAGS, skill_config, skill_recipe, skill_task, train_skill
 
 __all__ = [
     "FLAGS",
-    "RECIPES",
-    "Recipe",
     "SkillScore",
     "evaluate_skill",
     "skill_config",
+    "skill_recipe",
     "skill_task",
     "train_skill",
 ]

@@ -1,4 +1,4 @@
-"""How often a policy's skill succeeds from fresh starts: the number that decides whether a skill is learned."""
+"""Success rate of a policy in its skill, from fresh start states."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SkillScore:
-    """Outcomes of some episodes of one skill."""
+    """Outcomes of episodes of one skill."""
 
     success: BoolArray
-    """Which episodes succeeded. Shape (episodes,)."""
+    """Whether each episode succeeded. Shape (episodes,)."""
     steps: NDArray[np.int64]
-    """How long each lasted. Shape (episodes,)."""
+    """Control steps of each episode. Shape (episodes,)."""
     failures: Counter[str]
-    """How the others ended: a failure's name, "diverged", or "time-out" with what was lacking, where the skill says."""
+    """Counts of the other endings: a failure's name, "diverged", or "time-out" with the first unmet condition."""
 
     @property
     def rate(self) -> float:
-        """Share of successes."""
+        """Return the share of successes."""
         return float(self.success.mean())
 
     def summary(self) -> str:
-        """One line."""
-        n, ways = len(self.success), ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
+        """Return the score as one line."""
+        n, endings = len(self.success), ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
         steps = f", {self.steps[self.success].mean():.0f} steps" if self.success.any() else ""
-        return f"{self.rate:.3f} of {n} episodes{steps}; {ways or 'no failure'}"
+        return f"{self.rate:.3f} of {n} episodes{steps}; {endings or 'no failure'}"
 
 
 def evaluate_skill(
     policy: Policy, skill: str, count: int = 200, seed: int = 1000, lanes: int = 20, **options: Any
 ) -> SkillScore:
-    """Runs a policy with its mean actions until enough episodes have ended.
+    """Run a policy with its mean actions and count successes.
 
     Each lane runs the same number of episodes, so that short ones do not count more often than long ones.
 
     Args:
         policy: Trained on the skill's environment.
         skill: Name of the skill.
-        count: How many episodes, rounded up to a multiple of the lanes.
-        seed: Lane k draws its starts from seed + k.
-        lanes: Side by side.
-        options: Of the environment; the published val episodes with their clutter when not said otherwise.
+        count: Number of episodes, rounded up to a multiple of `lanes`.
+        seed: Lane k draws its start states from seed + k.
+        lanes: Number of lanes.
+        options: Options of the environment; by default the published val episodes with their clutter.
     """
     options = {"split": "val", "clutter": True, **options}
     env = HomeSkillVectorEnv(lanes, skill=skill, **options)
@@ -84,5 +84,5 @@ def evaluate_skill(
 
 def _time_out(env: HomeSkillVectorEnv, lane: int) -> str:
     row = np.array([lane])
-    lacking = env.skill.lacks(env.sensors[row], env.progress[row])
-    return ", ".join(["time-out", *[what for what, is_so in lacking.items() if is_so[0]][:1]])
+    unmet = env.skill.unmet(env.state[row], env.progress[row])
+    return ", ".join(["time-out", *[condition for condition, true in unmet.items() if true[0]][:1]])

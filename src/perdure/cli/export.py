@@ -1,0 +1,38 @@
+"""``perdure export``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx]."""
+
+    policy: tyro.conf.Positional[str]
+    """A policy file, or the name of a shipped policy."""
+    out: tyro.conf.Positional[Path] = Path("policy.onnx")
+    """The file to write."""
+    clock: str | None = None
+    """Time-to-go that is fixed in the model, such as constant:500, or default (the policy's own clock). Left out, it is
+    an input: elapsed and horizon."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure export``."""
+    flags = parse(Export, args, "export")
+    from perdure.cli.errors import CommandError
+    from perdure.horizon import parse_clock
+    from perdure.policy import load_policy
+    from perdure.policy.onnx import export_onnx
+
+    if flags.out.suffix != ".onnx":
+        raise CommandError(f"out must be a file named .onnx, not {flags.out}")
+    policy = load_policy(flags.policy)
+    clock = policy.clock if flags.clock == "default" else parse_clock(flags.clock) if flags.clock else None
+    print(export_onnx(policy, flags.out, clock))

@@ -1,0 +1,46 @@
+"""``perdure home analyze``."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.home.flags import log_files, parse_home
+from perdure.cli.parse import check_folder
+from perdure.report.render import Format
+
+
+@dataclass(frozen=True)
+class HomeAnalyze:
+    """Print success per stage, failure causes and placements by kind of object, from logs."""
+
+    logs: tyro.conf.Positional[tuple[Path, ...]]
+    """Log files, or folders that hold some, of any tasks and release strategies."""
+    out: Path | None = None
+    """Folder for report.html, which compares the release strategies, and its figures."""
+    formats: tuple[Format, ...] = ("png",)
+    """File formats of the figures beside the page."""
+
+
+def main(args: list[str]) -> None:
+    """Run ``perdure home analyze``."""
+    flags = parse_home(HomeAnalyze, args, "analyze")
+    from perdure.home.evaluate.outcomes import analyze
+    from perdure.home.evaluate.page import read_assignment, write_page
+
+    paths = log_files(flags.logs)
+    if flags.out is not None:
+        check_folder(flags.out)
+    records, assignment = read_assignment(paths)
+    analysis = analyze(records)
+    page = None
+    if flags.out is not None:
+        page = write_page(
+            analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), assignment, flags.formats
+        )
+    print(analysis.summary())
+    if page is not None:
+        print(f"\nReport: {page.resolve()}")

@@ -1,0 +1,54 @@
+"""Flags that several `perdure home` commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from perdure.cli.parse import parse
+from perdure.home.errors import HomeError
+
+T = TypeVar("T")
+
+
+def parse_home(kind: type[T], args: list[str], command: str, renamed: Mapping[str, str] | None = None) -> T:
+    """Return the dataclass `kind` filled from flags, see `perdure.cli.parse.parse`.
+
+    Args:
+        kind: The dataclass.
+        args: The command line after the command.
+        command: Name of the command, such as "run".
+        renamed: Former spelling of a flag to its present one.
+
+    Raises:
+        HomeError: If a former spelling is used.
+    """
+    for flag in (arg.partition("=")[0].replace("_", "-") for arg in args):
+        if renamed and flag in renamed:
+            raise HomeError(f"{flag} of perdure home {command} is now {renamed[flag]}")
+    return parse(kind, args, f"home {command}")
+
+
+def log_files(given: tuple[Path, ...]) -> list[Path]:
+    """Return the log files among files and folders; HomeError when there are none."""
+    paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
+    if not paths:
+        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
+    return paths
+
+
+def policies(written: tuple[str, ...]) -> dict[str, str]:
+    """Return SKILL=FILE and SKILL=oracle as a mapping; "oracle" alone means the oracle in every skill.
+
+    Raises:
+        HomeError: For anything else.
+    """
+    from perdure.home.skills import SKILLS
+
+    if written == ("oracle",):
+        return dict.fromkeys(SKILLS, "oracle")
+    chosen = dict(each.partition("=")[::2] for each in written)
+    if not all(chosen.values()):
+        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
+    return chosen

@@ -1,0 +1,95 @@
+"""``perdure study``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import tyro
+
+from perdure.cli.parse import check_folder, parse
+
+if TYPE_CHECKING:
+    from perdure.studies import Study
+
+
+@dataclass(frozen=True)
+class StudyFlags:
+    """Carry out a study: train, evaluate, analyze. Interrupt it any time; the same command goes on."""
+
+    name: tyro.conf.Positional[str]
+    """A study: horizon."""
+    scale: Literal["smoke", "laptop", "thesis"] = "smoke"
+    """How much of it: smoke (minutes), laptop (a night) or thesis (days)."""
+    out: Path | None = None
+    """Folder of the results; by default results/NAME for the scale thesis, runs/NAME-SCALE for the others."""
+    on: str = "local"
+    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    cores: int | None = None
+    """Cores to use; all by default. Results do not depend on it."""
+    phases: tuple[int, ...] | None = None
+    """Only these phases of the scale; the study's usual ones by default."""
+    status: bool = False
+    """Show how far it is, from the stores alone, and do nothing."""
+    analyze_only: bool = False
+    """Make tables, figures and pages again from the tables that are there; train and evaluate nothing."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure study``."""
+    flags = parse(StudyFlags, args, "study")
+    from perdure.runs import core_count
+    from perdure.studies import find_study
+    from perdure.studies.run import read_folder
+
+    study = find_study(flags.name)
+    scale, phases = study.check_scale(flags.scale), flags.phases or study.phases
+    usual = Path("results", study.name) if scale == "thesis" else Path("runs", f"{study.name}-{scale}")
+    out = flags.out or usual
+    check_folder(out)
+    if flags.analyze_only:
+        read_folder(out)
+    elif flags.status:
+        _show_status(study, scale, out, phases)
+        return
+    else:
+        _carry_out(study, scale, out, phases, flags, core_count(flags.cores))
+    written = study.analyze(scale, out, phases)
+    print(f"\n{len(written)} tables, figures and pages written, such as {written[-1].resolve()}")
+
+
+def _show_status(study: Study, scale: str, out: Path, phases: Sequence[int]) -> None:
+    from perdure.studies.status import count_steps, failed_steps, lines, status_text
+
+    steps = study.plan(scale, out, phases)
+    counts = count_steps(steps)
+    print(f"study {study.name}, scale {scale}, in {out}\n{status_text(lines(steps, counts))}")
+    for key in failed_steps(steps, counts):
+        print(f"  failed: {key}")
+
+
+def _carry_out(study: Study, scale: str, out: Path, phases: Sequence[int], flags: StudyFlags, cores: int) -> None:
+    from perdure.runs.progress import show_progress
+    from perdure.studies.run import run_steps
+    from perdure.studies.speed import measure_speeds
+    from perdure.studies.status import cost_text, count_steps, lines
+    from perdure.studies.study import How
+
+    steps = study.plan(scale, out, phases)
+    counts = count_steps(steps)
+    open_tasks = [step.task for step in steps if counts[step.key].done < counts[step.key].total]
+    speeds = {**{step.task: 1.0 for step in steps}, **measure_speeds(open_tasks)}
+    print(f"study {study.name}: {study.question}\nscale {scale}, in {out}; left to do at the speed measured now:")
+    print(cost_text(lines(steps, counts, speeds, cores), cores), flush=True)
+    sizes = {step.key: step.seconds(speeds[step.task]) for step in steps}
+    with show_progress(f"study {study.name}") as observe:
+        waiting = _say("another command is at work on this step; waiting for it")
+        how = How(flags.on, flags.cores, observe, waiting)
+        run_steps(steps, how, sizes, lambda line: print(f"perdure: {line}", file=sys.stderr))
+
+
+def _say(line: str) -> Callable[[], None]:
+    return lambda: print(f"perdure: {line}", file=sys.stderr)

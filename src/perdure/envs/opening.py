@@ -1,0 +1,179 @@
+"""From whatever stands for an environment to worlds: a name, a factory, a VectorEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from perdure.envs.environment_id import task_of_environment
+from perdure.envs.errors import WorldError
+from perdure.envs.foreign import call
+from perdure.envs.gymnasium_world import GymnasiumWorld
+from perdure.envs.registry import make_world
+from perdure.envs.vector_env_world import VectorEnvWorld
+from perdure.envs.world import World
+
+NEVER = 2**62
+"""A step limit that is never reached."""
+KINDS = (
+    "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
+    "gymnasium.vector.VectorEnv"
+)
+
+
+@dataclass(frozen=True)
+class OpenEnv:
+    """Where worlds of one environment come from."""
+
+    make: Callable[[Sequence[int]], World]
+    """Seeds, one per lane -> world."""
+    lanes: int | None = None
+    """Lanes that every world has, as a VectorEnv fixes them; None: one for each seed."""
+
+    def worlds(self, seeds: Sequence[int]) -> Iterator[World]:
+        """Yield worlds that together hold a lane for each seed; where `lanes` is fixed, the last seed fills up."""
+        for group in self.groups(len(seeds)):
+            yield self.make([seeds[k] for k in group])
+
+    def groups(self, count: int, most: int = 48) -> list[list[int]]:
+        """Return numbers 0 to count - 1 in groups for one world each, the last number repeated where lanes are fixed.
+
+        Args:
+            count: How many lanes are wanted.
+            most: Lanes of a world where their number is free.
+        """
+        size = self.lanes or most
+        groups = [list(range(first, min(first + size, count))) for first in range(0, count, size)]
+        if self.lanes is not None:
+            groups[-1] += [count - 1] * (self.lanes - len(groups[-1]))
+        return groups
+
+
+@contextmanager
+def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
+    """Open an environment for the time of a block. Step limits of its own are lifted.
+
+    Args:
+        env: A name as `task_of_environment` reads it ("Hopper-v5", "envpool:Hopper-v5"); a factory, called once for
+            each lane; or a VectorEnv, whose lanes are used as they are. It is not closed, and gets its limit back.
+        name: Of the task, in tables; by default the environment's own id.
+
+    Raises:
+        WorldError: If it is none of these, cannot be built, or has a limit that cannot be lifted.
+    """
+    from gymnasium import Env
+    from gymnasium.vector import VectorEnv
+
+    if isinstance(env, str):
+        task = task_of_environment(env)
+        yield OpenEnv(lambda seeds: make_world(task, seeds))
+    elif any("envpool" in each.__module__ for each in type(env).__mro__):
+        raise WorldError(f"{KINDS}; of EnvPool give the task's name, such as 'Hopper-v4', for a pool keeps its seeds")
+    elif isinstance(env, VectorEnv):
+        with _without_limits(env) as limit:
+            yield _vector(env, name, limit)
+    elif isinstance(env, Env):
+        raise WorldError(
+            f"{KINDS}; this is a single environment, which can be in one episode at a time: give the function that "
+            "builds it, such as lambda: gymnasium.make(...)"
+        )
+    elif callable(env):
+        yield _factory(env, name)
+    else:
+        raise WorldError(f"{KINDS}, not {type(env).__name__}")
+
+
+def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
+    from gymnasium import Env
+
+    probe = call("env", "the factory", factory)
+    if not isinstance(probe, Env):
+        raise WorldError(f"{KINDS}; this function returned {type(probe).__name__}")
+    limit, title = getattr(probe.spec, "max_episode_steps", None), name or _title(probe)
+    probe.close()
+
+    def build() -> Any:
+        made = factory()
+        _lift(made)
+        return made
+
+    return OpenEnv(lambda seeds: GymnasiumWorld([build] * len(seeds), seeds, title, default_horizon=limit))
+
+
+def _vector(env: Any, name: str | None, limit: int | None) -> OpenEnv:
+    title = name or _title(getattr(env.unwrapped, "envs", [env])[0])
+
+    def make(seeds: Sequence[int]) -> World:
+        return _Borrowed(env, seeds, title, default_horizon=limit)
+
+    return OpenEnv(make, int(env.num_envs))
+
+
+class _Borrowed(VectorEnvWorld):
+    """A world on somebody else's VectorEnv: closing it leaves that open."""
+
+    def close(self) -> None:
+        self._tracker.closed = True
+
+
+def _title(env: Any) -> str:
+    spec = getattr(env, "spec", None)
+    return str(spec.id) if spec is not None else type(env.unwrapped).__name__
+
+
+def _limits(env: Any) -> Iterator[Any]:
+    """Yield the TimeLimit wrappers of a single environment."""
+    from gymnasium import Wrapper
+    from gymnasium.wrappers import TimeLimit
+
+    while isinstance(env, Wrapper):
+        if isinstance(env, TimeLimit):
+            yield env
+        env = env.env
+
+
+def _lift(env: Any) -> list[tuple[Any, int]]:
+    """Lift every step limit; return the wrappers with what they were."""
+    found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
+    for wrapper, _ in found:
+        _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
+        wrapper._max_episode_steps = NEVER
+    return found
+
+
+@contextmanager
+def _without_limits(vector: Any) -> Iterator[int | None]:
+    """Lift the limits of a vector's environments for the time of a block; yield what they were, None for none."""
+    if not hasattr(vector.unwrapped, "envs"):
+        yield from _without_remote_limit(vector)
+        return
+    found = [each for env in vector.unwrapped.envs for each in _lift(env)]
+    try:
+        yield min((limit for _, limit in found), default=None)
+    finally:
+        for wrapper, limit in found:
+            wrapper._max_episode_steps = limit
+
+
+def _without_remote_limit(vector: Any) -> Iterator[int | None]:
+    """The same for environments in other processes, or in one program."""
+    from gymnasium.vector import AsyncVectorEnv
+
+    remote = isinstance(vector.unwrapped, AsyncVectorEnv)
+    spec = vector.unwrapped.get_attr("spec")[0] if remote else vector.spec
+    limit = getattr(spec, "max_episode_steps", None)
+    if limit is None:
+        yield None
+        return
+    if not remote:
+        raise WorldError(
+            f"{_title(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
+            "beyond the steps asked for, and give the limit as training_horizon"
+        )
+    vector.unwrapped.set_attr("_max_episode_steps", NEVER)
+    try:
+        yield int(limit)
+    finally:
+        vector.unwrapped.set_attr("_max_episode_steps", int(limit))

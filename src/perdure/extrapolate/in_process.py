@@ -1,0 +1,187 @@
+"""The evaluation of one policy of any origin, in this process: a function, a file of another library, a `Policy`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.envs import OpenEnv, open_env, refuse_import
+from perdure.extrapolate.errors import ExtrapolationError
+from perdure.extrapolate.evaluate import ProgressCallback, evaluate_lanes
+from perdure.extrapolate.idle import Idle
+from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec
+from perdure.extrapolate.measured import idle_of, measured_actor
+from perdure.extrapolate.result import TABLE, ExtrapolationResult
+from perdure.extrapolate.score import make_score_scale, task_rate
+from perdure.extrapolate.table import judge_table, lane_table
+from perdure.horizon import Clock
+from perdure.policy import Actor, FunctionPolicy, Policy, TaskInfo, load_policy
+from perdure.policy.onnx import OnnxModel
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+def extrapolate_policy(
+    policy: Callable[..., Any] | Policy | str | Path,
+    env: Any = None,
+    *,
+    steps: int = 100_000,
+    clocks: Sequence[str] | str | None = None,
+    eval_seeds: int = 20,
+    first_eval_seed: int = 0,
+    training_horizon: int | None = None,
+    recurrent: bool = False,
+    name: str | None = None,
+    out: str | Path | None = None,
+    command: str = "",
+    progress: ProgressCallback = lambda step, living: None,
+) -> ExtrapolationResult:
+    """Evaluate one policy far beyond its training horizon, in this process, on one core.
+
+    Table, verdict and report are those of `perdure extrapolate`. Nothing is kept for a resumption, because a function
+    has no identity that a later process could check; policy files go through `Extrapolation`, which resumes.
+
+    Args:
+        policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, its file, or an
+            ONNX model, which needs an env.
+        env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
+            its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
+        steps: How long each episode is asked to last.
+        clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
+            ``elapsed`` and ``horizon``.
+        eval_seeds: Start states.
+        first_eval_seed: The first of them.
+        training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
+            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own.
+        recurrent: The function has a memory.
+        name: Of the policy, in the table; by default the function's name.
+        out: Folder for lanes.parquet and report.html; None writes nothing.
+        command: Stored with the table.
+        progress: Called with (steps made, running episodes), for each group of episodes.
+
+    Raises:
+        ExtrapolationError: If a number makes no sense or an argument does not fit this kind of policy.
+        WorldError: If the environment cannot be opened or breaks its contract.
+        PolicyError: If the policy does not fit the environment, or returns what is no action.
+    """
+    options = _Options(steps, clocks, eval_seeds, first_eval_seed, training_horizon, recurrent, name)
+    subject = _loaded(policy) if isinstance(policy, str | Path) else policy
+    with open_env(options.env_of(subject, env)) as source:
+        actor = measured_actor(options.actor(subject, source), source)
+        idle = idle_of(source)
+        frame = _evaluate(actor, source, options, idle, progress)
+    result = ExtrapolationResult(frame, None)
+    if out is None:
+        return result
+    result.write(out, command)
+    return replace(result, path=Path(out) / TABLE)
+
+
+def _loaded(path: str | Path) -> Policy | OnnxModel:
+    return OnnxModel.load(path) if Path(path).suffix.lower() == ".onnx" else load_policy(path)
+
+
+@dataclass(frozen=True)
+class _Options:
+    """What was asked for, checked."""
+
+    steps: int
+    clocks: Sequence[str] | str | None
+    eval_seeds: int
+    first_eval_seed: int
+    training_horizon: int | None
+    recurrent: bool
+    name: str | None
+
+    def __post_init__(self) -> None:
+        self.evaluation  # noqa: B018 - refuses numbers and clocks that make no sense
+        if self.training_horizon is not None and self.training_horizon < 1:
+            raise ExtrapolationError(f"training_horizon must be at least 1, got {self.training_horizon}")
+
+    @property
+    def evaluation(self) -> Extrapolation:
+        clocks = (self.clocks,) if isinstance(self.clocks, str) else tuple(self.clocks or ("default",))
+        return Extrapolation(
+            (Path(),), self.steps, clocks, self.eval_seeds, first_eval_seed=self.first_eval_seed
+        )  # its policies are not read
+
+    def env_of(self, subject: Any, env: Any) -> Any:
+        if env is not None:
+            return env
+        if not isinstance(subject, Policy):
+            raise ExtrapolationError("env is missing: name the task, or give a factory or a VectorEnv")
+        refuse_import(subject.task.name, (), "the policy")
+        return subject.task.name
+
+    def actor(self, subject: Any, source: OpenEnv) -> Actor:
+        if isinstance(subject, Policy):
+            if self.recurrent or self.training_horizon is not None:
+                raise ExtrapolationError("recurrent and training_horizon are for functions; a Policy knows its own")
+            return subject
+        if isinstance(subject, OnnxModel):
+            self.check_times(subject)
+        if not callable(subject):
+            raise ExtrapolationError(
+                f"policy must be a function of observations, a Policy or its file, not {type(subject).__name__}"
+            )
+        world = source.make([FIRST_EVAL_SEED] * (source.lanes or 1))
+        spec, spaces = world.spec, world.spaces
+        world.close()
+        bounds = tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
+        label = self.label(subject)
+        return FunctionPolicy(
+            subject,
+            TaskInfo(spec.name, spec.observation_size, *bounds, spec.discrete_actions),
+            spaces,
+            self.recurrent,
+            self.clocks is not None,
+            float(self.training_horizon or spec.default_horizon),
+            {"method": label, "seed": 0},
+        )
+
+    def check_times(self, model: OnnxModel) -> None:
+        if model.times == ("elapsed",):
+            raise ExtrapolationError(
+                f"{model.__name__} has a running clock of its own; export it with a constant clock, or with none"
+            )
+        if bool(model.times) != (self.clocks is not None):
+            has = "a time-to-go input, so name clocks" if model.times else "no time-to-go input, so it takes no clocks"
+            raise ExtrapolationError(f"{model.__name__} has {has}")
+
+    def label(self, subject: Any) -> str:
+        if self.name is not None:
+            return self.name
+        if isinstance(subject, Policy):
+            return str(subject.provenance.get("method", "policy"))
+        given = getattr(subject, "__name__", type(subject).__name__)
+        return "function" if given == "<lambda>" else str(given)
+
+    def lanes(self, actor: Actor) -> list[LaneSpec]:
+        clocks: tuple[Clock | None, ...] = (None,)
+        if actor.has_clock:
+            clocks = self.evaluation.deployment_clocks(actor.clock if isinstance(actor, Policy) else None)
+            if not clocks:
+                raise ExtrapolationError("a function has no clock of its own: name one, such as constant:500")
+        seeds = range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
+        return [LaneSpec(0, clock, seed) for clock in clocks for seed in seeds]
+
+
+def _evaluate(actor: Actor, source: OpenEnv, options: _Options, idle: Idle, progress: ProgressCallback) -> pl.DataFrame:
+    import polars as pl
+
+    assert actor.reference is not None
+    lanes = options.lanes(actor)
+    label, frames = options.label(actor.function if isinstance(actor, FunctionPolicy) else actor), []
+    for group in source.groups(len(lanes)):
+        chosen = [lanes[k] for k in group]
+        world = source.make([FIRST_EVAL_SEED + lane.eval_seed for lane in chosen])
+        records = evaluate_lanes([actor], chosen, options.steps, progress, world)
+        rows = lane_table([label], [actor], chosen, records, options.steps)
+        frames.append(rows.head(len(dict.fromkeys(group)) * len(records.steps)))
+    frame = pl.concat(frames)
+    task = actor.task.name
+    scale = make_score_scale(actor.reference, idle, task_rate(task))
+    return judge_table(frame, [scale] * len(lanes))

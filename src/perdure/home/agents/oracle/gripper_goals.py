@@ -1,0 +1,114 @@
+"""Gripper poses that would do for picking, placing and holding a handle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.reach_plan import GripperGoal
+
+FloatArray = NDArray[np.float64]
+
+STANDOFFS = (0.11, 0.08, 0.05)
+"""Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
+NEIGHBOR_GAP = 0.02
+"""How much farther than the target every other object and handle must be from the gripper point in [m]."""
+SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
+"""How steeply the gripper points down on open surfaces."""
+INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
+"""The same in a fridge."""
+LIFT, HIGH_LIFT = 0.08, 0.25
+"""How far above the last point the gripper comes from in [m]."""
+ASIDE = 0.11
+"""How far beside or above an object the gripper takes it from when another one stands before it, in [m]."""
+BACK = 0.4
+"""How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
+TURNS = (0.0, 0.5, -0.5)
+"""Turns of the approach about the vertical, in [rad]."""
+INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
+"""The same in a fridge, where one object may stand in front of another."""
+
+
+def pick_gripper_goals(
+    point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool, slopes: Sequence[float] | None = None
+) -> list[GripperGoal]:
+    """Poses in which the magic grasp takes the object and nothing else.
+
+    Args:
+        point: Middle of the object. Shape (3,).
+        origin: From where the robot comes, on the floor. Shape (2,).
+        neighbors: Middles of other objects, and handles. Shape (k, 3).
+        inside: Whether it lies in a fridge: then the gripper comes from the front, not from above.
+        slopes: How steeply the gripper points down, in [rad].
+    """
+    gripper_goals = []
+    for slope in slopes or (INSIDE_SLOPES if inside else SLOPES):
+        for turn in INSIDE_TURNS if inside else TURNS:
+            approach = _direction(point, origin, slope, turn)
+            for standoff in STANDOFFS:
+                spot = point - standoff * approach
+                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < standoff + NEIGHBOR_GAP:
+                    continue
+                before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
+                gripper_goals.append(GripperGoal(spot, approach, False, before, BACK if inside else 0.0))
+    return gripper_goals
+
+
+def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
+    """Poses beside and above an object in a fridge, for one that stands behind another. As `pick_gripper_goals`."""
+    gripper_goals = []
+    for slope in INSIDE_SLOPES[:3]:
+        for turn in INSIDE_TURNS:
+            approach = _direction(point, origin, slope, turn)
+            left = np.array([-approach[1], approach[0], 0.0]) / np.hypot(approach[0], approach[1])
+            for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
+                spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
+                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < ASIDE + NEIGHBOR_GAP:
+                    continue
+                gripper_goals.append(GripperGoal(spot, approach, False, np.zeros(3), BACK))
+    return gripper_goals
+
+
+def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
+    """Poses in which the magic grasp takes a handle.
+
+    Args:
+        point: The handle. Shape (3,).
+        origin: Where the robot stands, on the floor. Shape (2,).
+        sides: Directions from the handle in which the gripper may wait, of length 1. Shape (3,) each.
+    """
+    gripper_goals = []
+    for side in sides:
+        for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0)):
+            for turn in TURNS:
+                approach = _direction(point, origin, slope, turn)
+                gripper_goals.append(GripperGoal(point + 0.09 * side, approach, False, 0.05 * side))
+    return gripper_goals
+
+
+def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
+    """Level poses that hold the object upright above its goal.
+
+    Args:
+        point: The goal of its middle. Shape (3,).
+        origin: From where the robot comes, on the floor. Shape (2,).
+        height: How far above the goal to let go in [m].
+        inside: Whether the goal is in a fridge.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    gripper_goals = []
+    for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8):
+        approach = _direction(point, origin, 0.0, turn)
+        for back in (BACK, 0.6) if inside else (0.0, BACK):
+            for more in (0.0, 0.03) if inside else (0.0,):
+                spot = point + (height + more) * up
+                for lift in (0.02,) if inside else (LIFT, HIGH_LIFT):
+                    gripper_goals.append(GripperGoal(spot, approach, True, lift * up, back))
+    return gripper_goals
+
+
+def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float) -> FloatArray:
+    heading = np.arctan2(point[1] - origin[1], point[0] - origin[0]) + turn
+    return np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), -np.sin(slope)])

@@ -1,0 +1,249 @@
+"""Where to stand and how to hold the arm: search over standing places and gripper directions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.agents.oracle.collision_query import CollisionQuery
+from perdure.home.sim.apartments import FreeSpace, Pose
+from perdure.home.sim.robot import reach_many
+from perdure.home.sim.robot.data import REST_ARM
+from perdure.home.sim.world import ARM_STEP
+from perdure.home.sim.world.state import wrap
+
+FloatArray = NDArray[np.float64]
+
+DEPTH_COST = 1e4
+"""Steps that a meter of depth weighs as much as."""
+FARTHEST = 1.2
+"""How far the arm may reach along the floor in [m]; beyond, inverse kinematics is not asked."""
+OTHER_STARTS = (
+    (-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067),
+    (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
+)
+"""Arm poses from which inverse kinematics starts beside that of rest."""
+PER_STAND = 25
+"""Plans that are tested at one standing place: what is in the way of one is mostly in the way of the others."""
+FINE = 25
+"""Points of a path that is about to be taken at which it is tested."""
+AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
+TURNS = (0.0, 0.3, -0.3)
+"""Standing places that are tried first: drives in [m], turns in [rad]."""
+FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
+"""Drives in [m] that are tried when none of the shorter ones will do: a region may begin 1.8 m from what is in it."""
+FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
+FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
+FINE_CHECKS = 600
+"""What is tried in a fridge, where centimeters decide, when none of those is free."""
+FAR_BACK = 0.6
+"""How far the robot stands back, in [m], when nearer its arm would meet the edge of a shelf while it is raised."""
+CLOSE = 0.01
+"""How far from the wanted point a pose may leave the gripper in [m]."""
+
+
+@dataclass(frozen=True)
+class GripperGoal:
+    """A gripper pose that would do."""
+
+    point: FloatArray
+    """Where the gripper point should be in the room. Shape (3,)."""
+    approach: FloatArray
+    """Where its x axis should point in the room. Shape (3,)."""
+    upright: bool
+    """Whether its z axis must point up (then the approach must be level)."""
+    before: FloatArray
+    """From `point` to where the gripper should come from, in the room. Shape (3,)."""
+    back: float = 0.0
+    """How far behind its standing place the robot should raise its arm in [m], to drive the gripper in and out."""
+
+
+@dataclass(frozen=True)
+class ReachPlan:
+    """Where to stand, and arm poses from rest to the gripper_goal."""
+
+    entry: Pose
+    """Where the arm is brought from rest to its poses."""
+    base: Pose
+    """Where the robot stands in the end: straight ahead of `entry`."""
+    poses: tuple[FloatArray, ...]
+    depth: float
+    """The deepest touch on the way in [m]; 0 is free."""
+    steps: float
+    """Control steps it takes, roughly."""
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing is touched."""
+        return self.depth == 0.0
+
+    @property
+    def cost(self) -> float:
+        """Steps; a centimeter inside something else weighs as much as a hundred."""
+        return self.steps + DEPTH_COST * self.depth
+
+
+def plan_reach(
+    query: CollisionQuery,
+    stands: Iterable[Pose],
+    gripper_goals: Sequence[GripperGoal],
+    firm: int = -1,
+    checks: int = 200,
+) -> ReachPlan | None:
+    """The quickest way to fulfil a gripper_goal without touching anything; else the one that touches least.
+
+    Args:
+        query: The world.
+        stands: Standing places.
+        gripper_goals: Gripper poses, all upright or none.
+        firm: An object that must not be pushed aside (the one to be grasped).
+        checks: Plans that are tested for touching, the quickest first.
+
+    Returns:
+        A plan, None when no standing place lets the arm reach.
+    """
+    candidates = _reachable(query, list(stands), gripper_goals)
+    best: ReachPlan | None = None
+    blocked: dict[Pose, float] = {}
+    rest = np.array(REST_ARM)
+    tried: Counter[Pose] = Counter()
+    for stand, via, end, steps, back in candidates:
+        tried[stand] += 1
+        if tried[stand] > PER_STAND:
+            continue
+        if tried.total() > checks:
+            break
+        entry = _behind(stand, back)
+        if entry not in blocked:
+            blocked[entry] = query.depth(entry, rest, firm=firm)
+        worst = max(blocked[entry], query.depth(stand, end, firm=firm))
+        if best is not None and steps + DEPTH_COST * worst >= best.cost:
+            continue
+        if back > 0.0:
+            drive = [query.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
+            worst = max(worst, *drive)
+        worst = max(worst, query.path_depth(entry, via, end, firm=firm, points=4))
+        if best is None or steps + DEPTH_COST * worst < best.cost:
+            worst = max(worst, query.path_depth(entry, rest, via, firm=firm, points=7))
+        if worst == 0.0:  # between seven points there is room for a shelf
+            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE)
+        plan = ReachPlan(entry, stand, (via, end), worst, steps)
+        if best is None or plan.cost < best.cost:
+            best = plan
+        if plan.free:
+            break
+    return best
+
+
+def plan_from_here(
+    query: CollisionQuery,
+    base: Pose,
+    gripper_goals: Sequence[GripperGoal],
+    point: FloatArray,
+    firm: int = -1,
+    others: Callable[[], Sequence[GripperGoal]] = tuple,
+) -> ReachPlan | None:
+    """`plan_reach` from what one turn and one drive reach; when nothing is free from farther, in a fridge also finer.
+
+    Args:
+        query: The world.
+        base: Where the robot is.
+        gripper_goals: As for `plan_reach`.
+        point: What it faces. Shape (3,).
+        firm: As for `plan_reach`.
+        others: Further gripper_goals for the second look.
+    """
+    found = [plan_reach(query, ahead(base, point, AHEAD, TURNS), gripper_goals, firm)]
+    if found[0] is None or not found[0].free:
+        found.append(plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals, firm))
+    if query.in_fridge(point) and not _any_free(found):
+        finer, gripper_goals = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*gripper_goals, *others()]
+        found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))
+        if not _any_free(found):
+            farther = [replace(gripper_goal, back=FAR_BACK) for gripper_goal in gripper_goals]
+            found.append(plan_reach(query, finer, farther, firm, FINE_CHECKS))
+    return min((plan for plan in found if plan is not None), key=lambda plan: plan.cost, default=None)
+
+
+def _any_free(plans: Iterable[ReachPlan | None]) -> bool:
+    return any(plan is not None and plan.free for plan in plans)
+
+
+def _behind(stand: Pose, back: float) -> Pose:
+    return Pose(stand.x - back * float(np.cos(stand.yaw)), stand.y - back * float(np.sin(stand.yaw)), stand.yaw)
+
+
+def _reachable(
+    query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
+) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
+    """All standing places and gripper_goals that inverse kinematics can join, the quickest first."""
+    pairs = [(s, w) for s in stands for w in gripper_goals]
+    pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
+    if not pairs:
+        return []
+    points = np.array([s.to_local(w.point) for s, w in pairs])
+    vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
+    approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
+    upright, rest = pairs[0][1].upright, np.array(REST_ARM)
+    # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
+    starts = (REST_ARM, *OTHER_STARTS) if upright else (REST_ARM,)
+    pairs, points, vias, approach = (
+        pairs * len(starts),
+        *(np.tile(x, (len(starts), 1)) for x in (points, vias, approach)),
+    )
+    first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)
+    end, way, turn = reach_many(points, approach, upright, first)
+    good = (way < CLOSE) & (turn < (0.05 if upright else 0.3))
+    rows = np.nonzero(good)[0]
+    if not len(rows):
+        return []
+    via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
+    now, found = query.lane.robot, []
+    for row, middle, miss in zip(rows, via, via_way, strict=True):
+        stand = pairs[row][0]
+        turning = abs(float(wrap(np.array(stand.yaw - now[2]))))
+        drive = 25.0 * float(np.hypot(stand.x - now[0], stand.y - now[1])) + 15.0 * turning
+        arm = (np.abs(middle - rest).max() + np.abs(end[row] - middle).max()) / ARM_STEP
+        if miss < 3.0 * CLOSE:
+            back = pairs[row][1].back
+            found.append((stand, middle, end[row], float(arm + drive + 30.0 * back), back))
+    return sorted(found, key=lambda each: each[3])
+
+
+def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequence[float]) -> Iterator[Pose]:
+    """Standing places that one turn and one straight drive reach: facing a point give or take a turn, then ahead."""
+    facing = float(np.arctan2(toward[1] - base.y, toward[0] - base.x))
+    for turn in turns:
+        for step in steps:
+            yaw = facing + turn
+            yield Pose(base.x + step * float(np.cos(yaw)), base.y + step * float(np.sin(yaw)), yaw)
+
+
+def around(
+    space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int, cost: FloatArray
+) -> Iterator[Pose]:
+    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out.
+
+    Args:
+        space: The free space.
+        cells: Indices into its `centers`.
+        point: What to face. Shape (2,) or more.
+        best: Wanted distance from the point in [m].
+        count: How many at most.
+        cost: What standing on each cell of the free space costs, in meters of distance. Shape (n,).
+    """
+    centers = space.centers[cells]
+    away = np.hypot(*(centers - point[:2]).T)
+    taken: list[FloatArray] = []
+    for index in np.argsort(np.abs(away - best) + cost[cells], kind="stable"):
+        center = centers[index]
+        if any(np.hypot(*(center - other)) < 0.2 for other in taken):
+            continue
+        taken.append(center)
+        yield Pose(float(center[0]), float(center[1]), float(np.arctan2(*(point[:2] - center)[::-1])))
+        if len(taken) >= count:
+            return

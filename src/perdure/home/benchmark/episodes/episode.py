@@ -1,0 +1,114 @@
+"""An episode as data: the apartment, what lies where at the start, and where the targets belong.
+
+The robot's start pose is not part of it: the evaluation seed draws it, see `start.py`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.benchmark.tasks import HomeTask, get_task
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Apartment, make_apartment
+from perdure.home.sim.objects import Placement
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One start of one task in one apartment."""
+
+    task: str
+    split: str
+    index: int
+    """Position in its split, from 0."""
+    macro: int
+    micro: int
+    apartment_fingerprint: str
+    opened: Mapping[str, float]
+    """Joint positions at the start by link name; everything else is closed."""
+    objects: tuple[Placement, ...]
+    """The targets first, in the task's order, then the clutter."""
+    goals: tuple[Placement, ...]
+    """Where each target belongs; only the positions count."""
+
+    def __post_init__(self) -> None:
+        """An episode that does not fit its task raises HomeError."""
+        task = get_task(self.task)
+        count = len(task.targets) + sum(number for number, _ in task.clutter)
+        if len(self.goals) != len(task.targets) or len(self.objects) != count:
+            raise HomeError(
+                f"{self.name} has {len(self.objects)} objects and {len(self.goals)} goals; "
+                f"{self.task} has {count} and {len(task.targets)}"
+            )
+        for target, goal in zip(self.objects, self.goals, strict=False):
+            if target.kind != goal.kind:
+                raise HomeError(f"{self.name} has a goal for {goal.kind} where its target is {target.kind}")
+
+    @property
+    def name(self) -> str:
+        """Such as `set_table/val/003`."""
+        return f"{self.task}/{self.split}/{self.index:03d}"
+
+    @property
+    def home_task(self) -> HomeTask:
+        """The task it belongs to."""
+        return get_task(self.task)
+
+    @property
+    def goal_positions(self) -> FloatArray:
+        """Where the targets belong in [m]. Shape (targets, 3)."""
+        return np.array([goal.position for goal in self.goals])
+
+    def apartment(self) -> Apartment:
+        """The apartment it plays in; HomeError when this version of the package builds another one."""
+        apartment = make_apartment(self.macro, self.micro)
+        if apartment.fingerprint != self.apartment_fingerprint:
+            raise HomeError(
+                f"{self.name} was made for apartment {apartment.name} {self.apartment_fingerprint}, "
+                f"but this version builds {apartment.fingerprint}: its furniture stands elsewhere"
+            )
+        return apartment
+
+    def container(self, target: int) -> str | None:
+        """The drawer or door one must open to get at a target: a link name, None when it lies in the open."""
+        apartment = self.apartment()
+        receptacle = apartment.receptacle(self.objects[target].receptacle)
+        if receptacle.link is not None:
+            return receptacle.link
+        return "top_door" if apartment.piece(receptacle.piece).kind == "fridge" else None
+
+
+@dataclass(frozen=True)
+class EpisodeSet:
+    """All episodes of one task and split."""
+
+    task: str
+    split: str
+    made_with: Mapping[str, str]
+    """How they were made: seed, package versions."""
+    episodes: tuple[Episode, ...]
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.episodes)
+
+    def __getitem__(self, index: int) -> Episode:
+        """The episode at a position; HomeError beyond the last one."""
+        if not 0 <= index < len(self.episodes):
+            raise HomeError(f"{self.task} {self.split} has episodes 0 to {len(self) - 1}, not {index}")
+        return self.episodes[index]
+
+
+def episode_hash(episode: Episode) -> str:
+    """Return the SHA-256 of an episode's apartment, starts and goals, in hexadecimal."""
+    places = [[p.kind, p.position, p.quaternion, p.receptacle] for p in (*episode.objects, *episode.goals)]
+    content = [episode.task, episode.apartment_fingerprint, dict(episode.opened), places]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

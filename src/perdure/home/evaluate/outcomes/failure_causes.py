@@ -1,0 +1,248 @@
+"""What went wrong, in one word, from a record alone.
+
+A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). From there the first line that
+applies gives the cause:
+
+| blamed | line | applies when | cause |
+|---|---|---|---|
+| anything | 1 | the simulation blew up | diverged |
+| | 2 | the stage's own skill never ended, or the task's limit ended it | time-out |
+| `holding(k)` | 3 | in the pick the hand held another object or a handle | wrong object grasped |
+| | 4 | the drawer or fridge the object lies in was not open when the pick began | door not open |
+| | 5 | contact force above `COLLISION_FORCE` in the pick or on the way to it | collision |
+| | 6 | the gripper point never came within `GRASP_RADIUS` of the object | not reached |
+| | 7 | otherwise | grasp missed |
+| a door's | 8 | contact force above `COLLISION_FORCE` in its skill or on the way to it | collision |
+| | 9 | otherwise | door not open, door not closed |
+| `not_holding()` | 10 | always | time-out |
+| `at(k)` | 11 | the cause of k's placement, below | |
+
+For a placement, blamed or counted as not goal-stabilizing:
+
+| line | applies when | cause |
+|---|---|---|
+| 1 | the simulation blew up | diverged |
+| 2 | the hand never let go of it | time-out |
+| 3 | the hand took it out of its goal again | displaced by the robot |
+| 4 | it came to rest in its goal, and the robot was near when it left | displaced by the robot |
+| 5 | it came to rest in its goal, and fell over before it left | tipped |
+| 6 | it came to rest in its goal, and left | rolled |
+| 7 | the hand was opened by force | time-out |
+| 8 | contact force above `COLLISION_FORCE` in the skill in which it was let go | collision |
+| 9 | its speed at the release was above `THROWN_SPEED` | thrown |
+| 10 | it was let go beside its goal and never came into it | not reached |
+| 11 | it was let go more than `DROPPED_HEIGHT` above where it would rest | dropped |
+| 12 | it fell over | tipped |
+| 13 | otherwise | rolled |
+
+It "left" at the first step out of its goal after the last one in it. It "fell over" when its tilt changed by more than
+`FELL_OVER` before it left or within half a second after, but not while it was falling off its support; a ball has no
+upright to fall from. A box that slides "rolled" too.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.home.benchmark.tasks import AT, SOMETHING_ELSE, Predicate
+from perdure.home.benchmark.tasks.predicates import DRAWER_OPEN, FRIDGE_OPENED
+from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
+from perdure.home.evaluate.outcomes.counting import handled
+from perdure.home.sim.objects import KINDS
+from perdure.home.sim.world import GRASP_RADIUS
+
+BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
+
+FailureCause = Literal[
+    "diverged",
+    "time-out",
+    "wrong object grasped",
+    "door not open",
+    "door not closed",
+    "collision",
+    "not reached",
+    "grasp missed",
+    "thrown",
+    "dropped",
+    "displaced by the robot",
+    "tipped",
+    "rolled",
+]
+FAILURE_CAUSES: tuple[FailureCause, ...] = get_args(FailureCause)
+
+COLLISION_FORCE = 2000.0
+"""In [N], OURS. The arm presses with 150 N at most (its shoulder's 132 Nm over 0.9 m), and hands that succeed meet the
+handle of the fridge with up to 900 N: this much is the base."""
+THROWN_SPEED = 0.5
+"""In [m/s], OURS. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3): most of
+the goal's radius of 0.15 m."""
+DROPPED_HEIGHT = 0.1
+"""In [m], OURS: two thirds of the goal's radius; it arrives with 1.4 m/s."""
+FELL_OVER = 45.0
+"""Change of its tilt in [deg] after which an object fell over, OURS: all but the flattest are past their edge then."""
+OFF_SUPPORT = 0.1
+"""An object whose middle is so far in [m] below where it would rest is off its support, OURS: the middle of the tallest
+object is 0.07 m lower when it lies."""
+REST_SECONDS, REST_MOVE = 0.5, 0.005
+"""An object that moves by less than 5 mm within half a second has come to rest, OURS."""
+NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
+"""The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
+or the base's middle within 0.5 m of it in the plane (base and half the largest object), OURS."""
+
+
+def placement(record: EpisodeLog, target: int) -> Release | None:
+    """The placement of a target: the last time it was let go while the plan handled it, None if it never was."""
+    span = handled(record, target)
+    if span is None:
+        return None
+    found = [r for r in record.releases if r.target == target and span[0] <= r.step < span[1]]
+    return found[-1] if found else None
+
+
+def failure_cause(record: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
+    """Why an episode failed: the first table of this file.
+
+    Args:
+        record: A failed episode.
+        stage: Number of its first unmet stage.
+        condition: What `counting.blamed` found, or `at(k)` for a placement that is not goal-stabilizing.
+    """
+    if record.diverged:
+        return "diverged"
+    if condition is not None and condition.name == "at":
+        assert condition.target is not None
+        return placement_cause(record, condition.target)
+    skill, _, target = record.home_task.stages[stage].name.partition("_")
+    run = record.run(skill, int(target))
+    if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
+        return "time-out"
+    if condition.name == "holding":
+        return _pick_cause(record, run)
+    if _collided(record, run):
+        return "collision"
+    return "door not open" if condition.name.startswith("opened") else "door not closed"
+
+
+def _pick_cause(record: EpisodeLog, run: SkillRun) -> FailureCause:
+    held = {e.held for e in record.events if run.begin <= e.step < run.end} | {record.at(run.begin).held}
+    if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
+        return "wrong object grasped"
+    begin, container = record.at(run.begin), record.targets[run.target].container
+    shut = {"drawer": begin.drawer < DRAWER_OPEN, "fridge": begin.fridge < FRIDGE_OPENED}
+    if shut.get(container, False):
+        return "door not open"
+    if _collided(record, run):
+        return "collision"
+    return "not reached" if run.reach > GRASP_RADIUS else "grasp missed"
+
+
+def _collided(record: EpisodeLog, run: SkillRun) -> bool:
+    """In the run or on the way to it: in the navigation for the same target that ended last before it."""
+    ways = [r for r in record.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
+    return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
+
+
+def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
+    """Why a target does not lie in its goal, or did not all the time: the second table of this file."""
+    release = placement(record, target)
+    if record.diverged:
+        return "diverged"
+    if release is None:
+        return "time-out"
+    inside = in_goal_since(record, release)
+    left = _left(inside)
+    if _taken_out(record, release):
+        return "displaced by the robot"
+    rested = None if left is None else _rested(record, release, inside, left)
+    if left is not None and rested is not None:
+        if _robot_near(release, rested, left):
+            return "displaced by the robot"
+        return "tipped" if _fell_over(record, release, rested, left) else "rolled"
+    run = next((r for r in record.runs if r.begin <= release.step < r.end), None)
+    if run is not None and run.forced_release and release.step == run.end - 1:
+        return "time-out"
+    if run is not None and run.force > COLLISION_FORCE:
+        return "collision"
+    if release.object_speed > THROWN_SPEED:
+        return "thrown"
+    away, above = release_offset(record, release)
+    if away > AT and not inside.any():
+        return "not reached"
+    if above > DROPPED_HEIGHT:
+        return "dropped"
+    last = len(inside) - 1 if left is None else left
+    return "tipped" if _fell_over(record, release, 0, last) else "rolled"
+
+
+def release_offset(record: EpisodeLog, release: Release) -> tuple[float, float]:
+    """Where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
+    offset = release.track.position[0] - np.array(record.targets[release.target].goal)
+    return float(np.hypot(offset[0], offset[1])), float(offset[2])
+
+
+def in_goal_since(record: EpisodeLog, release: Release) -> BoolArray:
+    """Whether the object was in its goal at each step of its track, the one at the release included. Shape (n,)."""
+    steps = np.arange(release.step, int(release.track.step[-1]) + 1)
+    events = np.searchsorted([event.step for event in record.events], steps, side="right") - 1
+    inside: BoolArray = np.array([event.in_goal[release.target] for event in record.events])[events]
+    return inside
+
+
+def _left(inside: BoolArray) -> int | None:
+    """The last step since the release before which the object was in its goal and at which it was not."""
+    left = np.flatnonzero(inside[:-1] & ~inside[1:])
+    return int(left[-1]) + 1 if len(left) else None
+
+
+def _taken_out(record: EpisodeLog, release: Release) -> bool:
+    last = int(release.track.step[-1])
+    again = last + 1 < record.length and record.at(last + 1).held == release.target
+    return again and record.at(last).in_goal[release.target]
+
+
+def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
+    """The step since the release at which the object's last rest in its goal, before it left, was half over."""
+    window = _rest_steps(record)
+    if left < window + 1:
+        return None
+    position = release.track.thin.position[release.track.thin.rows(release.step, release.step + left - 1)]
+    moved = np.linalg.norm(position[window:] - position[:-window], axis=1)
+    still = np.flatnonzero((moved < REST_MOVE) & inside[: left - window] & inside[window:left])
+    return int(still[-1]) + window // 2 if len(still) else None
+
+
+def _robot_near(release: Release, first: int, last: int) -> bool:
+    """Whether hand or base were near the object at a step of its track, counted from the release."""
+    track = release.track.thin
+    since = track.step - release.step
+    rows = (since > first) & (since <= last)
+    hand = np.linalg.norm(track.gripper[rows] - track.position[rows], axis=1) <= NEAR_GRIPPER
+    base = np.linalg.norm(track.base[rows, :2] - track.position[rows, :2], axis=1) <= NEAR_BASE
+    return bool((hand | base).any())
+
+
+def _fell_over(record: EpisodeLog, release: Release, first: int, left: int) -> bool:
+    """Whether the object fell over between a step, counted from the release, and half a second after it left."""
+    kind = KINDS.get(record.targets[release.target].kind)
+    if kind is not None and kind.shape == "sphere":
+        return False
+    track = release.track.thin
+    last = min(release.step + left + _rest_steps(record), int(track.step[-1]))
+    rows = track.rows(release.step + first, last)
+    falling = track.position[rows, 2] < record.targets[release.target].goal[2] - OFF_SUPPORT
+    angle = tilt(track.up[rows[: int(np.argmax(falling)) if falling.any() else None]])
+    return len(angle) > 0 and bool(np.abs(angle - angle[0]).max() > FELL_OVER)
+
+
+def _rest_steps(record: EpisodeLog) -> int:
+    return max(2, round(REST_SECONDS * record.control_hz))
+
+
+def tilt(up: FloatArray) -> FloatArray:
+    """Angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
+    degrees: FloatArray = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+    return degrees

@@ -1,0 +1,64 @@
+"""What a skill remembers between control steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+Record = TypeVar("Record", bound=Any)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What skills remember of n lanes. All arrays have shape (n,)."""
+
+    elapsed: IntArray
+    """Control steps since the skill began."""
+    grasped: BoolArray
+    """Whether the right object or handle has been held (place: it is held at the start)."""
+    released: BoolArray
+    """Whether it has been released after that."""
+    lasting: IntArray
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place)."""
+    reached: BoolArray
+    """Whether the drawer, door or object has been in its goal region."""
+    away: BoolArray
+    """Whether the gripper point has been more than 0.3 m from its rest position."""
+    force: FloatArray
+    """Counted contact force of the previous step in [N], see `counted_force`."""
+    force_sum: FloatArray
+    """Sum of its increases in [N]."""
+
+    def __len__(self) -> int:
+        """Return the number of lanes."""
+        return len(self.elapsed)
+
+    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Progress:
+        """Return the record of some lanes."""
+        return Progress(*[getattr(self, each.name)[lanes] for each in fields(self)])
+
+    def put(self, lanes: IntArray, other: Progress) -> Progress:
+        """Return a copy with the rows of `lanes` replaced, see `put_rows`."""
+        return put_rows(self, lanes, other)
+
+
+def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
+    """Return a copy of a record of arrays in which the rows of `lanes` come from another record.
+
+    Args:
+        record: A dataclass whose fields are arrays with one row for each lane.
+        lanes: Numbers of the rows to replace. Shape (m,).
+        other: A record of the same class with m rows.
+    """
+    changed = {}
+    for each in fields(record):
+        column = getattr(record, each.name).copy()
+        column[lanes] = getattr(other, each.name)
+        changed[each.name] = column
+    return cast(Record, type(record)(**changed))

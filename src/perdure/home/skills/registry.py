@@ -1,0 +1,49 @@
+"""All skills by name, and the goal of a plan's step. `perdure.home.skills` fills the registry."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import Any
+
+from perdure.home.benchmark.episodes import Episode
+from perdure.home.benchmark.tasks import SkillStep
+from perdure.home.errors import HomeError
+from perdure.home.sim.world import Lane, SkillGoal
+from perdure.home.skills.skill import Skill
+from perdure.home.skills.starts.containers import open_links
+
+SKILLS: dict[str, type[Skill]] = {}
+"""All skills by name."""
+
+
+def get_skill(name: str, **options: Any) -> Skill:
+    """Return a skill by name.
+
+    Args:
+        name: Its name in `SKILLS`.
+        options: Fields of its class, such as `delta` of place.
+
+    Raises:
+        HomeError: If there is no such skill.
+    """
+    if name not in SKILLS:
+        nearest = get_close_matches(name, SKILLS, n=1)
+        hint = f"; did you mean {nearest[0]}?" if nearest else ""
+        raise HomeError(f"no skill is named {name!r}; there are {', '.join(SKILLS)}{hint}")
+    return SKILLS[name](**options)
+
+
+def learned_skills() -> tuple[str, ...]:
+    """Return the names of the skills that have a recipe, and so an environment."""
+    return tuple(name for name, kind in SKILLS.items() if kind.recipe is not None)
+
+
+def make_skill_goal(episode: Episode, step: SkillStep, lane: Lane) -> SkillGoal:
+    """Return the goal of a plan's step in the current state of the world.
+
+    Args:
+        episode: The episode that the lane runs; its targets are the first objects of the scene.
+        step: The step of the plan.
+        lane: The lane at the moment in which the step begins.
+    """
+    return get_skill(step.skill).skill_goal(episode, step.target, open_links(lane), step.toward)

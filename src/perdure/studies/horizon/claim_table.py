@@ -1,0 +1,186 @@
+"""The claim table: each testable sentence, our figure and interval, the decision, and what would change it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import polars as pl
+
+from perdure.report import wording
+from perdure.studies.comparison import Difference
+from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
+from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
+
+HEAD = """# Claims
+
+Each sentence is decided by the 95 % interval of the difference left minus right. Training runs are the units: Student's
+t over paired differences where both sides are clocks of the same training runs, Welch's t otherwise. The table holds
+{comparisons} comparisons. "After Holm" is the decision that remains when all of them are counted (Holm's method at
+{level:g}).
+P(better): share of pairs of training runs in which the left side is greater, ties count half.
+
+"""
+
+
+def claims_text(decided: Sequence[ClaimDecision]) -> str:
+    """Return the page, in Markdown: an overview, then every claim with its comparisons."""
+    tests = [p for each in decided for p in p_values(each)]
+    comparisons = sum(1 for p in tests if math.isfinite(p))
+    counts = Counter(each.decision for each in decided)
+    summary = ", ".join(f"{number} {name}" for name, number in counts.most_common())
+    parts = [HEAD.format(comparisons=comparisons, level=LEVEL)]
+    if not decided:
+        return parts[0] + "No claim is registered.\n"
+    parts.append(f"{wording.count(len(decided), 'claim')}: {summary}.\n\n")
+    parts.append("| claim | source | decision | after Holm |\n|---|---|---|---|\n")
+    parts += [
+        f"| [{each.claim.id}](#{each.claim.id}) | {each.claim.source} | {each.decision} | {each.after_holm} |\n"
+        for each in decided
+    ]
+    parts += [_claim_text(each) for each in decided]
+    return "".join(parts)
+
+
+def claims_frame(decided: Sequence[ClaimDecision]) -> pl.DataFrame:
+    """Return one row for each comparison, for tables/claims.csv."""
+    rows = [_row(each, task) for each in decided for task in each.tasks]
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _row(each: ClaimDecision, task: TaskDecision) -> dict[str, object]:
+    found, claim = task.difference, each.claim
+    return {
+        "claim": claim.id,
+        "task": task.task,
+        "left": claim.left.words,
+        "right": _right(claim),
+        "measure": claim.measure,
+        "direction": claim.direction,
+        "left mean": found.left if found else None,
+        "right mean": found.right if found else None,
+        "difference": found.estimate if found else None,
+        "lower": found.lower if found else None,
+        "upper": found.upper if found else None,
+        "runs": found.count if found else "0",
+        "method": found.method if found else "",
+        "probability of improvement": found.improvement if found else None,
+        "margin": task.margin if found else None,
+        "p": task.p if found else None,
+        "p by Holm": task.adjusted_p if found else None,
+        "decision": task.decision,
+        "after Holm": task.after_holm,
+    }
+
+
+def _claim_text(each: ClaimDecision) -> str:
+    claim = each.claim
+    head = (
+        f"\n## {claim.id}\n\n> {claim.statement}\n\n"
+        f"{claim.source[0].upper()}{claim.source[1:]}. Left: {_words(claim.left)}. Right: {_right_words(claim)}. "
+        f"Measure: {MEASURES[claim.measure]}. The sentence says: left {_says(claim)}. "
+        f"**{each.decision[0].upper()}{each.decision[1:]}**"
+    )
+    head += "" if each.after_holm == each.decision else f" (counting all comparisons: {each.after_holm})"
+    rows = "".join(_task_line(claim, task) for task in each.tasks)
+    columns = "| task | left | right | difference (95 % interval) | runs | P(better) | p, by Holm | decision |"
+    table = f".\n\n{columns}\n|---|---|---|---|---|---|---|---|\n{rows}"
+    pooled = "" if each.pooled is None else _pooled_text(each, each.pooled)
+    return f"{head}{table}{pooled}\nWhat would change it: {_would_change(each)}\n"
+
+
+def _pooled_text(each: ClaimDecision, pooled: Difference) -> str:
+    unit = "" if each.claim.measure in SHARES else ", each as a share of the right side's mean"
+    p = f"p {_p(each.pooled_p)}, by Holm {_p(each.adjusted_pooled_p)}"
+    return f"\nMean of the differences over tasks{unit}: {_interval(pooled)}, {p}.\n"
+
+
+def _task_line(claim: Claim, task: TaskDecision) -> str:
+    found = task.difference
+    if found is None:
+        return f"| {task.task} | | | | 0 | | | not evaluated |\n"
+    cells = [
+        task.task,
+        wording.quantity(found.left),
+        wording.quantity(found.right),
+        _interval(found),
+        f"{found.count} ({found.method})",
+        wording.share(found.improvement),
+        f"{_p(task.p)}, {_p(task.adjusted_p)}",
+        task.decision,
+    ]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _interval(found: Difference) -> str:
+    if not math.isfinite(found.half):
+        return f"{wording.quantity(found.estimate)} (no interval)"
+    low, high = wording.quantity(found.lower), wording.quantity(found.upper)
+    return f"{wording.quantity(found.estimate)} ({low} to {high})"
+
+
+def _p(value: float) -> str:
+    return "\u2013" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _words(condition: Condition) -> str:
+    if condition.clock == "none":
+        return f"`{condition.method}`"
+    return f"`{condition.method}` under {_clock_words(condition.clock)}"
+
+
+def _clock_words(rule: str) -> str:
+    if ":" in rule:
+        kind, _, steps = rule.partition(":")
+        return wording.clock(kind, steps)
+    return CLOCK_RULES[rule]
+
+
+def _right(claim: Claim) -> str:
+    return claim.right.words if isinstance(claim.right, Condition) else f"{claim.right:g}"
+
+
+def _right_words(claim: Claim) -> str:
+    return _words(claim.right) if isinstance(claim.right, Condition) else f"the number {claim.right:g}"
+
+
+def _says(claim: Claim) -> str:
+    absolute = claim.measure in SHARES or not isinstance(claim.right, Condition)
+    size = f"{claim.margin:g}" if absolute else f"{100.0 * claim.margin:g} % of the right side's mean"
+    more = f" by more than {size}" if claim.margin else ""
+    words = {
+        "greater": f"is greater{more}",
+        "less": f"is less{more}",
+        "not less": f"is not less{more}",
+        "differs": f"differs{more}",
+        "same": f"is the same within {size}",
+    }[claim.direction]
+    return (
+        words
+        + {"each": " on every task", "any": " on at least one task", "mean": " on average over the tasks"}[claim.over]
+    )
+
+
+def _would_change(each: ClaimDecision) -> str:
+    sentences = [_task_change(each.claim, task) for task in each.tasks]
+    own = [each.claim.would_change] if each.claim.would_change else []
+    return " ".join([*own, *sentences])
+
+
+def _task_change(claim: Claim, task: TaskDecision) -> str:
+    """Say how many runs would decide, or how far the interval is from the threshold."""
+    found = task.difference
+    if found is None:
+        return f"{task.task}: its evaluation."
+    if not math.isfinite(found.half):
+        return f"{task.task}: at least two training runs on each side."
+    edge = threshold(claim, found, task.margin)
+    away = abs(found.estimate - edge)
+    if task.decision == "undecided":
+        if away == 0.0:
+            return f"{task.task}: a difference, of which there is none."
+        runs = max(found.n_left, found.n_right)
+        needed = math.ceil(runs * (found.half / away) ** 2)
+        return f"{task.task}: about {needed:,} training runs a side, if difference and spread stay as they are."
+    return f"{task.task}: undecided again if the difference shrank by {wording.quantity(away - found.half)}."

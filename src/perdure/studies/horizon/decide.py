@@ -1,0 +1,179 @@
+"""Deciding claims from tables: a comparison for each task, then one verdict for the sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from perdure.studies.comparison import Difference, compare_paired, compare_unpaired, compare_with, holm
+from perdure.studies.horizon.claim import SHARES, Claim, Condition
+from perdure.studies.horizon.results import Results
+
+Decision = Literal["supported", "contradicted", "undecided", "not evaluated"]
+LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class TaskDecision:
+    """One comparison."""
+
+    task: str
+    difference: Difference | None
+    """None where a side is not evaluated."""
+    margin: float
+    """In the unit of the measure."""
+    decision: Decision
+    """By the 95 % interval."""
+    p: float
+    """Two-sided p value of the threshold nearest to the decision; nan where there is none."""
+    adjusted_p: float = math.nan
+    """The same by Holm's method, over all comparisons of the claim table."""
+
+    @property
+    def after_holm(self) -> Decision:
+        """The decision that remains when all comparisons are counted."""
+        return _survivor(self.decision, self.adjusted_p)
+
+
+@dataclass(frozen=True)
+class ClaimDecision:
+    """A claim with all its comparisons."""
+
+    claim: Claim
+    tasks: tuple[TaskDecision, ...]
+    decision: Decision
+    after_holm: Decision
+    pooled: Difference | None = None
+    """The mean over tasks, where the claim is about that."""
+    pooled_p: float = math.nan
+    adjusted_pooled_p: float = math.nan
+    """Of the mean over tasks, as those of `TaskDecision`."""
+
+
+def decide_claims(claims: Sequence[Claim], results: Results) -> list[ClaimDecision]:
+    """Decide every claim; Holm's method counts the comparisons of all of them."""
+    decided = [decide(claim, results) for claim in claims]
+    tests = [p for each in decided for p in p_values(each)]
+    adjusted = iter(holm(tests))
+    return [_count_all(each, [next(adjusted) for _ in p_values(each)]) for each in decided]
+
+
+def p_values(each: ClaimDecision) -> list[float]:
+    """Return what a claim is decided by: one mean over tasks, or one comparison for each task."""
+    return [each.pooled_p] if each.claim.over == "mean" else [task.p for task in each.tasks]
+
+
+def _count_all(each: ClaimDecision, adjusted: Sequence[float]) -> ClaimDecision:
+    if each.claim.over == "mean":
+        after = _survivor(each.decision, adjusted[0])
+        return replace(each, after_holm=after, adjusted_pooled_p=adjusted[0])
+    tasks = tuple(replace(task, adjusted_p=p) for task, p in zip(each.tasks, adjusted, strict=True))
+    return replace(each, tasks=tasks, after_holm=combine(each.claim, [task.after_holm for task in tasks]))
+
+
+def _survivor(decision: Decision, adjusted_p: float) -> Decision:
+    decided = decision in ("supported", "contradicted")
+    return "undecided" if decided and not adjusted_p <= LEVEL else decision
+
+
+def decide(claim: Claim, results: Results) -> ClaimDecision:
+    """Decide one claim by 95 % intervals."""
+    rights = claim.right_tasks or claim.tasks
+    tasks = tuple(_decide_task(claim, task, right, results) for task, right in zip(claim.tasks, rights, strict=True))
+    if claim.over == "mean":
+        pooled = mean_over_tasks(claim, [task.difference for task in tasks])
+        if pooled is None:
+            return ClaimDecision(claim, tasks, "not evaluated", "not evaluated")
+        decision = by_interval(claim, pooled, claim.margin)
+        return ClaimDecision(claim, tasks, decision, decision, pooled, pooled.p(threshold(claim, pooled, claim.margin)))
+    decision = combine(claim, [task.decision for task in tasks])
+    return ClaimDecision(claim, tasks, decision, decision)
+
+
+def combine(claim: Claim, decisions: Sequence[Decision]) -> Decision:
+    """Return the verdict on a sentence about each task, or about any task."""
+    needed, fatal = ("supported", "contradicted") if claim.over == "each" else ("contradicted", "supported")
+    if fatal in decisions:
+        return "contradicted" if claim.over == "each" else "supported"
+    if all(each == needed for each in decisions):
+        return "supported" if claim.over == "each" else "contradicted"
+    return "not evaluated" if all(each == "not evaluated" for each in decisions) else "undecided"
+
+
+def by_interval(claim: Claim, difference: Difference, margin: float) -> Decision:
+    """Return the decision of the table in `claim`, from the 95 % interval."""
+    low, high = difference.lower, difference.upper
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "undecided"
+    beyond, within = low > margin or high < -margin, -margin <= low and high <= margin
+    supported, contradicted = {
+        "greater": (low > margin, high <= margin),
+        "less": (high < -margin, low >= -margin),
+        "not less": (low >= -margin, high < -margin),
+        "differs": (beyond, within),
+        "same": (within, beyond),
+    }[claim.direction]
+    return "supported" if supported else "contradicted" if contradicted else "undecided"
+
+
+def threshold(claim: Claim, difference: Difference, margin: float) -> float:
+    """Return the difference that the decision turns on."""
+    fixed = {"greater": margin, "less": -margin, "not less": -margin}
+    return fixed.get(claim.direction, math.copysign(margin, difference.estimate))
+
+
+def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> TaskDecision:
+    difference = _compare(claim, task, right_task, results)
+    if difference is None:
+        return TaskDecision(task, None, math.nan, "not evaluated", math.nan)
+    margin = _margin(claim, difference.right)
+    p = difference.p(threshold(claim, difference, margin))
+    return TaskDecision(task, difference, margin, by_interval(claim, difference, margin), p)
+
+
+def _compare(claim: Claim, task: str, right_task: str, results: Results) -> Difference | None:
+    left = results.values(task, claim.left, claim.measure)
+    if not left:
+        return None
+    if not isinstance(claim.right, Condition):
+        return compare_with(list(left.values()), claim.right)
+    right = results.values(right_task, claim.right, claim.measure)
+    if not right:
+        return None
+    if claim.left.method == claim.right.method and task == right_task:
+        return compare_paired(left, right)
+    return compare_unpaired(list(left.values()), list(right.values()))
+
+
+def _margin(claim: Claim, right: float) -> float:
+    absolute = claim.measure in SHARES or not isinstance(claim.right, Condition)
+    return claim.margin if absolute else claim.margin * abs(right)
+
+
+def mean_over_tasks(claim: Claim, differences: Sequence[Difference | None]) -> Difference | None:
+    """Return the mean over tasks of (left - right) / |mean of right|, with Satterthwaite's degrees of freedom.
+
+    None where a task is not evaluated, has too few runs, or a right side's mean of 0.
+    """
+    known = [each for each in differences if each is not None and math.isfinite(each.error)]
+    scales = [1.0 if claim.measure in SHARES else abs(each.right) for each in known]
+    if len(known) < len(differences) or not all(scales):
+        return None
+    k = len(known)
+    parts = [(each.error / scale / k) ** 2 for each, scale in zip(known, scales, strict=True)]
+    estimate = sum(each.estimate / scale for each, scale in zip(known, scales, strict=True)) / k
+    squared = sum(parts)
+    terms = [part**2 / each.freedom for part, each in zip(parts, known, strict=True) if part > 0.0]
+    return Difference(
+        left=estimate,
+        right=0.0,
+        error=math.sqrt(squared),
+        freedom=squared**2 / sum(terms) if terms else math.nan,
+        improvement=sum(each.improvement for each in known) / k,
+        n_left=min(each.n_left for each in known),
+        n_right=min(each.n_right for each in known),
+        method=f"mean of {k} tasks",
+        rank_p=max(each.rank_p for each in known),
+    )

@@ -1,0 +1,50 @@
+"""The study of chapter 3 as a plan of steps and an analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from perdure.studies.horizon.evaluation import EvaluateRow
+from perdure.studies.horizon.grid import DEFAULT_PHASES, make_grid
+from perdure.studies.horizon.mechanism import mechanism_steps
+from perdure.studies.horizon.rules import rule_steps
+from perdure.studies.horizon.training import TrainRow
+from perdure.studies.study import Scale, Step, Study
+
+QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and does a constant time-to-go help?"
+
+
+def plan(scale: str, out: Path, phases: Sequence[int]) -> list[Step]:
+    """Return all steps: every row's training, its evaluation on validation and test start states, short rollouts."""
+    grid = make_grid(scale, phases)
+    steps: list[Step] = [TrainRow(grid, row, out) for row in grid.rows]
+    evaluated = [row for row in grid.rows if row.evaluated]
+    for split in grid.splits:
+        steps += [EvaluateRow(grid, row, split, out) for row in evaluated]
+    return [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)]
+
+
+def analyze(scale: str, out: Path, phases: Sequence[int]) -> list[Path]:
+    """Write tables, figures, the claim table and the page from what is there."""
+    from perdure.studies.horizon.analyze import analyze as write
+
+    return write(make_grid(scale, phases), out)
+
+
+STUDY = Study(
+    "horizon",
+    QUESTION,
+    (
+        Scale("smoke", "every method on InvertedPendulum, 2 seeds x 4,096 steps, 2,000 test steps; a few minutes"),
+        Scale(
+            "laptop",
+            "Hopper (CleanRL's settings; six methods, 5 seeds) and HalfCheetah (three methods, 3 seeds), 1,000,000 "
+            "training steps, 20,000 test steps; a night on four cores",
+        ),
+        Scale("thesis", "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days"),
+    ),
+    DEFAULT_PHASES,
+    plan,
+    analyze,
+)

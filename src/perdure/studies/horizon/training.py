@@ -1,0 +1,120 @@
+"""Training a row of the grid: one step of the study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from perdure.ppo import PPOConfig, method_config
+from perdure.runs import Store, Unit, read_status
+from perdure.studies.horizon.grid import Grid, Row, training_folder
+from perdure.studies.study import Count, How
+
+if TYPE_CHECKING:
+    from perdure.ppo.training import TrainRun
+
+POLICY, EPISODES = "policy.safetensors", "episodes.parquet"
+LANE_STEPS_PER_TRAINING_STEP = {"HalfCheetah": 8.0, "Hopper": 2.4, "Walker2d": 4.0, "Ant": 2.0, "Swimmer": 3.0}
+"""What a training step costs beside a lane step of the bare task (make bench; Walker2d and Swimmer: from the training
+times of this study). Tasks without a number count as Hopper."""
+
+COMPILE_SECONDS = 10.0
+"""What starting a process and compiling take for each seed."""
+
+
+@dataclass(frozen=True)
+class TrainRow:
+    """All training seeds of a row."""
+
+    grid: Grid
+    row: Row
+    out: Path
+
+    stage = "training"
+    measure = "training steps"
+    after: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """See `Step`."""
+        return f"training {self.row.key}"
+
+    @property
+    def task(self) -> str:
+        """See `Step`."""
+        return self.row.task
+
+    @cached_property
+    def run_(self) -> TrainRun:
+        """What is trained."""
+        return train_run(self.grid, self.row)
+
+    @cached_property
+    def _units(self) -> list[Unit]:
+        return [self.run_.unit(seed) for seed in self.row.seeds]
+
+    @property
+    def amount(self) -> float:
+        """See `Step`."""
+        return sum(unit.size for unit in self._units)
+
+    def seconds(self, speed: float) -> float:
+        """See `Step`."""
+        robot = self.task.partition("-")[0]
+        ratio = LANE_STEPS_PER_TRAINING_STEP.get(robot, LANE_STEPS_PER_TRAINING_STEP["Hopper"])
+        return COMPILE_SECONDS * len(self.row.seeds) + self.amount * ratio / speed
+
+    def count(self) -> Count:
+        """See `Step`."""
+        folder = training_folder(self.out)
+        if not folder.is_dir():
+            return Count(len(self._units), 0)
+        store, status = Store(folder), read_status(self._units, folder)
+        open_units = [unit for unit in self._units if status[unit.key].state != "finished"]
+        return Count(
+            total=len(self._units),
+            done=len(self._units) - len(open_units),
+            running=sum(store.is_busy(unit.key) for unit in open_units),
+            failed=sum(store.note_path("failures", unit.key).exists() for unit in open_units),
+            share=sum(each.share for each in status.values()) / len(status),
+        )
+
+    def run(self, how: How) -> None:
+        """See `Step`."""
+        from perdure.ppo.training import train
+
+        train(self.run_, training_folder(self.out), cores=how.cores, on=how.on, observe=how.observe)
+
+
+def train_run(grid: Grid, row: Row) -> TrainRun:
+    """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`."""
+    from perdure.ppo.training import TrainRun
+
+    return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset)
+
+
+def row_config(grid: Grid, row: Row) -> PPOConfig:
+    """Return the learner's settings of a row."""
+    from perdure.envs import make_world
+
+    world = make_world(row.task, [0])
+    size = world.spec.observation_size
+    world.close()
+    method = "ppo" if row.gamma is not None else row.method
+    config = method_config(method, row.task, size, row.preset)
+    if row.gamma is not None:
+        config = replace(config, protocol=replace(config.protocol, gamma=row.gamma))
+    return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)
+
+
+def seed_folders(out: Path, row: Row) -> dict[int, Path]:
+    """Return the folder of each finished training seed of a row."""
+    folders = {seed: training_folder(out) / row.key / f"seed-{seed}" for seed in row.seeds}
+    return {seed: folder for seed, folder in folders.items() if (folder / EPISODES).is_file()}
+
+
+def policy_paths(out: Path, row: Row) -> list[Path]:
+    """Return the policy files of a row, trained or not, in the order of its seeds."""
+    return [training_folder(out) / row.key / f"seed-{seed}" / POLICY for seed in row.seeds]

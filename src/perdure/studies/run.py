@@ -1,0 +1,108 @@
+"""Carrying out a study: every step that is not finished, in order; then the analysis."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from perdure.runs import Observer, OtherSourceWarning, Progress, RunError, Status
+from perdure.studies.errors import StudyError
+from perdure.studies.status import count_steps
+from perdure.studies.study import Count, How, Step
+
+
+def run_steps(
+    steps: Sequence[Step],
+    how: How,
+    sizes: Mapping[str, float] | None = None,
+    told: Callable[[str], None] = lambda line: None,
+) -> None:
+    """Finish every step. A step whose predecessors failed is left out; the others go on.
+
+    Args:
+        steps: In their order.
+        how: Where; its observer is called with the progress of the whole study.
+        sizes: Work of each step beside others, by key, such as its seconds; the step's own amount by default.
+        told: Called with a line when a step begins or fails.
+
+    Raises:
+        RunError: Steps failed; raised when all others are done.
+    """
+    board = _Board(steps, count_steps(steps), sizes, how.observe)
+    failed: dict[str, str] = {}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", OtherSourceWarning)
+        for step in steps:
+            if any(key in failed for key in step.after):
+                failed[step.key] = "a step it depends on failed"
+                board.set(step.key, "blocked")
+                continue
+            told(step.key)
+            try:
+                step.run(replace(how, observe=board.observer(step.key)))
+                board.set(step.key, "finished")
+            except (RunError, StudyError) as error:
+                failed[step.key] = str(error)
+                board.set(step.key, "failed")
+                told(f"{step.key} failed: {error}")
+    _show(caught)
+    if failed:
+        first = next(iter(failed))
+        raise RunError(f"{len(failed)} of {len(steps)} steps failed: {first}: {failed[first]}")
+
+
+def _show(caught: Sequence[warnings.WarningMessage]) -> None:
+    """Repeat warnings; those about other source code, of which every step may have one, as one."""
+    others = [each for each in caught if not issubclass(each.category, OtherSourceWarning)]
+    for each in others:
+        warnings.warn(each.message, each.category, stacklevel=3)
+    if len(others) < len(caught):
+        warnings.warn(
+            f"results of {len(caught) - len(others)} steps were made by another version of perdure's source code and "
+            "are reused. Remove a result's folder to compute it again.",
+            OtherSourceWarning,
+            stacklevel=3,
+        )
+
+
+class _Board:
+    """The progress of all steps as one status: the running step by its units, the others as one unit each."""
+
+    def __init__(
+        self, steps: Sequence[Step], counts: Mapping[str, Count], sizes: Mapping[str, float] | None, observe: Observer
+    ) -> None:
+        self._observe = observe
+        self._all: dict[str, Progress] = {}
+        for step in steps:
+            count, size = counts[step.key], step.amount if sizes is None else sizes[step.key]
+            finished = count.done >= count.total
+            self._all[step.key] = Progress("finished" if finished else "waiting", count.share, 1.0, {}, "", size)
+
+    def set(self, key: str, state: str) -> None:
+        """Note what became of a step."""
+        self._all[key] = replace(self._all[key], state=state)  # type: ignore[arg-type]
+        self._observe(self._all)
+
+    def observer(self, key: str) -> Observer:
+        """Return an observer of one step's units."""
+
+        def observe(status: Status) -> None:
+            whole = sum(each.size for each in status.values()) or 1.0
+            scale = self._all[key].size / whole
+            units = {f"{key}/{unit}": replace(each, size=each.size * scale) for unit, each in status.items()}
+            self._observe({**{other: each for other, each in self._all.items() if other != key}, **units})
+
+        return observe
+
+
+def read_folder(path: Path) -> Path:
+    """Return a folder of results that is there.
+
+    Raises:
+        StudyError: It is not.
+    """
+    if not path.is_dir():
+        raise StudyError(f"there are no results in {path}; run the study first, or name another folder with --out")
+    return path

@@ -1,0 +1,140 @@
+"""What a study is: a question, scales, steps of work whose results are kept, and an analysis of what they left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
+
+from perdure.runs import Observer
+from perdure.studies.errors import StudyError
+
+_STUDIES = {"horizon": "perdure.studies.horizon.study"}
+"""Name to the module that holds it as STUDY."""
+
+
+@dataclass(frozen=True)
+class Count:
+    """How far a step is, in its units."""
+
+    total: int
+    done: int
+    running: int = 0
+    """Units that a process is at work on now."""
+    failed: int = 0
+    """Units whose last attempt ended with an error."""
+    share: float = 0.0
+    """Share of the step's work that is done, unfinished units included; from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class How:
+    """Where and how a step is run. No result depends on it."""
+
+    on: str = "local"
+    """See `perdure.runs.make_workers`."""
+    cores: int | None = None
+    observe: Observer = lambda status: None
+    waiting: Callable[[], None] = lambda: None
+    """Called once if another command is at work on the same step, which is waited for."""
+
+
+class Step(Protocol):
+    """A part of a study that a store keeps. The same step, run twice, costs once."""
+
+    @property
+    def key(self) -> str:
+        """Readable identity, such as "training Hopper-v3/geometric@cleanrl"."""
+
+    @property
+    def stage(self) -> str:
+        """What kind of work it is, such as "training"; steps of one stage are counted together."""
+
+    @property
+    def after(self) -> tuple[str, ...]:
+        """Keys of steps that must be finished first."""
+
+    @property
+    def task(self) -> str:
+        """The task that is stepped."""
+
+    @property
+    def amount(self) -> float:
+        """All the work, in the stage's measure."""
+
+    @property
+    def measure(self) -> str:
+        """What `amount` counts, such as "training steps"."""
+
+    def seconds(self, speed: float) -> float:
+        """Return the core-seconds of the whole step where one core makes `speed` lane steps a second of the task."""
+
+    def count(self) -> Count:
+        """Return how far it is, read from the store."""
+
+    def run(self, how: How) -> None:
+        """Finish it.
+
+        Raises:
+            RunError: A unit failed.
+        """
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much of a study is carried out."""
+
+    name: str
+    about: str
+    """In a sentence: rows, seeds, steps, and how long it takes."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A question with everything that answers it."""
+
+    name: str
+    question: str
+    scales: tuple[Scale, ...]
+    phases: tuple[int, ...]
+    """Phases that are carried out unless told otherwise."""
+    plan: Callable[[str, Path, Sequence[int]], Sequence[Step]]
+    """From (scale, folder of the results, phases) to all steps, in their order."""
+    analyze: Callable[[str, Path, Sequence[int]], Sequence[Path]]
+    """From the same to the files written; reads what the steps left, simulates nothing."""
+
+    def check_scale(self, name: str) -> str:
+        """Return the name of a scale.
+
+        Raises:
+            StudyError: There is none of that name.
+        """
+        names = [scale.name for scale in self.scales]
+        if name not in names:
+            near = get_close_matches(name, names, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise StudyError(f"study {self.name} has no scale {name!r}; its scales are {', '.join(names)}{hint}")
+        return name
+
+
+def list_studies() -> tuple[str, ...]:
+    """Return the names of all studies."""
+    return tuple(_STUDIES)
+
+
+def find_study(name: str) -> Study:
+    """Return the study of that name.
+
+    Raises:
+        StudyError: There is none.
+    """
+    if name not in _STUDIES:
+        near = get_close_matches(name, _STUDIES, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise StudyError(f"there is no study {name!r}; the studies are {', '.join(_STUDIES)}{hint}")
+    study = import_module(_STUDIES[name]).STUDY
+    assert isinstance(study, Study)
+    return study

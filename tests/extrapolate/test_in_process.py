@@ -1,0 +1,273 @@
+"""Functions of any origin through the door: the same table as policy files, on worlds whose returns are known."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import polars as pl
+import pytest
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from probes import Cue, Dial, Falling
+from scripted import policy_for
+
+import perdure
+from perdure.envs import UnknownTask, WorldError, make_world
+from perdure.extrapolate import Extrapolation, ExtrapolationError
+from perdure.extrapolate.idle import constant_actions, measure_idle
+from perdure.policy import PolicyError, TaskInfo, save_policy
+from perdure.report import read_table
+
+HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
+LIMITED = "test/Falling-v0"
+gymnasium.register(LIMITED, Falling, max_episode_steps=10)
+FACTS = ["clock", "eval_seed", "step", "return", "end_step", "end_reason"]
+
+
+def still(observations):
+    return np.zeros((len(observations), 1))
+
+
+def ends(result):
+    """Return of each lane at its end, in the order of start states."""
+    return result.final()["return"].to_list()
+
+
+@pytest.fixture(scope="module")
+def timed():
+    return policy_for(HOPPER, seed=2, phi=True, method="linear")
+
+
+@pytest.fixture(scope="module")
+def by_file(timed, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("file")
+    path = save_policy(timed, folder / "timed.safetensors")
+    asked = Extrapolation((path,), 60, ("constant:500", "countdown"), eval_seeds=3)
+    return perdure.extrapolate(asked, folder / "out", cores=1)
+
+
+class TestAFunctionIsJudgedLikeAPolicyFile:
+    def test_its_table_is_that_of_the_file(self, timed, by_file):
+        def function(observations, *, elapsed, horizon):
+            return timed.act_at(observations, elapsed, horizon)
+
+        found = perdure.extrapolate(
+            function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3
+        )
+        assert found.frame.select(FACTS).equals(by_file.frame.select(FACTS))
+        same = ["idle_rate", "reference_rate", "window", "policy_state", "policy_note", "outcome", "failed_step"]
+        assert found.frame.select(same).equals(by_file.frame.select(same))
+        assert found.frame["policy"].unique().to_list() == ["function"]
+
+    def test_so_is_that_of_the_policy_itself_and_of_one_file(self, timed, by_file, tmp_path):
+        options = {"steps": 60, "clocks": ["constant:500", "countdown"], "eval_seeds": 3}
+        path = save_policy(timed, tmp_path / "timed.safetensors")
+        for policy in (timed, path, str(path)):
+            assert perdure.extrapolate(policy, **options).frame.equals(by_file.frame)
+
+    def test_another_function_has_another_table(self, by_file):
+        def function(observations, *, elapsed, horizon):
+            return np.zeros((len(observations), 3))
+
+        found = perdure.extrapolate(
+            function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3
+        )
+        assert not found.frame.select("return").equals(by_file.frame.select("return"))
+
+    def test_a_clock_is_read_to_it_step_by_step(self):
+        read = []
+
+        def function(observations, *, elapsed, horizon):
+            read.append((elapsed.tolist(), horizon.tolist()))
+            return still(observations)
+
+        perdure.extrapolate(
+            function, Falling, steps=6, clocks=("constant:7", "countdown:4"), eval_seeds=1, training_horizon=3
+        )
+        assert read[0] == ([0.0] * 20, [3.0] * 20), "within the training horizon it is a countdown to its end"
+        assert [row[0] for row in read[3:8]] == [[0.0, float(t)] for t in (0, 1, 2, 3, 4)]
+        assert read[4][1] == [7.0, 4.0]
+
+
+class TestWhatTheFunctionSees:
+    def test_a_discrete_action_and_a_composed_observation_have_the_environments_form(self):
+        seen = []
+
+        def follow(observations):
+            seen.append(observations)
+            return observations["pointer"]
+
+        result = perdure.extrapolate(follow, Dial, steps=40, eval_seeds=3, training_horizon=100)
+        assert ends(result) == [40.0] * 3
+        first = seen[-1]
+        assert {name: (each.shape, each.dtype) for name, each in first.items()} == {
+            "pointer": ((3,), np.int64), "grid": ((3, 2, 3), np.uint8), "pair": ((3, 2), np.int64),
+        }  # fmt: skip
+        assert (first["grid"][:, 0, 0] + 3 == first["pointer"]).all()
+        assert (first["pair"] == np.stack([np.ones(3), first["pointer"] - 3], axis=1)).all()
+        row = result.frame.row(0, named=True)
+        assert row["reference_rate"] == 1.0
+        assert row["idle_rate"] == pytest.approx(1 / 3, abs=0.02)
+        assert row["policy_state"] == "worked"
+
+    def test_a_recurrent_policy_remembers_whatever_the_axis_of_its_lanes_and_whoever_ends(self):
+        calls = []
+
+        def remember(observations, state, episode_starts):
+            calls.append((state is None, episode_starts.all(), episode_starts.any(), len(observations)))
+            state = np.zeros((1, len(observations), 1)) if state is None else state
+            state = np.where(episode_starts[None, :, None], observations[None], state)
+            return state[0, :, 0].astype(int), state
+
+        result = perdure.extrapolate(remember, Cue, steps=50, eval_seeds=8, training_horizon=30, recurrent=True)
+        lanes = result.final()
+        assert set(lanes["end_step"]) == {20, 50}
+        assert lanes["return"].to_list() == lanes["end_step"].to_list()
+        assert calls[30] == (True, True, True, 8), "a new closed loop begins without a state"
+        assert set(calls[31:]) == {(False, False, False, 8)}, "ended lanes are still there"
+
+    def test_without_its_memory_it_earns_nothing_after_the_first_step(self):
+        result = perdure.extrapolate(
+            lambda seen: np.maximum(seen[:, 0], 0).astype(int), Cue, steps=50, eval_seeds=8, training_horizon=30
+        )
+        cue = result.final()["return"].to_numpy()
+        assert set(cue) <= {1.0, 20.0}
+        assert (cue == 1.0).any()
+
+
+class TestEnvironments:
+    def test_an_id_a_factory_and_vectors_give_the_same_returns_and_limits_of_their_own_are_lifted(self):
+        def limited():
+            return gymnasium.make(LIMITED)
+
+        vector = SyncVectorEnv([limited] * 3)
+        tables = [
+            perdure.extrapolate(still, env, steps=70, eval_seeds=4)
+            for env in (LIMITED, f"gymnasium:{LIMITED}", limited, vector, AsyncVectorEnv([limited] * 2))
+        ]
+        lasts = tables[0].final()["end_step"].to_list()
+        assert max(lasts) > 10, "beyond the limit"
+        for table in tables:
+            assert table.final()["end_step"].to_list() == lasts
+            assert ends(table) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"
+        assert [table.frame["task"][0] for table in tables[:3]] == [f"gymnasium:{LIMITED}"] * 2 + [LIMITED]
+        assert {table.frame["train_horizon"][0] for table in tables} == {10}
+        assert vector.envs[0].spec.max_episode_steps == 10
+        vector.reset(seed=[1_000_000, 1_000_001, 1_000_002])
+        cut = [vector.step(np.zeros((3, 1)))[3].all() for _ in range(10)]
+        assert cut == [False] * 9 + [True], "the vector has its limit back"
+
+    def test_the_training_horizon_is_the_environments_limit_unless_it_is_given(self):
+        def longest(env, **options):
+            return perdure.extrapolate(still, env, steps=5, eval_seeds=1, **options).frame["train_horizon"][0]
+
+        assert longest(LIMITED) == longest(lambda: gymnasium.make(LIMITED)) == 10
+        assert longest(LIMITED, training_horizon=30) == 30
+        assert longest(Falling) == 1000
+
+    @pytest.mark.parametrize(
+        ("env", "error", "message"),
+        [
+            ("Pendulum-v11", UnknownTask, "Did you mean Pendulum-v1"),
+            (gymnasium.make("Pendulum-v1"), WorldError, "give the function that builds it"),
+            (3, WorldError, "a Gymnasium id, a task.*a factory.*not int"),
+            (lambda: 3, WorldError, "this function returned int"),
+            (None, ExtrapolationError, "env is missing"),
+            (gymnasium.make_vec("CartPole-v1", 2, "vector_entry_point"), WorldError, "ends episodes after 500 steps"),
+        ],
+    )
+    def test_what_is_none_is_refused(self, env, error, message):
+        with pytest.raises(error, match=message):
+            perdure.extrapolate(still, env, steps=10)
+
+    def test_a_pool_of_envpool_is_refused_with_what_to_give(self):
+        import envpool
+
+        with pytest.raises(WorldError, match="of EnvPool give the task's name"):
+            perdure.extrapolate(still, envpool.make_gymnasium("Hopper-v4", num_envs=1), steps=10)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda seen: np.zeros((len(seen), 2)), r"shape \(20, 1\).*\(20, 2\)"),
+        (lambda seen: 0.0, r"shape \(20, 1\)"),
+        (lambda seen: (still(seen), None), "returned a tuple; of Stable-Baselines3"),
+        (lambda seen: np.full((len(seen), 1), np.nan), "at step 1 is not finite"),
+        (lambda seen: ["left"] * len(seen), "no array of numbers"),
+    ],
+)
+def test_what_is_no_action_is_refused(function, message):
+    with pytest.raises(PolicyError, match=message):
+        perdure.extrapolate(function, Falling, steps=10)
+
+
+def test_a_discrete_action_out_of_range_is_refused():
+    with pytest.raises(WorldError, match="whole numbers from 3 to 5; lane 0 got 6"):
+        perdure.extrapolate(lambda seen: np.full(len(seen["pointer"]), 6), Dial, steps=10)
+    with pytest.raises(WorldError, match=r"whole numbers from 3 to 5; lane 0 got 3\.5"):
+        perdure.extrapolate(lambda seen: np.full(len(seen["pointer"]), 3.5), Dial, steps=10)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 0}, "steps must be at least 1"),
+        ({"training_horizon": 0}, "training_horizon must be at least 1"),
+        ({"clocks": "default"}, "no clock of its own"),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(options, message):
+    with pytest.raises(ExtrapolationError, match=message):
+        perdure.extrapolate(lambda seen, **time: still(seen), Falling, **{"steps": 10, **options})
+
+
+def test_a_recurrent_function_must_return_its_state():
+    with pytest.raises(PolicyError, match=r"must return \(actions, state\)"):
+        perdure.extrapolate(lambda seen, state, starts: still(seen), Falling, steps=10, recurrent=True)
+
+
+def test_the_folder_holds_the_table_and_the_page(tmp_path):
+    result = perdure.extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path / "new", command="my script")
+    frame, notes = read_table(result.path)
+    assert frame.equals(result.frame.select(frame.columns))
+    assert notes["command"] == "my script"
+    assert (tmp_path / "new" / "report.html").stat().st_size > 10_000
+    assert "still" in str(result)
+
+
+def test_the_package_is_both_called_and_imported_from():
+    import perdure.extrapolate as package
+
+    assert perdure.extrapolate is package
+    assert package.Extrapolation is Extrapolation
+
+
+class TestIdleWithDiscreteActions:
+    def test_is_the_best_constant_action(self):
+        world = make_world("gymnasium:CartPole-v1", range(20))
+        idle = measure_idle(world, 50)
+        assert (idle.zero, idle.random, idle.kind) == (1.0, 1.0, "best constant action")
+
+    def test_every_action_of_few_is_tried_and_some_of_many(self):
+        def spec(*nvec):
+            class Many(Falling):
+                action_space = gymnasium.spaces.MultiDiscrete(nvec, start=[1] * len(nvec))
+
+            from perdure.envs import GymnasiumWorld
+
+            return GymnasiumWorld([Many], [0]).spec
+
+        few = constant_actions(spec(2, 3))
+        assert few.tolist() == [[1, 1], [1, 2], [1, 3], [2, 1], [2, 2], [2, 3]]
+        many = constant_actions(spec(100, 100))
+        assert len(np.unique(many, axis=0)) == 16
+        assert many.min() == 1
+        assert many.max() == 100
+
+
+def test_lanes_of_many_start_states_are_independent_of_their_batch():
+    few = perdure.extrapolate(still, Falling, steps=70, eval_seeds=3)
+    many = perdure.extrapolate(still, Falling, steps=70, eval_seeds=60)
+    assert ends(few) == ends(many)[:3]
+    lasts = many.final().select(pl.col("end_step"))["end_step"].to_numpy()
+    assert ends(many) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"

@@ -1,0 +1,210 @@
+"""The release strategies: what each does between the gripper_goal to let go and the opening of the hand."""
+
+import numpy as np
+import pytest
+
+from perdure.home.agents.release import STRATEGIES, Ik, make_strategy
+from perdure.home.agents.release.ik_plus import upright
+from perdure.home.errors import HomeError
+from perdure.home.sim.apartments import Pose, make_apartment
+from perdure.home.sim.objects import Placement
+from perdure.home.sim.robot import reach
+from perdure.home.sim.robot.data import REST_ARM
+from perdure.home.sim.world import ACTION_SIZE, ARM, SkillGoal, World, build_scene
+from perdure.home.skills import Place
+
+GRIP = 9
+
+
+class Hasty:
+    """Swings the arm and drives, and wants to let go at a given step."""
+
+    sees = False
+
+    def __init__(self, at=12, forward=0.3):
+        self.at, self.forward = at, forward
+        self.asked = 0
+
+    def begin(self, world, lane, skill):
+        pass
+
+    def act(self, world, lanes, skill, state, progress):
+        self.asked += 1
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        actions[:, 0] = self.forward
+        actions[:, ARM] = (-0.5, 0.5, 0.2, -0.3, 0.0, 0.5, 0.0)
+        actions[:, GRIP] = np.where(progress.elapsed >= self.at, -1.0, 0.0)
+        return actions
+
+    def overtime(self, lane):
+        return False
+
+
+@pytest.fixture(scope="module")
+def table():
+    """A table, and the robot before it with a box in its hand, level, 10 cm above the surface."""
+    apartment = make_apartment(0, 0)
+    piece = next(p for p in apartment.pieces if p.kind == "table_01")
+    surface = piece.receptacles[0]
+    x, y, height = apartment.surface_to_room(surface, np.zeros(2))
+    placement = Placement(
+        "004_sugar_box", (float(x), float(y), float(height) + 0.3), (1.0, 0.0, 0.0, 0.0), surface.unique_name
+    )
+    scene = build_scene(apartment, [placement])
+    depth = min(s.half[0] for s in piece.solids if s.role != "look")
+    return apartment, scene, np.array([x, y, height]), piece.pose, depth
+
+
+def start(table, clearance=0.10, rotation=None):
+    _, scene, surface, pose, _ = table
+    base = Pose(
+        float(surface[0] + 0.8 * np.cos(pose.yaw)), float(surface[1] + 0.8 * np.sin(pose.yaw)), pose.yaw + np.pi
+    )
+    point = base.to_local(surface + np.array([0.0, 0.0, 0.088 + clearance]))
+    found = reach(point, REST_ARM, rotation=np.eye(3) if rotation is None else rotation)
+    assert found.ok
+    world = World(1)
+    goal = tuple(float(v) for v in surface + np.array([0.0, 0.0, 0.088]))
+    world.reset(0, scene, base, found.arm, held=0, skill_goal=SkillGoal(0, goal))
+    return world
+
+
+def play(world, actor, steps=250):
+    """Runs place with an actor until the hand is open; the state of every step."""
+    skill = Place()
+    lanes = np.array([0])
+    state = world.sense()
+    progress, seen = skill.begin(state), [state]
+    actor.begin(world, 0, skill)
+    for _ in range(steps):
+        action = skill.mask(actor.act(world, lanes, skill, state, progress), state)
+        world.step(action)
+        state = world.sense()
+        progress = skill.advance(progress, state)
+        seen.append(state)
+        if progress.released[0]:
+            return seen
+    raise AssertionError("the hand never opened")
+
+
+def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
+    speed = {}
+    for name in ("rl", "stop"):
+        seen = play(start(table), make_strategy(name, Hasty()))
+        speed[name] = float(np.linalg.norm(seen[-2].gripper_velocity[0]))
+    assert speed["rl"] > 0.2  # the control: without it a stop would prove nothing
+    assert speed["stop"] < 0.03
+
+
+@pytest.mark.parametrize("name", ["stop", "ik", "ik+"])
+def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table, name):
+    """At 0.75 m/s backwards the base rolls on; M3's stops at once."""
+    actor = make_strategy(name, Hasty(at=8, forward=-0.5))
+    seen = play(start(table), actor)
+    frozen = 9  # the policy acted in eight steps; it asked to let go after the eighth
+    away = [float(np.hypot(*(each.base[0, :2] - seen[frozen - 1].base[0, :2]))) for each in seen]
+    assert max(away[frozen:]) > 0.03, "the control: without driving back it would be let go there"
+    assert away[-2] < 0.012
+    assert abs(seen[-2].base[0, 2] - seen[frozen - 1].base[0, 2]) < 0.012
+
+
+@pytest.mark.parametrize("name", ["ik", "ik+"])
+def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
+    """The thesis assumes that the hand is right above the goal region."""
+    world = start(table)
+    goal = np.add(world.skill_goal(0).goal, (0.2, 0.0, 0.0))
+    world.assign(0, SkillGoal(0, tuple(map(float, goal))))
+    actor = make_strategy(name, Hasty(at=0))
+    seen = play(world, actor)
+    assert actor.outcomes == ["not above the goal"]
+    assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.01
+
+
+def test_ik_goes_straight_down_by_epsilon_with_the_base_still(table):
+    strategy = Ik(Hasty(at=0), epsilon=0.06)
+    seen = play(start(table), strategy)
+    way = seen[-2].gripper[0] - seen[1].gripper[0]
+    assert way[2] == pytest.approx(-0.06, abs=0.006)
+    assert np.hypot(*way[:2]) < 0.01
+    assert np.abs(seen[-2].base - seen[1].base).max() < 0.01
+    assert np.abs(seen[-2].gripper_rotation - seen[1].gripper_rotation).max() < 0.06
+    assert strategy.outcomes == ["done"]
+
+
+def test_ik_plus_sets_the_object_down_before_it_lets_go(table):
+    strategy = make_strategy("ik+", Hasty(at=0))
+    seen = play(start(table, clearance=0.12), strategy)
+    assert strategy.outcomes == ["done"]
+    bottom = seen[-2].object[0, 2] - 0.088 - table[2][2]
+    assert abs(bottom) < 0.012
+    assert seen[-2].object_up[0, 2] > 0.99
+
+
+def lying_low(table):
+    """The box on its side, 3 cm above the table: too low to stand it up."""
+    tilt = np.radians(75.0)
+    across = np.array([[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]])
+    return start(table, clearance=-0.015, rotation=across)
+
+
+def test_ik_plus_turns_back_what_it_cannot_set_upright(table, monkeypatch):
+    seen = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))
+    before, after = seen[1].object_up[0], seen[-2].object_up[0]
+    assert np.degrees(np.arccos(before @ after)) < 10.0
+    monkeypatch.setattr("perdure.home.agents.release.ik_plus.UPRIGHT", -1.0)
+    half = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))[-2].object_up[0]
+    assert 20.0 < np.degrees(np.arccos(half[2])) < 65.0, "the control: it would be let go half turned"
+
+
+def test_a_target_out_of_reach_is_a_labeled_fall_back(table):
+    strategy = Ik(Hasty(at=0), epsilon=0.9)
+    seen = play(start(table), strategy)
+    assert strategy.outcomes == ["out of reach"]
+    assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.02
+
+
+def test_the_policy_is_not_asked_while_the_hand_over_runs(table):
+    inner = Hasty(at=0)
+    seen = play(start(table), make_strategy("ik", inner))
+    assert inner.asked == 1
+    assert len(seen) > 10
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_at_the_time_out_the_release_strategy_runs(table, name):
+    """The executor gives a hand-over the time it needs; the policy alone gets none."""
+    actor = make_strategy(name, Hasty(at=10**6))
+    assert actor.overtime(0) == (name != "rl")
+    if name == "rl":
+        return
+    world = start(table)
+    skill, lanes = Place(limited_to=5), np.array([0])
+    state = world.sense()
+    progress = skill.begin(state)
+    actor.begin(world, 0, skill)
+    for _ in range(200):
+        world.step(skill.mask(actor.act(world, lanes, skill, state, progress), state))
+        state = world.sense()
+        progress = skill.advance(progress, state)
+        if state.held[0] < 0:
+            break
+    assert state.held[0] < 0
+    assert actor.outcomes
+
+
+def test_upright_keeps_upright_rotations_and_mends_tilted_ones():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        q, r = np.linalg.qr(rng.standard_normal((3, 3)))
+        rotation = q * np.sign(np.diag(r))
+        rotation *= np.sign(np.linalg.det(rotation))
+        level = upright(rotation)
+        assert np.allclose(level @ level.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(level) == pytest.approx(1.0)
+        assert level[2, 2] == pytest.approx(1.0, abs=2e-3)
+        assert np.allclose(upright(level), level, atol=1e-6)
+
+
+def test_unknown_strategies_are_refused():
+    with pytest.raises(HomeError, match="ik\\+"):
+        make_strategy("gentle", Hasty())

@@ -1,0 +1,56 @@
+"""What stands around a target, against what the grasp then takes."""
+
+import numpy as np
+from test_world import begin
+
+from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, World
+from perdure.home.sim.world.neighbors import Surroundings
+
+
+def look_around(lane, target, gripper):
+    """In the middle of three lanes, the others being elsewhere: what is found must not depend on them."""
+    many = Surroundings(3)
+    many.look(np.array([0, 2]), [lane, lane], np.array([0, -1]), np.zeros((2, 3)))
+    found = many.look(np.array([1]), [lane], np.array([target]), gripper[None])
+    return type(found)(found.from_object[0], float(found.distance[0]), float(found.handle_distance[0]))
+
+
+def test_the_distances_foretell_what_the_grasp_takes():
+    """Gripper points strewn around the objects of cluttered rooms: the grasp itself says who was nearest."""
+    world, rng, outcomes = World(1), np.random.default_rng(0), set()
+    for episode in load_episodes("prepare_groceries", "val").episodes[:6]:
+        scene = begin(world, 0, episode)
+        lane = world.lane(0)
+        for _ in range(60):
+            target = int(rng.integers(len(scene.placements)))
+            near = scene.handles.at(lane.links)
+            around = near[rng.integers(len(near))] if rng.random() < 0.3 else lane.qpos[scene.middles][target]
+            point = around + rng.normal(0.0, 0.08, 3)
+            found = look_around(lane, target, point)
+            mine = float(np.linalg.norm(lane.qpos[scene.middles][target] - point))
+            lane.grasp(point, np.eye(3), near)
+            took_link, took = lane.held_link >= 0, lane.held
+            world.reset(0, scene, world._starts[0][0])
+            assert took_link == (found.handle_distance <= GRASP_RADIUS)
+            if not took_link:
+                wins = mine <= GRASP_RADIUS and mine < found.distance
+                assert (took == target) == wins
+                assert (took < 0) == (min(mine, found.distance) > GRASP_RADIUS)
+            outcomes.add("link" if took_link else "nothing" if took < 0 else "target" if took == target else "other")
+    assert outcomes == {"link", "nothing", "target", "other"}
+
+
+def test_neighbors_are_the_nearest_ones_and_only_near_ones():
+    world = World(1)
+    scene = begin(world, 0, load_episodes("tidy_house", "val").episodes[0])
+    lane = world.lane(0)
+    middles = lane.qpos[scene.middles]
+    for target in range(len(middles)):
+        found = look_around(lane, target, np.zeros(3)).from_object
+        away = sorted(
+            (float(np.linalg.norm(each - middles[target])), k) for k, each in enumerate(middles) if k != target
+        )
+        for (distance, number), vector in zip(away[:2], found, strict=True):
+            wanted = middles[number] - middles[target] if distance <= NEIGHBORHOOD else np.zeros(3)
+            np.testing.assert_allclose(vector, wanted, atol=1e-12)

@@ -1,0 +1,252 @@
+"""A policy as an ONNX model acts as the policy does; models of other makers act through the same door."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+import perdure
+from perdure.extrapolate import ExtrapolationError
+from perdure.horizon import Constant, Countdown, HorizonProtocol, Periodic, TimeFeature, Uniform
+from perdure.policy import PolicyError, PolicyFileError, load_policy
+from perdure.policy.activations import ACTIVATIONS
+from perdure.policy.onnx import OnnxModel, export_onnx
+from perdure.policy.squash import TanhSquash
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from make_policy import random_policy
+
+RNG = np.random.default_rng(7)
+DEVIATIONS = RNG.standard_normal((1000, 11))
+OBSERVATIONS = 1.5 * DEVIATIONS
+ELAPSED = RNG.integers(0, 3000, 1000).astype(np.float64)
+HORIZONS = np.where(RNG.random(1000) < 0.1, np.inf, RNG.integers(0, 3000, 1000))
+
+
+def session(path):
+    """The model as somebody else's program runs it: onnxruntime alone."""
+    return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+
+
+def with_embedding(embedding, **parts):
+    protocol = HorizonProtocol(embedding, Uniform(200, 1000), "terminated", 1.0, 1.0)
+    return random_policy(embedding="linear" if embedding.size == 1 else "geometric", protocol=protocol, **parts)
+
+
+POLICIES = {
+    "plain": random_policy(embedding=None, activation="relu"),
+    "linear": random_policy(embedding="linear"),
+    "geometric": random_policy(embedding="geometric", hidden=(64, 64)),
+    "normalized phi": random_policy(embedding="geometric", normalize_embedding=True),
+    "time feature": with_embedding(TimeFeature(1000)),
+    "squashed": random_policy(embedding=None, squash=TanhSquash()),
+    "squashed with a limit": random_policy(embedding="linear", squash=TanhSquash(2.0)),
+    "16 bits": random_policy(embedding="linear").halved(),
+    **{name: random_policy(embedding="linear", activation=name, seed=3) for name in ACTIVATIONS},
+    "shipped": load_policy("Hopper-v3/geometric"),
+}
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_with_time_as_an_input_actions_are_the_policys(tmp_path, name):
+    policy = POLICIES[name]
+    observations = policy.normalizer.mean[:11] + policy.observation_std * DEVIATIONS
+    model = session(export_onnx(policy, tmp_path / "policy.onnx"))
+    times = {"elapsed": ELAPSED, "horizon": HORIZONS} if policy.has_clock else {}
+    assert {each.name for each in model.get_inputs()} == {"observation", *times}
+    (found,) = model.run(["action"], {"observation": observations, **times})
+    expected = policy.act_at(observations, ELAPSED, HORIZONS)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+    assert np.std(expected) > 0.05, "the control: actions differ from one another"
+    other = policy.act_at(observations + 0.01, ELAPSED, HORIZONS)
+    assert np.abs(found - other).max() > 1e-4, "the control: a slightly other observation is noticed"
+
+
+@pytest.mark.parametrize("clock", [Constant(500.0), Constant(0.0), Periodic(300.0), Periodic(0.0), Countdown(1500.0)])
+def test_with_a_clock_in_the_model_actions_are_those_under_this_clock(tmp_path, clock):
+    policy = POLICIES["geometric"]
+    model = session(export_onnx(policy, tmp_path / "policy.onnx", clock))
+    names = {each.name for each in model.get_inputs()}
+    assert names == ({"observation"} if isinstance(clock, Constant) else {"observation", "elapsed"})
+    feed = {"observation": OBSERVATIONS, "elapsed": ELAPSED}
+    (found,) = model.run(None, {name: feed[name] for name in names})
+    np.testing.assert_allclose(found, policy.act(OBSERVATIONS, ELAPSED, clock), rtol=0, atol=1e-6)
+    assert np.abs(found - policy.act(OBSERVATIONS, ELAPSED, Constant(37.0))).max() > 1e-3, "the control"
+
+
+def test_an_embedding_of_somebody_elses_is_exported_too(tmp_path):
+    from dataclasses import dataclass
+    from typing import ClassVar
+
+    from perdure.horizon.embedding import Embedding
+
+    @dataclass(frozen=True)
+    class Reciprocal(Embedding):
+        name: ClassVar[str] = "reciprocal_for_onnx"
+        size: ClassVar[int] = 1
+
+        def __call__(self, elapsed, horizon):
+            phi = 1.0 / (1.0 + (horizon - elapsed) * (horizon > elapsed))
+            return phi[..., None] if hasattr(phi, "ndim") else np.asarray(phi)[..., None]
+
+    policy = with_embedding(Reciprocal())
+    model = session(export_onnx(policy, tmp_path / "policy.onnx"))
+    finite = np.minimum(HORIZONS, 5000)
+    (found,) = model.run(None, {"observation": OBSERVATIONS, "elapsed": ELAPSED, "horizon": finite})
+    np.testing.assert_allclose(found, policy.act_at(OBSERVATIONS, ELAPSED, finite), rtol=0, atol=1e-6)
+
+
+def test_the_model_says_what_it_is_for_and_one_row_is_enough(tmp_path):
+    policy = POLICIES["shipped"]
+    path = export_onnx(policy, tmp_path / "policy.onnx", Constant(500.0))
+    model = session(path)
+    notes = model.get_modelmeta().custom_metadata_map
+    assert notes["perdure.task"] == "Hopper-v3"
+    assert notes["perdure.clock"] == "constant(500)"
+    (one,) = model.run(None, {"observation": OBSERVATIONS[:1]})
+    np.testing.assert_allclose(one, policy.act(OBSERVATIONS[:1], [0.0], Constant(500.0)), atol=1e-6)
+    assert path.read_bytes() == export_onnx(policy, tmp_path / "again.onnx", Constant(500.0)).read_bytes()
+
+
+def test_a_model_that_acts_otherwise_is_not_written(tmp_path, monkeypatch):
+    from perdure.policy.onnx import export
+
+    monkeypatch.setitem(export._ACTIVATIONS, "tanh", lambda graph, x: graph.node("Softsign", x))
+    with pytest.raises(PolicyError, match="differ from the policy's by up to 0"):
+        export_onnx(POLICIES["geometric"], tmp_path / "policy.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_clock_for_a_policy_without_time_is_refused(tmp_path):
+    with pytest.raises(PolicyError, match="no time-to-go input"):
+        export_onnx(POLICIES["plain"], tmp_path / "policy.onnx", Constant(500.0))
+
+
+def test_without_onnx_the_extra_is_named(tmp_path, monkeypatch):
+    from perdure.policy.onnx import model
+
+    monkeypatch.setattr(model, "find_spec", lambda name: None)
+    with pytest.raises(PolicyError, match=r"pip install 'perdure\[onnx\]'"):
+        export_onnx(POLICIES["plain"], tmp_path / "policy.onnx")
+
+
+class TestModelsOfOtherMakers:
+    def made(self, path, nodes, inputs, outputs, constants=(), opsets=(("", 17),)):
+        graph = helper.make_graph(nodes, "theirs", inputs, outputs, list(constants))
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid(*each) for each in opsets], ir_version=8)
+        onnx.save(model, path)
+        return path
+
+    def linear(self, path, batch="batch", extra_inputs=(), **options):
+        """obs (batch, 11), 32 bits, to actions tanh(0.1 obs W), with values as another output before them."""
+        weight = numpy_helper.from_array(np.eye(11, 3, dtype=np.float32), "W")
+        nodes = [
+            helper.make_node("ReduceSum", ["obs"], ["values"]),
+            helper.make_node("MatMul", ["obs", "W"], ["mean"]),
+            helper.make_node("Tanh", ["mean"], ["actions"]),
+        ]
+        observation = helper.make_tensor_value_info("obs", TensorProto.FLOAT, [batch, 11])
+        values = helper.make_tensor_value_info("values", TensorProto.FLOAT, None)
+        actions = helper.make_tensor_value_info("actions", TensorProto.FLOAT, [batch, 3])
+        return self.made(path, nodes, [observation, *extra_inputs], [values, actions], [weight], **options)
+
+    @pytest.mark.parametrize("batch", ["batch", 1, 3])
+    def test_act_whatever_their_batch(self, tmp_path, batch):
+        model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx", batch))
+        np.testing.assert_allclose(model(OBSERVATIONS[:20]), np.tanh(OBSERVATIONS[:20, :3]), atol=1e-6)
+
+    def test_are_evaluated_like_the_same_function(self, tmp_path):
+        path = self.linear(tmp_path / "theirs.onnx")
+        options = {"env": "envpool:Hopper-v4", "steps": 100, "eval_seeds": 3}
+        found = perdure.extrapolate(path, **options).frame
+        same = perdure.extrapolate(OnnxModel.load(path), **options).frame
+        assert found.equals(same)
+        model = OnnxModel.load(path)
+        function = perdure.extrapolate(lambda seen: model(seen), **options).frame
+        assert found["return"].equals(function["return"])
+        assert found["policy"][0] == "theirs"
+
+    def test_a_custom_operator_is_refused_and_nothing_is_loaded(self, tmp_path):
+        node = helper.make_node("Backdoor", ["obs"], ["actions"], domain="evil.ops")
+        info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
+        path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], opsets=(("", 17), ("evil.ops", 1)))
+        with pytest.raises(PolicyFileError, match=r"operators of evil\.ops"):
+            OnnxModel.load(path)
+
+    def test_a_custom_operator_inside_a_branch_is_refused(self, tmp_path):
+        def branch(domain):
+            out = helper.make_tensor_value_info("inner", TensorProto.FLOAT, None)
+            return helper.make_graph([helper.make_node("Identity", ["obs"], ["inner"], domain=domain)], "b", [], [out])
+
+        yes = numpy_helper.from_array(np.array(True), "yes")
+        node = helper.make_node("If", ["yes"], ["actions"], then_branch=branch("evil.ops"), else_branch=branch(""))
+        info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
+        path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], [yes])
+        with pytest.raises(PolicyFileError, match=r"operators of evil\.ops"):
+            OnnxModel.load(path)
+
+    def test_weights_in_another_file_are_refused(self, tmp_path):
+        path = self.linear(tmp_path / "theirs.onnx")
+        model = onnx.load(path)
+        onnx.save(model, path, save_as_external_data=True, location="weights.bin", size_threshold=0)
+        with pytest.raises(PolicyFileError, match="keeps weights in another file"):
+            OnnxModel.load(path)
+
+    @pytest.mark.parametrize("data", [b"", b"a shopping list", b"\x08\x08", bytes(1000)])
+    def test_what_is_no_model_is_refused(self, tmp_path, data):
+        path = tmp_path / "none.onnx"
+        path.write_bytes(data)
+        with pytest.raises(PolicyFileError, match="is not an ONNX model"):
+            OnnxModel.load(path)
+
+    def test_a_cut_or_changed_file_is_refused_or_acts(self, tmp_path):
+        """No mutation may do more than that."""
+        data = self.linear(tmp_path / "theirs.onnx").read_bytes()
+        rng = np.random.default_rng(0)
+        refused = 0
+        for k in range(60):
+            changed = bytearray(data)
+            changed[rng.integers(len(data))] ^= 1 << rng.integers(8)
+            try:
+                OnnxModel(bytes(changed if k % 2 else data[: rng.integers(len(data))]), "changed")(OBSERVATIONS[:2])
+            except PolicyError:
+                refused += 1
+        assert refused > 20
+
+    def test_a_missing_file_a_second_observation_and_a_wrong_size_are_refused(self, tmp_path):
+        with pytest.raises(PolicyFileError, match="there is no file"):
+            OnnxModel.load(tmp_path / "none.onnx")
+        second = helper.make_tensor_value_info("state", TensorProto.FLOAT, [1, 4])
+        with pytest.raises(PolicyFileError, match="has the inputs obs, state; expected are one observation"):
+            OnnxModel.load(self.linear(tmp_path / "two.onnx", extra_inputs=[second]))
+        model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx"))
+        with pytest.raises(PolicyError, match=r"observations of shape \(n, 11\), got \(20, 10\)"):
+            model(OBSERVATIONS[:20, :10])
+
+
+class TestTime:
+    def test_a_model_with_time_as_an_input_is_evaluated_under_clocks(self, tmp_path):
+        policy = replace(POLICIES["geometric"], reference=None)
+        path = export_onnx(policy, tmp_path / "timed.onnx")
+        options = {"env": "Hopper-v3", "steps": 60, "clocks": "constant:300", "eval_seeds": 2}
+        found = perdure.extrapolate(path, training_horizon=1000, **options).frame
+        own = perdure.extrapolate(policy, **options).frame
+        np.testing.assert_allclose(found["return"], own["return"], rtol=1e-3)
+        assert found["clock"].unique().to_list() == ["constant(300)"]
+        with pytest.raises(ExtrapolationError, match="so name clocks"):
+            perdure.extrapolate(path, env="Hopper-v3", steps=60)
+
+    def test_a_clock_for_a_model_without_time_and_a_running_clock_are_refused(self, tmp_path):
+        path = export_onnx(POLICIES["geometric"], tmp_path / "fixed.onnx", Constant(300.0))
+        with pytest.raises(ExtrapolationError, match="takes no clocks"):
+            perdure.extrapolate(path, env="Hopper-v3", steps=60, clocks="constant:100")
+        path = export_onnx(POLICIES["geometric"], tmp_path / "runs.onnx", Periodic(300.0))
+        with pytest.raises(ExtrapolationError, match="a running clock of its own"):
+            perdure.extrapolate(path, env="Hopper-v3", steps=60)

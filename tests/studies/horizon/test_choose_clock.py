@@ -1,0 +1,86 @@
+"""Cross-validation picks the clock worked out by hand; the optimistic choice is biased exactly where there is noise."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from perdure.studies import StudyError
+from perdure.studies.horizon.choose_clock import choose, cross_validated, optimistic, under
+
+
+def runs(returns, kind="constant"):
+    """A table of runs: {C: [return of seed 0, 1, ...]}."""
+    rows = [
+        {
+            "clock": f"{kind}:{c}",
+            "clock_kind": kind,
+            "clock_steps": float(c),
+            "train_seed": seed,
+            "return": float(value),
+        }
+        for c, values in returns.items()
+        for seed, value in enumerate(values)
+    ]
+    return pl.DataFrame(rows)
+
+
+BY_HAND = {100: [9, 0, 0], 200: [2, 2, 2], 300: [0, 3, 3]}
+
+
+def test_each_run_is_left_out_of_its_own_choice():
+    # Without seed 0 the means are 0, 2, 3; without seed 1: 4.5, 2, 1.5; without seed 2 the same.
+    assert cross_validated(runs(BY_HAND)) == {0: "constant:300", 1: "constant:100", 2: "constant:100"}
+
+
+def test_the_optimistic_choice_is_the_highest_mean():
+    assert optimistic(runs(BY_HAND)) == "constant:100"
+
+
+def test_returns_are_those_of_the_test_start_states():
+    test = runs({100: [1, 2, 3], 200: [4, 5, 6], 300: [7, 8, 9]})
+    chosen, best = choose(runs(BY_HAND), test)
+    assert dict(chosen.returns) == {0: 7.0, 1: 2.0, 2: 3.0}
+    assert dict(best.returns) == {0: 7.0, 1: 8.0, 2: 9.0}
+
+
+def test_of_equals_the_least_c_is_taken():
+    assert cross_validated(runs({300: [1, 1], 100: [1, 1]})) == {0: "constant:100", 1: "constant:100"}
+
+
+def test_a_single_run_chooses_for_itself():
+    assert cross_validated(runs({100: [1], 200: [2]})) == {0: "constant:200"}
+
+
+def test_other_kinds_of_clocks_take_no_part():
+    table = pl.concat([runs(BY_HAND), runs({500: [99, 99, 99]}, "periodic")])
+    assert set(cross_validated(table).values()) == {"constant:100", "constant:300"}
+    assert set(cross_validated(table, "periodic").values()) == {"periodic:500"}
+
+
+def test_no_clock_to_choose_among_is_an_error():
+    with pytest.raises(StudyError, match="no periodic clock"):
+        cross_validated(runs(BY_HAND), "periodic")
+
+
+def bias(noise, repeats=200, clocks=11, seeds=5):
+    """Mean of (optimistic - cross-validated) where every C is equally good but for noise."""
+    rng = np.random.default_rng(0)
+
+    def table():
+        return runs({100 * k: 10.0 + noise * rng.normal(size=seeds) for k in range(clocks)})
+
+    found = [[choice.mean for choice in choose(table(), table())] for _ in range(repeats)]
+    return float(np.mean([best - chosen for chosen, best in found]))
+
+
+def test_the_optimistic_choice_flatters_by_the_expected_maximum_of_the_noise():
+    expected_maximum = 1.586  # of 11 standard normal numbers (Harter, 1961)
+    assert bias(1.0) == pytest.approx(expected_maximum / np.sqrt(5), rel=0.15)
+
+
+def test_without_noise_there_is_no_bias():
+    assert bias(0.0, repeats=3) == 0.0
+
+
+def test_runs_without_a_value_are_left_out():
+    assert under(runs({100: [1, 2]}), {0: "constant:100", 7: "constant:100"}) == {0: 1.0}

@@ -1,0 +1,132 @@
+"""Claims are decided as they must be on tables of known answer."""
+
+import math
+
+import pytest
+from known_results import make_results
+
+from perdure.studies import StudyError
+from perdure.studies.horizon.claim import Claim, Condition
+from perdure.studies.horizon.claim_table import claims_frame, claims_text
+from perdure.studies.horizon.decide import decide_claims
+
+TASK = "Hopper-v3"
+PPO, NONE = Condition("ppo"), {seed: 100.0 + seed for seed in range(5)}
+FAR = {seed: 200.0 + seed for seed in range(5)}
+WIDE = {0: 0.0, 1: 50.0, 2: 100.0, 3: 150.0, 4: 220.0}
+
+
+def claim(direction="greater", **parts):
+    settings = {"tasks": (TASK,), "left": Condition("geometric", "constant:500"), "right": PPO} | parts
+    return Claim("x", "a test", "A sentence.", direction=direction, **settings)
+
+
+def decided(tmp_path, left, *claims, right=NONE):
+    results = make_results(tmp_path, {("ppo", "none"): right, ("geometric", "constant:500"): left})
+    return [each.decision for each in decide_claims(claims, results)]
+
+
+@pytest.mark.parametrize(
+    ("left", "direction", "margin", "expected"),
+    [
+        (FAR, "greater", 0.0, "supported"),
+        (FAR, "less", 0.0, "contradicted"),
+        (FAR, "not less", 0.0, "supported"),
+        (FAR, "differs", 0.0, "supported"),
+        (FAR, "same", 0.1, "contradicted"),
+        (FAR, "greater", 2.0, "contradicted"),  # it is greater by 98 %, not by more than 200 %
+        (WIDE, "greater", 0.0, "undecided"),
+        (WIDE, "differs", 0.0, "undecided"),
+        (WIDE, "same", 0.1, "undecided"),
+        (NONE, "same", 0.1, "supported"),
+        (NONE, "not less", 0.1, "supported"),
+        (NONE, "differs", 0.1, "contradicted"),
+    ],
+)
+def test_decisions(tmp_path, left, direction, margin, expected):
+    assert decided(tmp_path, left, claim(direction, margin=margin)) == [expected]
+
+
+def test_a_share_of_falls_is_compared_with_a_number(tmp_path):
+    fallen = dict.fromkeys(range(5))
+    right = 0.5
+    claims = [claim(way, right=right, measure="failed share", margin=0.1) for way in ("greater", "less")]
+    assert decided(tmp_path, fallen, *claims) == ["supported", "contradicted"]
+
+
+def test_clocks_of_one_training_run_are_paired(tmp_path):
+    together = {("geometric", "constant:100"): {s: 100.0 * s for s in range(5)}}
+    together[("geometric", "constant:500")] = {s: 100.0 * s + 5.0 + 0.1 * s for s in range(5)}
+    results = make_results(tmp_path, together)
+    one = claim(right=Condition("geometric", "constant:100"))
+    (found,) = decide_claims([one], results)
+    assert found.decision == "supported"
+    assert found.tasks[0].difference.method == "paired t"
+
+
+def test_what_is_not_evaluated_decides_nothing(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): NONE})
+    (found,) = decide_claims([claim()], results)
+    assert (found.decision, found.after_holm) == ("not evaluated", "not evaluated")
+    assert "its evaluation" in claims_text([found])
+
+
+def test_each_any_and_mean_over_tasks(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR})
+    tasks = (TASK, "Ant-v3")
+    found = decide_claims([claim(tasks=tasks), claim(tasks=tasks, over="any"), claim(over="mean")], results)
+    assert [each.decision for each in found] == ["undecided", "supported", "supported"]
+    assert found[2].pooled.estimate == pytest.approx(100.0 / 102.0)
+
+
+def test_holm_counts_all_comparisons(tmp_path):
+    """One comparison with p = 0.03 stands alone, and falls among many."""
+    left = {0: 106.0, 1: 105.0, 2: 110.0, 3: 102.0, 4: 113.0}
+    right = {0: 100.0, 1: 103.0, 2: 99.0, 3: 98.0, 4: 104.0}
+    results = make_results(tmp_path, {("ppo", "none"): right, ("geometric", "constant:500"): left})
+    (alone,) = decide_claims([claim()], results)
+    assert 0.02 < alone.tasks[0].p < 0.05
+    assert alone.after_holm == "supported"
+    among = decide_claims([claim()] * 5, results)
+    assert {each.decision for each in among} == {"supported"}
+    assert {each.after_holm for each in among} == {"undecided"}
+
+
+def test_the_page_says_how_many_runs_would_decide(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): WIDE})
+    found = decide_claims([claim()], results)
+    difference = found[0].tasks[0].difference
+    needed = math.ceil(5 * (difference.half / difference.estimate) ** 2)
+    assert f"about {needed:,} training runs a side" in claims_text(found)
+    assert claims_frame(found)["decision"].to_list() == ["undecided"]
+
+
+def test_the_chosen_clock_is_used_for_each_run(tmp_path):
+    clocks = {
+        ("geometric", "constant:100"): {0: 1.0, 1: 9.0, 2: 9.0},
+        ("geometric", "constant:200"): {0: 5.0, 1: 4.0, 2: 4.0},
+    }
+    results = make_results(tmp_path, clocks)
+    # Without seed 0 constant:100 is best (9 against 4); without seed 1 or 2 too (5 against 4.5).
+    assert results.values(TASK, Condition("geometric", "chosen")) == {0: 1.0, 1: 9.0, 2: 9.0}
+    assert results.values(TASK, Condition("geometric", "best")) == {0: 1.0, 1: 9.0, 2: 9.0}
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"direction": "greter"}, "did you mean 'greater'"),
+        ({"measure": "returns"}, "did you mean 'return'"),
+        ({"tasks": ()}, "tasks is empty"),
+        ({"margin": -1.0}, "margin is -1.0"),
+        ({"right_tasks": ("a", "b")}, "2 right_tasks for 1 tasks"),
+    ],
+)
+def test_a_claim_that_makes_no_sense_is_refused(parts, message):
+    with pytest.raises(StudyError, match=message):
+        claim(**parts)
+
+
+def test_an_unknown_rule_is_refused():
+    with pytest.raises(StudyError, match="did you mean 'chosen'"):
+        Condition("geometric", "choosen")

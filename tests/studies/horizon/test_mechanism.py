@@ -1,0 +1,115 @@
+"""Mechanism measures against numbers worked out by hand, and policies whose dependence on the time is known."""
+
+import numpy as np
+import pytest
+from tiny_study import pendulum_policy
+
+from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Uniform
+from perdure.studies.horizon.mechanism_actions import action_changes
+from perdure.studies.horizon.mechanism_rewards import fall_rate, rewards_to_go
+from perdure.studies.horizon.mechanism_values import has_target, returns_to_go, tail_steps, value_measures
+from perdure.studies.horizon.rollouts import Rollout, draw_horizons, roll_out
+
+GEOMETRIC = Geometric(2)  # phi = (0.99^(T-t), 1)
+
+
+def protocol(end="terminated", gamma=1.0, horizon=None, embedding=GEOMETRIC):
+    return HorizonProtocol(embedding, horizon or Fixed(4), end, gamma, 1.0)
+
+
+def timed_policy(**parts):
+    return pendulum_policy(protocol(**parts), Constant(500.0))
+
+
+def rollout(rewards, lengths, fell):
+    rewards = np.asarray(rewards, float).T
+    return Rollout(np.zeros((*rewards.shape, 4)), rewards, np.array(lengths), np.array(fell))
+
+
+TWO = rollout([[1, 2, 3, 4, 5], [1, 1, 0, 0, 0]], [5, 2], [False, True])
+HORIZONS = np.array([4, 4])
+
+
+def test_returns_to_go_end_at_the_horizon_where_it_terminates():
+    found = returns_to_go(timed_policy(), TWO, HORIZONS)
+    assert found[:, 0].tolist() == [10, 9, 7, 4, 0]
+    assert found[:, 1].tolist() == [2, 1, 0, 0, 0]
+
+
+def test_returns_to_go_are_discounted_and_go_on_where_it_is_bootstrapped():
+    found = returns_to_go(timed_policy(end="truncated", gamma=0.5), TWO, HORIZONS)
+    assert found[:, 0].tolist() == [1 + 1 + 0.75 + 0.5 + 5 / 16, 2 + 1.5 + 1 + 5 / 8, 3 + 2 + 5 / 4, 4 + 2.5, 5]
+
+
+def test_rewards_and_falls_are_counted_within_the_horizon():
+    table = rewards_to_go(TWO, HORIZONS)
+    assert table.to_dict(as_series=False) == {"steps to go": [50], "reward": [12 / 6], "steps": [6], "falls": [1]}
+    assert fall_rate(TWO, HORIZONS) == pytest.approx(1000 / 6)
+
+
+def test_steps_to_go_are_counted_in_bins_of_fifty():
+    long = rollout([np.arange(120.0)], [120], [False])
+    table = rewards_to_go(long, np.array([101]))
+    assert table["steps to go"].to_list() == [50, 100, 150]
+    assert table["steps"].to_list() == [50, 50, 1]
+    assert table["reward"].to_list() == [np.arange(51, 101).mean(), np.arange(1, 51).mean(), 0.0]
+
+
+def test_a_critic_that_is_right_leaves_no_error():
+    """One step pays 1 as long as nobody falls, so the value is the steps to go; phi = 0.99^(steps to go) is not it."""
+    right = rollout([np.ones(4)] * 2, [4, 4], [False, False])
+    policy = timed_policy()
+    wrong = value_measures(policy, right, HORIZONS)
+    # The critic says 0: the error is that of the returns 4, 3, 2, 1 themselves, and nothing of their variance is gone.
+    assert wrong["value error"] == pytest.approx(np.sqrt(7.5) / np.sqrt(1.25))
+    assert wrong["value variance"] == pytest.approx(1.0)
+
+
+def test_a_constant_critic_explains_no_variance_but_may_have_less_error():
+    right = rollout([np.ones(4)] * 2, [4, 4], [False, False])
+    constant = pendulum_policy(protocol(), Constant(500.0), value=(0.0, 2.5))
+    found = value_measures(constant, right, HORIZONS)
+    assert found["value error"] == pytest.approx(1.0)
+    assert found["value variance"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [({}, True), ({"end": "truncated", "gamma": 0.9}, True), ({"end": "truncated", "gamma": 1.0}, False)],
+)
+def test_an_undiscounted_bootstrapped_value_has_nothing_to_compare(parts, expected):
+    assert has_target(timed_policy(**parts)) is expected
+
+
+def test_the_tail_is_as_long_as_rewards_count():
+    assert tail_steps(timed_policy(end="truncated", gamma=0.9)) == 44  # 0.9^44 = 0.0097
+    assert tail_steps(timed_policy(end="truncated", gamma=0.9999)) == 1000
+    assert tail_steps(timed_policy()) == 0
+
+
+def test_horizons_cover_their_distribution_evenly():
+    assert draw_horizons(timed_policy(horizon=Uniform(200, 1000)), 8).tolist() == [250 + 100 * k for k in range(8)]
+
+
+@pytest.fixture(scope="module")
+def visited():
+    return roll_out(timed_policy(), [Constant(500.0)] * 3, 50)
+
+
+def test_a_policy_without_weights_on_phi_does_not_depend_on_it(visited):
+    assert action_changes(timed_policy(), visited)["change"].to_list() == [0.0] * 11
+
+
+def test_the_change_of_the_action_is_that_of_phi(visited):
+    """The controller adds 0.6 * 0.99^C to its action, in a box 6 wide."""
+    changes = action_changes(pendulum_policy(protocol(), Constant(500.0), push=(0.6,)), visited)
+    for c, change in changes.iter_rows():
+        assert change == pytest.approx(0.1 * abs(0.99**c - 0.99**500), rel=1e-4, abs=1e-8)
+
+
+def test_a_rollout_counts_the_steps_it_made():
+    falling = pendulum_policy(protocol(), Constant(500.0), push=(0.0, 30.0))
+    found = roll_out(falling, [Constant(500.0)] * 2, 300)
+    assert found.fell.all()
+    assert found.lane_steps == found.made.sum() < 300
+    assert np.isnan(found.observations[-1]).all()

@@ -1,0 +1,68 @@
+"""Differences agree with SciPy's tests; Holm's method with a worked example."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from perdure.studies.comparison import compare_paired, compare_unpaired, compare_with, holm
+
+
+@pytest.fixture
+def groups():
+    rng = np.random.default_rng(3)
+    return rng.normal(1.0, 1.0, 5), rng.normal(0.0, 3.0, 9)
+
+
+def test_unpaired_is_welch(groups):
+    found, reference = compare_unpaired(*groups), stats.ttest_ind(*groups, equal_var=False)
+    interval = reference.confidence_interval(0.95)
+    assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
+    assert found.p() == pytest.approx(reference.pvalue)
+    assert found.count == "5 against 9"
+
+
+def test_paired_is_student_over_differences_of_common_runs(groups):
+    left, right = dict(enumerate(groups[0])), dict(enumerate(groups[1]))
+    found, reference = compare_paired(left, right), stats.ttest_rel(groups[0], groups[1][:5])
+    interval = reference.confidence_interval(0.95)
+    assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
+    assert found.p() == pytest.approx(reference.pvalue)
+
+
+def test_pairing_narrows_the_interval_of_runs_that_vary_together():
+    runs = {seed: 10.0 * seed for seed in range(5)}
+    better = {seed: value + 1.0 + 0.01 * seed for seed, value in runs.items()}
+    assert compare_paired(better, runs).lower > 0.0
+    assert compare_unpaired(list(better.values()), list(runs.values())).lower < 0.0
+
+
+def test_against_a_number_is_student(groups):
+    found, reference = compare_with(list(groups[1]), 0.5), stats.ttest_1samp(groups[1], 0.5)
+    assert found.p() == pytest.approx(reference.pvalue)
+
+
+def test_p_of_another_threshold(groups):
+    reference = stats.ttest_ind(groups[0] - 2.0, groups[1], equal_var=False)
+    assert compare_unpaired(*groups).p(2.0) == pytest.approx(reference.pvalue)
+
+
+def test_improvement_is_the_share_of_pairs():
+    assert compare_unpaired([1.0, 3.0], [0.0, 3.0]).improvement == pytest.approx((1 + 0 + 1 + 0.5) / 4)
+
+
+def test_no_spread_has_the_p_value_of_the_permutation_test():
+    found = compare_unpaired([1.0] * 3, [0.0] * 3)
+    assert (found.lower, found.upper) == (1.0, 1.0)
+    assert found.p() == pytest.approx(2 / 20)  # 2 of the 20 ways to choose 3 of 6 are as extreme
+
+
+def test_one_run_gives_no_interval():
+    found = compare_unpaired([1.0], [0.0, 2.0])
+    assert math.isnan(found.lower)
+    assert math.isnan(found.p())
+
+
+def test_holm():
+    assert holm([0.01, 0.04, math.nan, 0.03, 0.005]) == pytest.approx([0.03, 0.06, math.nan, 0.06, 0.02], nan_ok=True)
