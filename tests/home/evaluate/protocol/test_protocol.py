@@ -46,13 +46,13 @@ def test_units_cover_every_episode_of_every_seed_once():
 
 def test_what_was_run_is_not_run_again(tmp_path):
     protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
-    told = []
-    first = run_protocol(protocol, tmp_path, observe=told.append, command="asked by a test")
+    seen = []
+    first = run_protocol(protocol, tmp_path, observe=seen.append, command="asked by a test")
     _say_other_source_made(first[0].parent)
     with pytest.warns(OtherSourceWarning, match="1 of 1"):
         second = run_protocol(protocol, tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))
     assert first == second
-    (progress,) = told[-1].values()
+    (progress,) = seen[-1].values()
     assert (progress.state, progress.done) == ("finished", 1)
     (record,) = read_logs(first[0])
     assert record.index == 0
@@ -88,10 +88,10 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
     monkeypatch.setattr("perdure.home.evaluate.protocol.units.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
     protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
-    told = []
+    seen = []
     alone = run_protocol(protocol, tmp_path / "alone")
-    together = run_protocol(protocol, tmp_path / "together", on="local", cores=2, observe=told.append)
-    assert [each.state for each in told[-1].values()] == ["finished"] * 2
+    together = run_protocol(protocol, tmp_path / "together", on="local", cores=2, observe=seen.append)
+    assert [each.state for each in seen[-1].values()] == ["finished"] * 2
     assert [path.read_bytes() for path in together] == [path.read_bytes() for path in alone]
 
 

@@ -15,9 +15,8 @@ from typing import Any, cast
 from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import Quaternion, Vec3
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.objects.kinds import Vec3
-from perdure.home.sim.objects.placement import Quaternion
 
 SCHEMA, VERSION = "perdure.home.episodes", 1
 DATA = Path(__file__).parent / "data"
@@ -38,7 +37,7 @@ def load_episodes(task: str, split: str) -> EpisodeSet:
 
 
 def read_episodes(path: str | Path) -> EpisodeSet:
-    """Reads a file of episodes; HomeError with its name when it is not one, damaged, edited or of another version."""
+    """Read a file of episodes; HomeError with its name when it is not one, damaged, edited or of another version."""
     path = Path(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -57,7 +56,7 @@ def read_episodes(path: str | Path) -> EpisodeSet:
 
 
 def write_episodes(path: str | Path, episodes: EpisodeSet) -> None:
-    """Writes a file of episodes, whole or not at all."""
+    """Write a file of episodes, whole or not at all."""
     path = Path(path)
     content = _to_json(episodes)
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in content["episodes"])
@@ -76,7 +75,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _to_json(episodes: EpisodeSet) -> dict[str, Any]:
-    """Names of kinds and receptacles once, then numbers: one object is [kind, x, y, z, qw, qx, qy, qz, receptacle]."""
+    """Return JSON values: names once, and each object as [kind, x, y, z, qw, qx, qy, qz, receptacle]."""
     everything = [p for e in episodes.episodes for p in (*e.objects, *e.goals)]
     kinds = sorted({p.kind for p in everything})
     receptacles = sorted({p.receptacle for p in everything})

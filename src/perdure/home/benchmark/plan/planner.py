@@ -23,7 +23,7 @@ _NO_SKILL = "next_target"
 
 
 def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
-    """The shortest sequence of skills that solves a task, `reset_arm` after each.
+    """Return the shortest sequence of skills that solves a task, `reset_arm` after each.
 
     Args:
         task: A task, the name of one, or an episode.
@@ -47,17 +47,17 @@ def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
 
 
 def domain_pddl() -> str:
-    """The planning domain as PDDL text: predicates and actions shared by all tasks."""
+    """Return the planning domain as PDDL text: predicates and actions shared by all tasks."""
     return files(__package__).joinpath("domain.pddl").read_text(encoding="utf-8")
 
 
 def problem_pddl(task: HomeTask | Episode | str) -> str:
-    """The planning problem of a task or an episode as PDDL text; HomeError as in `plan_problem`."""
+    """Return the planning problem of a task or an episode as PDDL text; HomeError as in `plan_problem`."""
     return plan_problem(task).pddl
 
 
 def _search(problem: PlanProblem) -> list[tuple[str, str]] | None:
-    """Name and first argument of each action of a shortest plan, None when there is no plan."""
+    """Return name and first argument of each action of a shortest plan, None when there is no plan."""
     planning = _planning()
     environment = planning["environment"].Environment()
     environment.credits_stream = None  # it would print the planner's credits on every use
@@ -70,7 +70,7 @@ def _search(problem: PlanProblem) -> list[tuple[str, str]] | None:
 
 
 def _planning() -> dict[str, Any]:
-    """The modules of unified-planning that are used; HomeError when it or pyperplan is not installed."""
+    """Return the modules of unified-planning that are used; HomeError when it or pyperplan is not installed."""
     try:
         import_module("up_pyperplan")
         return {name: import_module(f"unified_planning.{name}") for name in ("environment", "io")}

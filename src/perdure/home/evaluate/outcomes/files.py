@@ -1,4 +1,4 @@
-"""Logs on disk: one Parquet file per run, written whole; a damaged, foreign or contradictory one is refused by name."""
+"""Log files: Parquet, written whole; a damaged, foreign or contradictory file is refused by name."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
-    """Reads a file of logs.
+    """Read a file of logs.
 
     Raises:
         HomeError: If it is missing, no Parquet file, of another schema or version, damaged, or contradicts itself.
@@ -83,7 +83,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
 
 
 def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What the writer of a file of logs added to it: `notes` of `write_logs`, such as `command`.
+    """Return the notes that the writer added to a log file, such as `command`.
 
     Raises:
         HomeError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
@@ -92,7 +92,7 @@ def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
-    """Who acted in each skill: the note `policies`, a JSON object, or None where it is missing.
+    """Return the policy of each skill from the note `policies`, a JSON object; None where it is missing.
 
     Raises:
         HomeError: If it is something else.
@@ -109,7 +109,7 @@ def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
 
 
 def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
-    """How often each outcome of a release strategy came: the note `hand_overs`, empty where it is missing.
+    """Return the count of each hand-over outcome from the note `hand_overs`; empty where it is missing.
 
     Raises:
         HomeError: If it is something else than a JSON object of counts.
@@ -183,7 +183,7 @@ def _digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
 
 
 def _feed(digest: Any, series: pl.Series) -> None:
-    """Feeds a column, however deep it is nested: the lengths of its lists, then what is in them."""
+    """Feed a column, however deep it is nested: the lengths of its lists, then what is in them."""
     import polars as pl
 
     digest.update(f"{len(series)} {series.null_count()}".encode())

@@ -91,14 +91,14 @@ def columns(version: str = SCHEMA_VERSION) -> dict[str, pl.DataType]:
 
 
 def to_frame(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """Records as a table of the schema."""
+    """Return records as a table of the schema."""
     import polars as pl
 
     return pl.DataFrame([_to_row(record) for record in records], schema=columns())
 
 
 def from_frame(frame: pl.DataFrame) -> list[EpisodeLog]:
-    """Records from a table of the schema; HomeError where one contradicts itself."""
+    """Return records from a table of the schema; HomeError where one contradicts itself."""
     return [_from_row(row) for row in frame.iter_rows(named=True)]
 
 
