@@ -25,6 +25,8 @@ PROBES = 4
 """Random rows that a tile is tried with."""
 
 ACTIVATIONS = ("relu", "tanh")
+LARGEST_INPUT = 1e6
+"""Inputs whose size is at most this never make a network overflow."""
 
 Float32Array = NDArray[np.float32]
 Weights = Mapping[str, NDArray[np.floating[Any]]]
@@ -70,6 +72,25 @@ class Perceptron:
                     f"{bias.shape}, which fit neither each other nor the layer before"
                 )
             given = weight.shape[1]
+        if not all(size for weight, _ in self._layers for size in weight.shape):
+            raise PolicyError(f"the {name} network has a layer without a neuron")
+        if not self._largest_output() < float(np.finfo(np.float32).max):
+            raise PolicyError(
+                f"the {name} network has weights that are not finite, or so large that a sum could overflow"
+            )
+
+    def _largest_output(self) -> float:
+        """Return a bound on the size of every sum in the network, over all inputs up to LARGEST_INPUT.
+
+        It is infinite or nan if a weight is.
+        """
+        bound = largest = LARGEST_INPUT
+        for weight, bias in self._layers:
+            sums = bound * np.abs(weight).sum(axis=0, dtype=np.float64) + np.abs(bias, dtype=np.float64)
+            bound = float(sums.max())
+            largest = float(np.maximum(largest, bound))
+            bound = bound if self._rectify else 1.0
+        return largest
 
     @property
     def input_size(self) -> int:

@@ -1,0 +1,37 @@
+"""A declared table checked over the columns of a Polars frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+from perdure.schema.errors import SchemaError
+from perdure.schema.kinds import ColumnKind, Table, refuse
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+def check_columns(frame: pl.DataFrame, table: Table) -> None:
+    """Check every row of a frame whose columns have the right types already.
+
+    Raises:
+        SchemaError: With the first row that does not fit, counted from 0.
+    """
+    import polars as pl
+
+    for name, kind in table.fields.items():
+        declared = cast(ColumnKind, kind)
+        if frame[name].null_count():
+            raise SchemaError(f"it has missing values in column {name!r}")
+        row = _first(frame, declared.misfits(pl.col(name)))
+        if row is not None:
+            raise refuse(f"row {row}: {name}", frame[name][row], declared.allowed)
+    for rule in table.rules:
+        row = _first(frame, rule.broken(pl.col))
+        if row is not None:
+            raise SchemaError(f"row {row}: {rule.sentence}")
+
+
+def _first(frame: pl.DataFrame, wrong: Any) -> int | None:
+    found = frame.select(wrong.arg_max().alias("row"), wrong.any().alias("any")).row(0)
+    return int(found[0]) if found[1] else None
