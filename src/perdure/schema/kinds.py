@@ -16,9 +16,12 @@ import numpy as np
 from perdure.schema.errors import SchemaError
 from perdure.schema.text import UNSEEN
 
+LONGEST_TEXT = 100_000
 LARGEST = 1e100
 """Numbers are smaller than this, so that their squares are numbers too."""
 _SHOWN = 60
+_MANY = 40
+"""Numbers from which on an array is quicker than a loop."""
 
 
 class Kind(Protocol):
@@ -218,7 +221,7 @@ class Items:
             raise refuse(where, value, "a list")
         if not self.shortest <= len(value) <= self.longest:
             raise SchemaError(f"{where} must hold {self.shortest} to {self.longest} values, not {len(value)}")
-        if isinstance(self.kind, Real):
+        if isinstance(self.kind, Real) and len(value) > _MANY:
             self.kind.check_many(value, where)
             return
         for number, item in enumerate(value):
@@ -275,15 +278,21 @@ class Anything:
 
     def check(self, value: Any, where: str) -> None:
         """See `Kind.check`."""
-        if self.depth < 1:
-            raise SchemaError(f"{where} is nested too deep")
-        inner = Anything(self.depth - 1)
-        if isinstance(value, Mapping):
-            for name, item in value.items():
-                Text(lines=True).check(name, where)
-                inner.check(item, where)
-        elif isinstance(value, list | tuple):
-            for item in value:
-                inner.check(item, where)
-        elif not isinstance(value, str | int | float | bool | None):
-            raise refuse(where, value, "a JSON value")
+        level = [value]
+        for _ in range(self.depth + 1):
+            texts = [name for each in level if isinstance(each, Mapping) for name in each]
+            texts += [each for each in level if isinstance(each, str)]
+            if not all(isinstance(text, str) and len(text) <= LONGEST_TEXT for text in texts):
+                raise SchemaError(f"{where} holds a text of more than {LONGEST_TEXT} characters")
+            odd = [each for each in level if not isinstance(each, str | int | float | list | tuple | Mapping | None)]
+            if odd:
+                raise refuse(where, odd[0], "a JSON value")
+            parts = [each.values() if isinstance(each, Mapping) else each for each in level if _has_parts(each)]
+            level = [part for each in parts for part in each]
+            if not level:
+                return
+        raise SchemaError(f"{where} is nested too deep")
+
+
+def _has_parts(value: Any) -> bool:
+    return isinstance(value, Mapping | list | tuple)
