@@ -49,7 +49,9 @@ from pathlib import Path
 import polars as pl
 
 from perdure.report.errors import ReportError
+from perdure.report.fields import NOTES, ROW
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, check_columns
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "2"
@@ -90,10 +92,6 @@ _COLUMNS_1: dict[str, type[pl.DataType]] = {
     "last_tenth": pl.Float64,
 }
 LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
-END_REASONS = ("survived", "terminated", "truncated", "diverged")
-POLICY_STATES = ("worked", "never worked", "cannot tell")
-OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
-VALUES = {"end_reason": END_REASONS, "policy_state": POLICY_STATES, "outcome": OUTCOMES}
 _RESERVED = ("schema", "version", "sha256", "seal")
 _SEAL = b"perdure-seal-"
 _UNSEALED = _SEAL + 64 * b"0"
@@ -199,17 +197,10 @@ def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _check_values(frame: pl.DataFrame, name: str) -> None:
-    empty = [column for column in COLUMNS if frame[column].null_count()]
-    if empty:
-        raise ReportError(f"{name} has missing values in {empty}.")
-    for column, known in VALUES.items():
-        odd = sorted(set(frame[column].unique()) - set(known))
-        if odd:
-            raise ReportError(f"{name} has {odd} in column {column!r}; known are {', '.join(known)}.")
-    beyond = frame.filter((pl.col("step") < 1) | (pl.col("step") > pl.col("test_horizon")))
-    if not beyond.is_empty():
-        step, last = beyond["step"][0], beyond["test_horizon"][0]
-        raise ReportError(f"{name} has the checkpoint step {step}; steps are between 1 and the test horizon {last}.")
+    try:
+        check_columns(frame, ROW)
+    except SchemaError as error:
+        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
 
 
 def _check_lanes(frame: pl.DataFrame, name: str) -> None:
@@ -243,6 +234,10 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ReportError(f"{path} is a damaged Parquet file: {reason}") from error
+    try:
+        NOTES.check(notes)
+    except SchemaError as error:
+        raise ReportError(f"{path} has metadata that cannot be read: {error}.") from None
     return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
 
 
@@ -265,7 +260,7 @@ def _digest(frame: pl.DataFrame, notes: Mapping[str, str], columns: Mapping[str,
         if kind is pl.String:
             runs = series.rle().struct.unnest()  # labels repeat over thousands of rows
             digest.update(runs["len"].cast(pl.Int64).to_numpy().tobytes())
-            digest.update("\0".join(runs["value"].to_list()).encode())
+            digest.update("\0".join(map(str, runs["value"].to_list())).encode())
         else:
             digest.update(series.to_numpy().tobytes())
     return digest.hexdigest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute.log import EpisodeLog
 from perdure.home.evaluate.outcomes.convert import record_of
+from perdure.home.evaluate.outcomes.fields import HAND_OVERS, NOTES, POLICIES, ROW
 from perdure.home.evaluate.outcomes.records import EpisodeRecord
 from perdure.home.evaluate.outcomes.schema import (
     READABLE_VERSIONS,
@@ -23,6 +23,7 @@ from perdure.home.evaluate.outcomes.schema import (
     to_frame,
 )
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, Table, read_json
 
 if TYPE_CHECKING:
     import polars as pl
@@ -53,6 +54,11 @@ def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord]
     if reserved:
         raise HomeError(f"run says {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
     frame = to_frame(records)
+    try:
+        for row in frame.iter_rows(named=True):
+            ROW.check(row)
+    except SchemaError as error:
+        raise HomeError(f"the records for {os.fspath(path)} cannot be written: {error}") from None
     notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **run}
     notes["sha256"] = _digest(frame, notes)
     # The columns' bytes do not depend on the metadata, which stands behind them: written once to know their digest.
@@ -84,7 +90,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:
     try:
         records = from_frame(frame)
         check_distinct(records, "it")
-    except (HomeError, TypeError, ValueError, IndexError) as error:
+    except (HomeError, SchemaError) as error:
         raise HomeError(f"{path} does not hold what a file of logs must hold: {error}") from error
     return records
 
@@ -104,15 +110,7 @@ def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
     Raises:
         HomeError: If it is something else.
     """
-    if "policies" not in notes:
-        return None
-    try:
-        names = json.loads(notes["policies"])
-    except ValueError:
-        names = None
-    if not isinstance(names, dict):
-        raise HomeError(f"the note policies of logs must be a JSON object, skill to name, not {notes['policies']!r}")
-    return {skill: str(name) for skill, name in names.items()}
+    return _note(notes, "policies", POLICIES) if "policies" in notes else None
 
 
 def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
@@ -121,15 +119,16 @@ def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
     Raises:
         HomeError: If it is something else than a JSON object of counts.
     """
+    return _note(notes, "hand_overs", HAND_OVERS) if "hand_overs" in notes else {}
+
+
+def _note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any]:
     try:
-        counts = json.loads(notes.get("hand_overs", "{}"))
-    except ValueError:
-        counts = None
-    if not isinstance(counts, dict) or not all(type(count) is int and count >= 0 for count in counts.values()):
-        raise HomeError(
-            f"the note hand_overs of logs must be a JSON object, outcome to count, not {notes['hand_overs']!r}"
-        )
-    return {str(outcome): count for outcome, count in counts.items()}
+        value = read_json(notes[name])
+        table.check(value)
+    except SchemaError as error:
+        raise HomeError(f"the note {name} of logs cannot be read: {error}") from None
+    return dict(value)
 
 
 def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
@@ -161,6 +160,10 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
+    try:
+        NOTES.check(notes)
+    except SchemaError as error:
+        raise HomeError(f"{path} has notes that cannot be read: {error}") from None
     return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
 
 

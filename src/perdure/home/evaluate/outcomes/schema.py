@@ -45,6 +45,7 @@ import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes.counting import stabilizing, stage_steps, stages_stabilizing
+from perdure.home.evaluate.outcomes.fields import ROW
 from perdure.home.evaluate.outcomes.records import EpisodeRecord, Event, FinalObject, Release, Run, Target, Track
 
 if TYPE_CHECKING:
@@ -93,7 +94,12 @@ def to_frame(records: Sequence[EpisodeRecord]) -> pl.DataFrame:
 
 
 def from_frame(frame: pl.DataFrame) -> list[EpisodeRecord]:
-    """Records from a table of the schema; HomeError where one contradicts itself."""
+    """Return records from a table of the schema.
+
+    Raises:
+        SchemaError: A value is out of its range, see `fields.py`.
+        HomeError: A record contradicts itself.
+    """
     return [_from_row(row) for row in frame.iter_rows(named=True)]
 
 
@@ -141,6 +147,7 @@ def _release_row(release: Release) -> dict[str, Any]:
 
 
 def _from_row(row: Mapping[str, Any]) -> EpisodeRecord:
+    ROW.check(row)
     record = EpisodeRecord(
         **{name: row[name] for name in _PLAIN},
         diverged=row["diverged"],
@@ -151,7 +158,7 @@ def _from_row(row: Mapping[str, Any]) -> EpisodeRecord:
         runs=tuple(Run(**run) for run in row["runs"]),
         events=tuple(Event(**{**event, "in_goal": tuple(event["in_goal"])}) for event in row["events"]),
         releases=tuple(_release(release) for release in row["releases"]),
-        final_objects=tuple(_final_object(each) for each in row.get("final_objects", ())),
+        final_objects=tuple(_final_object(each) for each in (row.get("final_objects") or ())),
     )
     if row["stages"] != _stages(record):
         raise HomeError(f"{record.name}: its stages do not follow from its events")
