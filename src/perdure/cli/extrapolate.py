@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import tyro
 
 from perdure.cli.parse import parse
 from perdure.cli.report import write_and_show
+from perdure.cli.terminal import command_line
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def main(args: list[str]) -> None:
         max_lanes=flags.max_lanes,
         modules=flags.modules,
     )
-    command = shlex.join(["perdure", "extrapolate", *args])
+    command = command_line("perdure", "extrapolate", *args)
     with show_progress("extrapolate", "steps") as observe:
         result = evaluate(
             evaluation,

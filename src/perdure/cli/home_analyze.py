@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from perdure.cli.parse import check_folder, log_files, parse
+from perdure.cli.terminal import command_line
 from perdure.report.render import Format
 
 
@@ -37,7 +37,7 @@ def main(args: list[str]) -> None:
     analysis = analyze(records)
     page = None
     if flags.out is not None:
-        page = write_page(analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), cast, flags.formats)
+        page = write_page(analysis, flags.out, command_line("perdure", "home", "analyze", *args), cast, flags.formats)
     print(analysis.summary())
     if page is not None:
         print(f"\nReport: {page.resolve()}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from perdure.cli.parse import check_folder, parse, policies
+from perdure.cli.terminal import command_line
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.protocol import Protocol
@@ -89,7 +89,7 @@ def main(args: list[str]) -> None:
     protocol = make_protocol(flags)
     for train_seed in range(flags.train_seeds):  # a missing file is found out before there is a progress bar
         protocol.cast(train_seed)
-    command = shlex.join(["perdure", "home", "run", *args])
+    command = command_line("perdure", "home", "run", *args)
     with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
         paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
     records, cast = read_cast(paths)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -20,7 +21,19 @@ from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import clock_from_json
 from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
-from perdure.runs import Observer, Store, StoreError, Unit, Work, config_digest, core_count, make_workers, run_units
+from perdure.runs import (
+    Observer,
+    Store,
+    StoreError,
+    Unit,
+    Work,
+    config_digest,
+    core_count,
+    make_workers,
+    run_units,
+    write_result,
+)
+from perdure.schema import printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -71,6 +84,10 @@ def extrapolate(
     Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
     lanes = _plan(evaluation, policies)
     digests = [_digest(path) for path in evaluation.policies]
+    for number, (path, digest) in enumerate(zip(evaluation.policies, digests, strict=True)):
+        if digest in digests[:number]:
+            first = evaluation.policies[digests.index(digest)]
+            raise ExtrapolationError(f"{first} and {path} hold the same policy: name one of them")
     store = Store(out)
     with store.exclusive("extrapolate", waiting):
         finished = _finished(store, evaluation.steps)
@@ -94,12 +111,12 @@ def extrapolate(
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
     """Return a short name for each policy: its method and preset, and what else tells it from the others."""
-    labels = [_method_label(policy, path.stem) for path, policy in zip(paths, policies, strict=True)]
+    labels = [_method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
     seeds = [policy.provenance.get("seed") for policy in policies]
     by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
     if len(by_run) == len(labels):
         return labels
-    return [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
+    return [printable(f"{label} ({path.parent.name}/{path.stem})") for label, path in zip(labels, paths, strict=True)]
 
 
 def _method_label(policy: Policy, default: str) -> str:
@@ -217,6 +234,8 @@ def _score_scales(store: Store, policies: Sequence[Policy], digests: Sequence[st
 
 def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[Sequence[Any]], steps: int) -> None:
     """Evaluate a group of lanes and leave its table in the work folder; the function of an evaluation's units."""
+    if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
+        return
     used = list(dict.fromkeys(digest for digest, _, _ in lanes))
     for digest in used:
         if _digest(Path(policies[digest])) != digest:
@@ -231,7 +250,9 @@ def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[S
         work.report(step * living + steps * (len(specs) - living), steps * len(specs))  # ended lanes need no more steps
 
     records = evaluate_lanes(loaded, specs, steps, progress)
-    lane_table(used, loaded, specs, records, steps).write_parquet(work.folder / TABLE)
+    buffer = io.BytesIO()
+    lane_table(used, loaded, specs, records, steps).write_parquet(buffer)
+    write_result(work.folder / TABLE, buffer.getvalue())
 
 
 def _collect(
@@ -248,7 +269,10 @@ def _collect(
             "lane": range(len(lanes)),
         }
     )
-    frame = pl.concat([pl.read_parquet(store.get(key) / TABLE) for key in keys])
+    try:
+        frame = pl.concat([pl.read_parquet(io.BytesIO((store.get(key) / TABLE).read_bytes())) for key in keys])
+    except pl.exceptions.PolarsError as error:
+        raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}") from error
     names = frame.columns
     frame = frame.join(wanted, on=["policy", "clock", "eval_seed"], maintain_order="left")
     if frame["lane"].n_unique() < len(lanes):

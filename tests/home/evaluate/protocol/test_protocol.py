@@ -61,6 +61,22 @@ def test_what_was_run_is_not_run_again(tmp_path):
     assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
 
 
+def test_logs_that_an_interrupted_attempt_left_are_not_run_again(tmp_path, monkeypatch):
+    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    (logs,) = run_protocol(protocol, tmp_path / "first")
+    (part,) = parts(protocol)
+    unit = Job(protocol, part, protocol.cast(0), "").unit
+    monkeypatch.setattr(Executor, "run", lambda *ignored: pytest.fail("its result is there"))
+    work = tmp_path / "work"
+    work.mkdir()
+    (work / logs.name).write_bytes(logs.read_bytes())
+    run_part(Work(work, 1, print), **unit.arguments)
+    assert (work / logs.name).read_bytes() == logs.read_bytes()
+    (work / logs.name).write_bytes(logs.read_bytes()[:100])  # a copy that broke off
+    with pytest.raises(pytest.fail.Exception, match="its result is there"):
+        run_part(Work(work, 1, print), **unit.arguments)
+
+
 def _say_other_source_made(unit):
     record = json.loads((unit / "unit.json").read_text())
     (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))

@@ -103,8 +103,8 @@ ROW = Table(
     ),
 )
 """One row of the table."""
-POLICIES = Table({}, others=Text(1000))
-"""The note `policies`: skill to who acted."""
+POLICIES = Table({}, others=Text(5000, lines=True))
+"""The note `policies`: skill to who acted, a path among it; paths may hold any bytes."""
 HAND_OVERS = Table({}, others=Whole(0))
 """The note `hand_overs`: outcome of a release strategy to how often it came."""
 NOTES = Table({}, others=Text(100_000, lines=True))

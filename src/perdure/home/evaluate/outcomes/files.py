@@ -22,7 +22,7 @@ from perdure.home.evaluate.outcomes.schema import (
     from_frame,
     to_frame,
 )
-from perdure.runs import write_whole
+from perdure.runs import write_result
 from perdure.schema import SchemaError, Table, read_json
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], run: Ma
 
     Raises:
         HomeError: If there are no logs, an episode is there twice, or `run` does not say what was run.
-        OSError: If the file cannot be written; an old one is untouched.
+        StoreError: If the file cannot be written; an old one is untouched, the message says where the logs are kept.
     """
     return write_records(path, [record_of(log, run) for log in logs], run)
 
@@ -63,7 +63,7 @@ def write_records(path: str | os.PathLike[str], records: Sequence[EpisodeRecord]
     notes["sha256"] = _digest(frame, notes)
     # The columns' bytes do not depend on the metadata, which stands behind them: written once to know their digest.
     notes[BODY] = _body_digest(_parquet(frame, notes))
-    return write_whole(path, _parquet(frame, notes))
+    return write_result(Path(path), _parquet(frame, notes))
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeRecord]:

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from perdure.home.evaluate.outcomes import EpisodeRecord, noted_hand_overs, noted_policies, read_logs, read_notes
+from perdure.home.evaluate.outcomes.fields import POLICIES
 from perdure.runs import Store, StoreError
+from perdure.schema import SchemaError, printable
 
 Group = tuple[str, str, str]
 """Task, split, arm."""
@@ -48,14 +50,14 @@ def read_cast(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeReco
     for path in paths:
         read, notes = read_logs(path), read_notes(path)
         records += read
-        commands |= {notes["command"]: None} if notes.get("command") else {}
+        commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         policies = noted_policies(notes)
         policies = _beside(Path(path)) if policies is None else policies
         for group in {(record.task, record.split, record.arm) for record in read}:
             if counts := noted_hand_overs(notes):
-                hand_overs.setdefault(group, Counter()).update(counts)
+                hand_overs.setdefault(group, Counter()).update({printable(name): n for name, n in counts.items()})
             for skill, name in policies.items():
-                acting.setdefault(group, {}).setdefault(skill, {})[name] = None
+                acting.setdefault(group, {}).setdefault(printable(skill), {})[printable(name)] = None
     cast = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
     return records, Cast(cast, tuple(commands), hand_overs)
 
@@ -65,6 +67,7 @@ def _beside(path: Path) -> dict[str, str]:
     folder = path.resolve().parent
     try:
         policies = Store(folder.parent).config(folder.name).get("policies", {})
-    except StoreError:
+        POLICIES.check(policies)
+    except (StoreError, SchemaError):
         return {}
     return {skill: ORACLE if name == ORACLE else f"learned, SHA-256 {name[:8]}" for skill, name in policies.items()}

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from perdure.home.agents import Actor
@@ -16,7 +17,7 @@ from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import SkillName
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor
-from perdure.home.evaluate.outcomes import UNTRAINED, write_logs
+from perdure.home.evaluate.outcomes import UNTRAINED, read_logs, write_logs
 from perdure.home.evaluate.protocol.policies import SkillPolicy, make_actors, read_policy
 from perdure.home.evaluate.protocol.protocol import Protocol
 from perdure.runs import Unit, Work
@@ -129,6 +130,8 @@ def run_part(
     Raises:
         HomeError: If a policy is another one by now.
     """
+    if _is_written(work.folder / LOGS):
+        return
     read = {skill: read_policy(source) for skill, source in policies.items()}
     job = Job(Protocol.from_json(protocol), Part(**part), read, command)
     for skill, known in digests.items():
@@ -143,6 +146,14 @@ def run_part(
         work.report(len(logs), len(episodes))
     logs.sort(key=lambda log: log.episode.index)
     write_logs(work.folder / LOGS, logs, {**job.notes, **_hand_overs(actors["place"])})
+
+
+def _is_written(path: Path) -> bool:
+    """Say whether an attempt that was interrupted between its last two steps has left its logs."""
+    try:
+        return path.is_file() and bool(read_logs(path))
+    except HomeError:
+        return False
 
 
 def _hand_overs(place: Actor) -> dict[str, str]:
