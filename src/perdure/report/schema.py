@@ -51,7 +51,7 @@ import polars as pl
 from perdure.report.errors import ReportError
 from perdure.report.fields import NOTES, ROW
 from perdure.runs import write_whole
-from perdure.schema import SchemaError, check_columns
+from perdure.schema import SchemaError, check_columns, read_notes, read_parquet
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "2"
@@ -229,16 +229,11 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     if _SEAL in content and _sealed(content) != content:
         raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
     try:
-        notes = pl.read_parquet_metadata(io.BytesIO(content))
-        frame = pl.read_parquet(io.BytesIO(content))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ReportError(f"{path} is a damaged Parquet file: {reason}") from error
-    try:
+        notes, frame = read_notes(content), read_parquet(content)
         NOTES.check(notes)
     except SchemaError as error:
-        raise ReportError(f"{path} has metadata that cannot be read: {error}.") from None
-    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+        raise ReportError(f"{path} is a damaged Parquet file: {error}.") from None
+    return frame, notes
 
 
 def _sealed(content: bytes) -> bytes:

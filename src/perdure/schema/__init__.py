@@ -3,6 +3,7 @@
     kinds.py      kinds of values: Text, Whole, Real, Flag, Choice, Items, Maybe, Table, Anything
     columns.py    the same kinds checked over the columns of a Polars table
     strict.py     JSON whose every fault is a SchemaError
+    parquet.py    Parquet decoded by Polars, whose every fault is a SchemaError
     text.py       text for a terminal: without control characters
     errors.py     SchemaError
 
@@ -13,6 +14,7 @@ nothing else of perdure.
 from perdure.schema.columns import check_columns
 from perdure.schema.errors import SchemaError
 from perdure.schema.kinds import LARGEST, Anything, Choice, Flag, Items, Kind, Maybe, Real, Rule, Table, Text, Whole
+from perdure.schema.parquet import read_notes, read_parquet
 from perdure.schema.strict import read_json
 from perdure.schema.text import printable
 
@@ -33,4 +35,6 @@ __all__ = [
     "check_columns",
     "printable",
     "read_json",
+    "read_notes",
+    "read_parquet",
 ]

@@ -23,7 +23,7 @@ from perdure.home.evaluate.outcomes.schema import (
     to_frame,
 )
 from perdure.runs import write_result
-from perdure.schema import SchemaError, Table, read_json
+from perdure.schema import SchemaError, Table, parquet, read_json
 
 if TYPE_CHECKING:
     import polars as pl
@@ -143,28 +143,19 @@ def check_distinct(records: Sequence[EpisodeRecord], name: str) -> None:
 
 
 def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
-    import polars as pl
-
     if not path.is_file():
         raise HomeError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
     content = path.read_bytes()
     if content[:4] != b"PAR1":
         raise HomeError(f"{path} is not a Parquet file")
     try:
-        notes = pl.read_parquet_metadata(io.BytesIO(content))
+        notes = parquet.read_notes(content)
+        NOTES.check(notes)
         if BODY in notes and notes[BODY] != _body_digest(content):
             raise HomeError(f"{path} is damaged: its columns do not fit the SHA-256 they were written with")
-        frame = pl.read_parquet(io.BytesIO(content))
-    except HomeError:
-        raise
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
-    try:
-        NOTES.check(notes)
+        return parquet.read_parquet(content), notes
     except SchemaError as error:
-        raise HomeError(f"{path} has notes that cannot be read: {error}") from None
-    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+        raise HomeError(f"{path} is a damaged Parquet file: {error}") from None
 
 
 def _parquet(frame: pl.DataFrame, notes: Mapping[str, str]) -> bytes:
