@@ -21,6 +21,8 @@ from perdure.policy.one_thread import one_thread
 TILES = (16, 8, 4, 2, 1)
 """Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
 more on the last few lanes, and not all of them treat every row alike."""
+LARGEST_PROBE = 10.0
+"""No random row holds a larger number, nor does the hyperbolic tangent."""
 PROBES = 4
 """Random rows that a tile is tried with."""
 
@@ -89,7 +91,7 @@ class Perceptron:
             sums = bound * np.abs(weight).sum(axis=0, dtype=np.float64) + np.abs(bias, dtype=np.float64)
             bound = float(sums.max())
             largest = float(np.maximum(largest, bound))
-            bound = bound if self._rectify else 1.0
+            bound = bound if self._rectify else LARGEST_PROBE
         return largest
 
     @property

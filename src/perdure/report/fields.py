@@ -44,6 +44,10 @@ ROW = Table(
         "ever_idle": Flag(),
     },
     rules=(
+        Rule(
+            f"train_horizon must be at most {MOST_STEPS:.0e} steps, or infinite",
+            lambda of: of("train_horizon").is_finite() & (of("train_horizon") > MOST_STEPS),
+        ),
         Rule("the checkpoint step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
         Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
         Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),

@@ -92,6 +92,8 @@ _COLUMNS_1: dict[str, type[pl.DataType]] = {
     "last_tenth": pl.Float64,
 }
 LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
+OF_LANE = ("method", "train_horizon", "clock_kind", "clock_steps")
+"""The same in all rows of a lane."""
 _RESERVED = ("schema", "version", "sha256", "seal")
 _SEAL = b"perdure-seal-"
 _UNSEALED = _SEAL + 64 * b"0"
@@ -211,6 +213,7 @@ def _check_lanes(frame: pl.DataFrame, name: str) -> None:
     shape = frame.group_by("task", maintain_order=True).agg(
         steps=pl.col("step").n_unique(),
         lanes=pl.struct(LANE).n_unique(),
+        described=pl.struct(*LANE, *OF_LANE).n_unique(),
         rows=pl.len(),
         horizons=pl.col("test_horizon").n_unique(),
     )
@@ -218,6 +221,9 @@ def _check_lanes(frame: pl.DataFrame, name: str) -> None:
     if not ragged.is_empty():
         task = ragged["task"][0]
         raise ReportError(f"{name}: the lanes on {task} do not share their checkpoint steps and test horizon.")
+    torn = shape.filter(pl.col("described") > pl.col("lanes"))
+    if not torn.is_empty():
+        raise ReportError(f"{name}: a lane on {torn['task'][0]} has more than one of {', '.join(OF_LANE)}.")
 
 
 def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:

@@ -153,6 +153,8 @@ class Real:
     def _fits(self, value: float) -> bool:
         if value != value:
             return self.unknown
+        if isinstance(value, int) and abs(value) > 2**53:  # as a float it would be another number
+            return False
         if value in (math.inf, -math.inf):
             return self.infinite and (self.high >= LARGEST if value > 0 else self.low <= -LARGEST)
         return (self.low < value if self.above else self.low <= value) and value <= self.high
