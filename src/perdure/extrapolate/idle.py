@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from perdure.envs import World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.runs import Unit, Work, config_digest, write_whole
+from perdure.schema import Real, SchemaError, Table, read_json
 
 EPISODES = 20
 """Episodes of each of the two; also start states."""
@@ -25,6 +26,8 @@ STEPS = 1000
 FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k, as the reference episodes of a policy do."""
 FILE = "idle.json"
+RATES = Table({"zero": Real(), "random": Real()})
+"""What the file holds."""
 WITHOUT_BOUND = 1.0
 """Random actions stay within +-this where the action box has no bound."""
 
@@ -97,5 +100,10 @@ def run_idle(work: Work, *, task: str) -> None:
 
 
 def read_idle(folder: Path) -> Idle:
-    """Return what `run_idle` left."""
-    return Idle(**json.loads((folder / FILE).read_text()))
+    """Return what `run_idle` left; ExtrapolationError if its file is damaged."""
+    try:
+        values = read_json((folder / FILE).read_bytes())
+        RATES.check(values)
+    except SchemaError as error:
+        raise ExtrapolationError(f"{folder / FILE} cannot be read: {error}; remove {folder}") from error
+    return Idle(**values)

@@ -18,7 +18,7 @@ from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, 
 from perdure.extrapolate.result import ExtrapolationResult
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
-from perdure.horizon import clock_from_json
+from perdure.horizon import HorizonError, clock_from_json
 from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
 from perdure.runs import (
@@ -33,7 +33,7 @@ from perdure.runs import (
     run_units,
     write_result,
 )
-from perdure.schema import printable
+from perdure.schema import Anything, Items, SchemaError, Table, Text, Whole, printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -42,6 +42,8 @@ TABLE = "lanes.parquet"
 MEASURED = "policy.safetensors"
 REFERENCES = "references"
 """Folder of the store that keeps reference episodes of policies whose files hold none."""
+GROUP = Table({"lanes": Items(Items(Anything(3), 3, 3))}, others=Anything(3))
+"""What the record of a group says; a lane is the SHA-256 of its policy file, a clock or null, an evaluation seed."""
 GROUPS = "groups"
 """Folder of the store that keeps finished groups of lanes."""
 
@@ -193,8 +195,14 @@ def _finished(store: Store, steps: int) -> dict[Identity, str]:
         config = store.config(key)
         if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, _versions()):
             continue
-        for digest, clock, seed in config["lanes"]:
-            found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+        try:
+            GROUP.check(config)
+            for digest, clock, seed in config["lanes"]:
+                Text(64).check(digest, "lanes")
+                Whole().check(seed, "lanes")
+                found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+        except (SchemaError, HorizonError) as error:
+            raise StoreError(f"the group of lanes {key} in {store.root} cannot be read: {error}") from error
     return found
 
 
