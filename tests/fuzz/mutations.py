@@ -62,7 +62,7 @@ def json_value(rng, value, times=None):
         elif kind == 8:
             other, place = rng.choice(spots)
             holder[key], other[place] = copy.deepcopy(other[place]), copy.deepcopy(holder[key])
-        elif isinstance(holder[key], int | float) and not isinstance(holder[key], bool):
+        elif isinstance(holder[key], float) or (type(holder[key]) is int and abs(holder[key]) < 2**64):
             holder[key] = holder[key] * rng.choice((-1, 0, 0.5, 2, 10, 1e9)) + rng.choice((0, 1, -1))
     return value
 

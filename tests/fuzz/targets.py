@@ -175,12 +175,14 @@ def table_cells(rng):
 
 def _other_frame(rng, frame):
     name, kind = rng.choice(frame.columns), rng.randrange(12)
+    if frame.is_empty():
+        return frame
     if kind == 0:
         return frame.drop(name) if len(frame.columns) > 1 else frame
     if kind == 1:
         return frame.with_columns(pl.lit(1).alias(f"{name}x"))
     if kind == 2:
-        return frame.vstack(frame.sample(rng.randrange(1, 3), seed=rng.randrange(9)))
+        return frame.vstack(frame.sample(1, seed=rng.randrange(9)))
     if kind == 3:
         return frame.sample(rng.randrange(len(frame) + 1), seed=rng.randrange(9))
     if kind == 4:
@@ -309,14 +311,14 @@ def records(rng):
 
 
 SHARES = {
-    policy_bytes: 0.17,
+    policy_bytes: 0.22,
     policy_parts: 0.17,
     horizon_json: 0.1,
     table_bytes: 0.08,
     table_resealed: 0.04,
     table_cells: 0.08,
     logs_bytes: 0.08,
-    logs_rows: 0.08,
+    logs_rows: 0.03,
     episode_bytes: 0.07,
     episode_values: 0.07,
     records: 0.06,

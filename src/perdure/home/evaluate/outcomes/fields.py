@@ -6,7 +6,7 @@ from perdure.home.benchmark.tasks import TASKS
 from perdure.home.evaluate.outcomes.records import CONTAINERS, ENDINGS
 from perdure.schema import Choice, Flag, Items, Maybe, Real, Rule, Table, Text, Whole
 
-LONGEST = 10_000_000
+LONGEST = 1_000_000
 """Control steps of an episode."""
 FAR = 1e9
 """No position is farther from the room's origin, in [m]; a simulation that blows up throws objects far."""
