@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import tyro
 from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
 from perdure.cli.parse import parse
 from perdure.cli.report import write_and_show
+from perdure.cli.terminal import command_line
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Extrapolate:
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(Extrapolate, args, "extrapolate")
-    command = shlex.join(["perdure", "extrapolate", *args])
+    command = command_line("perdure", "extrapolate", *args)
     if any(name.endswith(".onnx") for name in flags.policies):
         _one_model(flags, command)
         return

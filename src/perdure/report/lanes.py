@@ -17,6 +17,8 @@ from perdure.report.errors import ReportError
 
 LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
 """Columns that tell lanes apart."""
+OF_LANE = ("method", "train_horizon", "clock_kind", "clock_steps")
+"""Columns that are the same in all rows of a lane."""
 CURVES = ("step", "return", "alive")
 """Columns that differ from checkpoint to checkpoint."""
 
@@ -53,6 +55,7 @@ def split_lanes(column: Columns, facts: list[str], name: str) -> tuple[Lanes, ..
     keys, steps, order = _in_order(column, name)
     starts = _starts(keys)
     lengths = np.diff([*starts, len(steps)])
+    _check_described(column, starts, order, name)
     whole = pl.DataFrame([column(each).gather(_original(starts + lengths - 1, order)) for each in facts])
     places = starts if order is None else np.minimum.reduceat(order, starts)
     whole = whole.with_columns(place=pl.Series(places))
@@ -89,6 +92,20 @@ def _in_order(column: Columns, name: str) -> tuple[list[IntArray], IntArray, Int
         lane = tuple(column(each)[row] for each in LANE)
         raise ReportError(f"{name} has the lane {lane} twice at step {column('step')[row]}.")
     return keys, steps, order
+
+
+def _check_described(column: Columns, starts: IntArray, order: IntArray | None, name: str) -> None:
+    """Refuse a lane whose rows describe it differently."""
+    for each in OF_LANE:
+        codes = _codes(column(each))
+        codes = codes if order is None else codes[order]
+        changed = codes[1:] != codes[:-1]
+        if codes.dtype.kind == "f":
+            changed &= ~(np.isnan(codes[1:]) & np.isnan(codes[:-1]))
+        changed[starts[1:] - 1] = False
+        if changed.any():
+            row = int(_original(np.flatnonzero(changed), order)[0])
+            raise ReportError(f"{name}: a lane on {column('task')[row]} has more than one {each}.")
 
 
 def _codes(values: pl.Series) -> IntArray:

@@ -50,8 +50,10 @@ from typing import TypeVar
 import polars as pl
 
 from perdure.report.errors import ReportError
+from perdure.report.fields import NOTES, ROW
 from perdure.report.lanes import CURVES, Columns, Lanes, split_lanes
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, check_columns, read_columns, read_notes, read_parquet
 
 T = TypeVar("T")
 
@@ -93,10 +95,6 @@ _COLUMNS_1: dict[str, type[pl.DataType]] = {
     "first_tenth": pl.Float64,
     "last_tenth": pl.Float64,
 }
-END_REASONS = ("survived", "terminated", "truncated", "diverged")
-POLICY_STATES = ("worked", "never worked", "cannot tell")
-OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
-VALUES = {"end_reason": END_REASONS, "policy_state": POLICY_STATES, "outcome": OUTCOMES}
 _RESERVED = ("schema", "version", "sha256", "seal")
 _SEAL = b"perdure-seal-"
 _UNSEALED = _SEAL + 64 * b"0"
@@ -222,18 +220,10 @@ def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _check_values(column: Columns, name: str) -> None:
-    empty = [each for each in COLUMNS if column(each).null_count()]
-    if empty:
-        raise ReportError(f"{name} has missing values in {empty}.")
-    for each, known in VALUES.items():
-        odd = sorted(set(column(each).unique()) - set(known))
-        if odd:
-            raise ReportError(f"{name} has {odd} in column {each!r}; known are {', '.join(known)}.")
-    steps, lasts = column("step"), column("test_horizon")
-    beyond = ((steps < 1) | (steps > lasts)).arg_true()
-    if not beyond.is_empty():
-        step, last = steps[int(beyond[0])], lasts[int(beyond[0])]
-        raise ReportError(f"{name} has the checkpoint step {step}; steps are between 1 and the test horizon {last}.")
+    try:
+        check_columns(column, ROW)
+    except SchemaError as error:
+        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
 
 
 class _File:
@@ -249,7 +239,7 @@ class _File:
         sealed = _SEAL in self._content
         if sealed and _sealed(self._content) != self._content:
             raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
-        notes = {name: text for name, text in self._read(pl.read_parquet_metadata).items() if name != "ARROW:schema"}
+        notes = self._read(_checked_notes)
         if notes.get("schema") != SCHEMA_NAME:
             raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
         version = notes.get("version")
@@ -259,7 +249,7 @@ class _File:
             )
         self.columns = _COLUMNS_1 if version == "1" else COLUMNS
         self.metadata = {name: text for name, text in notes.items() if name not in _RESERVED}
-        _check_columns(self._read(pl.read_parquet_schema), self.columns, str(path))
+        _check_columns(self._read(read_columns), self.columns, str(path))
         notes.pop("seal", None)
         expected = notes.pop("sha256", None)
         # A seal that fits stands for the content.
@@ -268,18 +258,23 @@ class _File:
 
     def frame(self, names: list[str]) -> pl.DataFrame:
         """Return columns of the file."""
-        return self._read(lambda content: pl.read_parquet(content, columns=names))
+        return self._read(lambda content: read_parquet(content, names))
 
     def column(self, name: str) -> pl.Series:
         """Return one column of the file."""
         return self.frame([name]).get_column(name)
 
-    def _read(self, read: Callable[[io.BytesIO], T]) -> T:
+    def _read(self, read: Callable[[bytes], T]) -> T:
         try:
-            return read(io.BytesIO(self._content))
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise ReportError(f"{self._path} is a damaged Parquet file: {reason}") from error
+            return read(self._content)
+        except SchemaError as error:
+            raise ReportError(f"{self._path} is a damaged Parquet file: {error}.") from None
+
+
+def _checked_notes(content: bytes) -> dict[str, str]:
+    notes = read_notes(content)
+    NOTES.check(notes)
+    return notes
 
 
 def _sealed(content: bytes) -> bytes:
@@ -301,7 +296,7 @@ def _digest(column: Columns, notes: Mapping[str, str], columns: Mapping[str, typ
         if kind is pl.String:
             runs = series.rle().struct.unnest()  # labels repeat over thousands of rows
             digest.update(runs["len"].cast(pl.Int64).to_numpy().tobytes())
-            digest.update("\0".join(runs["value"].to_list()).encode())
+            digest.update("\0".join(map(str, runs["value"].to_list())).encode())
         else:
             digest.update(series.to_numpy().tobytes())
     return digest.hexdigest()
