@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from perdure.home.video.beside import make_take
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
@@ -24,6 +23,7 @@ from perdure.home.sim.world import CONTROL_HZ, World
 from perdure.home.video.cameras import Shot
 from perdure.home.video.files import save_picture
 from perdure.home.video.render_scene import RenderScene
+from perdure.home.video.side_by_side import make_agent
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_title
 
@@ -50,7 +50,7 @@ def release(task: str, number: int) -> tuple[Episode, FloatArray, FloatArray]:
     Returns:
         The episode, and MuJoCo's `qpos` at the last step in the hand and `LATER` steps after it. Shape (nq,) each.
     """
-    episode, strategy = load_episodes(task, "val")[number], make_take(task, "rl")
+    episode, strategy = load_episodes(task, "val")[number], make_agent(task, "rl")
     states, held = list[FloatArray](), list[bool]()
 
     def keep(world: World, episodes: Mapping[int, Episode]) -> None:

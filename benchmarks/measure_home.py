@@ -74,7 +74,7 @@ def scene() -> dict[str, float]:
     logs = list(Executor(skills, actors, ExecutorOptions(lanes=LANES, threads=1)).run(episodes))
     manipulates = np.zeros(len(Recording.log))
     for log in logs:
-        for done in log.skills:
+        for done in log.runs:
             manipulates[done.begin : done.end] += done.skill in MANIPULATION
     sizes = np.array([len(lanes) for _, lanes, _, _ in Recording.log])
     return _replay(episodes, manipulates >= 0.5 * sizes)

@@ -12,7 +12,8 @@ from perdure.home.sim.robot.data import ARM_JOINTS
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
 from perdure.home.skills.gym import env_id
 from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
+from perdure.home.skills.progress import FORCE_MARGIN
+from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, PENALTY, SUCCESS_REWARD
 
 PAGE = Path(__file__).parents[1] / "docs" / "home" / "skills.md"
 INTRODUCTION = """\
@@ -22,6 +23,7 @@ reward and the terminations of each environment.
 - **Observation**: the numbers of the table below, then those of the skill.
 - **Frames**: base frame x forward, y left, z up from the floor. A vector is given along the axes of the base.
 - **Rest**: the gripper's rest position in front of the robot, where it carries objects.
+- **Region**: the floor cells from which the next skill can begin; navigation drives there.
 - **OURS**: differs from M3 (hab-mobile-manipulation), whose definitions the skills otherwise follow."""
 
 
@@ -46,7 +48,12 @@ def skill_section(name: str) -> str:
     rows = [
         ("success", skill.success_text),
         ("failures", ", ".join(skill.failures) or "none"),
-        ("excess force", f"increases that add up to {skill.force_limit:g} N" if np.isfinite(skill.force_limit) else ""),
+        (
+            "excess force",
+            f"the increases of the contact force add up to more than {skill.force_limit:g} N"
+            if np.isfinite(skill.force_limit)
+            else "",
+        ),
         ("step limit", _with_delta(usual.limit, skill.limit, f"{usual.limit} + `delta`")),
     ]
     size = _with_delta(len(usual.elements), len(skill.elements), str(len(skill.elements)))

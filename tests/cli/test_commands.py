@@ -28,11 +28,13 @@ def succeeded(process):
 def test_help_lists_every_command(perdure, tmp_path, arguments):
     text = succeeded(perdure(*arguments, cwd=tmp_path))
     assert [
-        name for name in ("train", "extrapolate", "report", "list", "inspect") if f"perdure {name} " not in text
+        name
+        for name in ("train", "extrapolate", "report", "study", "list", "inspect")
+        if f"perdure {name} " not in text
     ] == []
 
 
-@pytest.mark.parametrize("command", ["train", "train Hopper-v3", "extrapolate", "report", "list", "inspect"])
+@pytest.mark.parametrize("command", ["train", "train Hopper-v3", "extrapolate", "report", "study", "list", "inspect"])
 def test_every_command_explains_itself_on_stdout(perdure, tmp_path, command):
     process = perdure(*command.split(), "--help", cwd=tmp_path)
     assert "usage: perdure" in succeeded(process)

@@ -56,6 +56,11 @@ MISTAKES = {
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
     "report of a folder": ("files", "report", "{files}"),
     "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
+    "unknown study": ("'horizon'", "study", "horizont"),
+    "unknown scale of a study": ("smoke", "study", "horizon", "--scale", "smok"),
+    "analysis without results": ("none", "study", "horizon", "--analyze-only", "--out", "none"),
+    "phases without a row": ("[7]", "study", "horizon", "--phases", 7, "--status"),
+    "a study into a file": ("foreign.txt", "study", "horizon", "--out", "{files}/foreign.txt"),
     "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
     "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
 }

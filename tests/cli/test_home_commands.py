@@ -25,6 +25,10 @@ def test_every_command_explains_itself(perdure, tmp_path, command):
     assert f"usage: perdure home {command}" in succeeded(perdure("home", command, "--help", cwd=tmp_path))
 
 
+def test_the_british_spelling_of_analyze_works(perdure, tmp_path):
+    assert "usage: perdure home analyze" in succeeded(perdure("home", "analyse", "--help", cwd=tmp_path))
+
+
 def test_list_names_tasks_skills_and_objects(perdure, tmp_path):
     text = succeeded(perdure("home", "list", cwd=tmp_path))
     for name in ("tidy_house", "prepare_groceries", "set_table", "navigate", "open_drawer", "024_bowl", "013_apple"):
@@ -62,8 +66,8 @@ def test_a_run_is_kept_and_analyzed(perdure, tmp_path):
     assert f"Report: {page}" in text
     assert "perdure home run set_table --episodes 1" in page.read_text()
     assert "scripted oracle" in page.read_text()
-    told = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
-    assert told.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
+    printed = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
+    assert printed.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
     assert (tmp_path / "page" / "set-table-val-success.png").exists()
     process = perdure("home", "analyze", "kept", "--out", page, cwd=tmp_path)
     assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
@@ -91,6 +95,8 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(per
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),
         (("train", "juggle"), "juggle"),
+        (("run", "set_table", "--lanes", 2), "--lanes of perdure home run is now --max-lanes"),
+        (("episode", "set_table", "--seed=1"), "--seed of perdure home episode is now --eval-seed"),
         (("analyze", "nowhere", "--out", "page"), "nowhere"),
         (("video", "set_table", "--out", "film.avi"), ".mp4 or .gif"),
         (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4 or .gif"),

@@ -45,8 +45,8 @@ def command(monkeypatch, capsys):
             main()
         except SystemExit as end:
             code = end.code
-        told = capsys.readouterr()
-        return code, told.out, told.err
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
 
     return run
 
@@ -54,7 +54,7 @@ def command(monkeypatch, capsys):
 @pytest.fixture
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
-    monkeypatch.setattr("perdure.home.video.failure_sheet.SIZE", (240, 160))
+    monkeypatch.setattr("perdure.home.video.failure_sheets.SIZE", (240, 160))
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
     try:
         open_context(16, 16).free()
@@ -70,14 +70,14 @@ def hit(record):
 
 def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, command, tmp_path):
     write_logs(tmp_path / "logs.parquet", [record, hit(record)], NOTES)
-    code, told, complaint = command(tmp_path, "--out", tmp_path / "out", "--policies", "oracle")
-    lines = {line.split(", ")[2]: line for line in told.splitlines()}
+    code, printed, complaint = command(tmp_path, "--out", tmp_path / "out", "--policies", "oracle")
+    lines = {line.split(", ")[2]: line for line in printed.splitlines()}
     paths = {
         strategy: tmp_path / "out" / f"set_table-val-{strategy}-train--1-eval-0-000.png" for strategy in ("rl", "ik")
     }
     assert lines["rl"] == f"{OF_IT.format(strategy='rl', why='door not open')}, {paths['rl']}"
-    told_otherwise = "replayed: open_0, door not open, 024_bowl"
-    assert lines["ik"] == f"{OF_IT.format(strategy='ik', why='collision')}, {paths['ik']}, {told_otherwise}"
+    another_label = "replayed: open_0, door not open, 024_bowl"
+    assert lines["ik"] == f"{OF_IT.format(strategy='ik', why='collision')}, {paths['ik']}, {another_label}"
     assert len(lines) == 2
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths.values())
     assert code.startswith("perdure: 1 of 2 episodes got another label")  # a sentence means exit code 1
@@ -102,7 +102,7 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
         (("{logs}", "{logs}"), "twice"),
-        (("{foreign}",), "'TP+SRL' is no strategy of this package"),
+        (("{foreign}",), "'TP+SRL' is no release strategy of this package"),
         (("{changed}",), "is not the episode that this package has"),
     ],
 )
@@ -117,7 +117,7 @@ def test_what_a_user_gets_wrong_ends_in_one_line(record, command, tmp_path, monk
     for name, each in others.items():
         write_logs(tmp_path / f"{name}.parquet", [each], NOTES)
     files = {name: f"{name}.parquet" for name in others}
-    code, told, complaint = command("--out", "out", *(str(each).format(**files) for each in arguments))
-    assert (code, told, complaint.count("\n")) == (2, "", 1)
+    code, printed, complaint = command("--out", "out", *(str(each).format(**files) for each in arguments))
+    assert (code, printed, complaint.count("\n")) == (2, "", 1)
     assert names in complaint
     assert not (tmp_path / "out").exists()

@@ -80,7 +80,7 @@ def _carry_out(study: Study, scale: str, out: Path, phases: Sequence[int], flags
 
     steps = study.plan(scale, out, phases)
     counts = count_steps(steps)
-    open_tasks = [step.task for step in steps if counts[step.key].done < counts[step.key].total]
+    open_tasks = [step.task for step in steps if step.task and counts[step.key].done < counts[step.key].total]
     speeds = {**{step.task: 1.0 for step in steps}, **measure_speeds(open_tasks)}
     print(f"study {study.name}: {study.question}\nscale {scale}, in {out}; left to do at the speed measured now:")
     print(cost_text(lines(steps, counts, speeds, cores), cores), flush=True)

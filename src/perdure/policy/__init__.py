@@ -7,18 +7,19 @@
 | `actor.py` | `Actor`: anything that acts on rows of observations |
 | `function.py` | `FunctionPolicy`: any function observations -> actions |
 | `policy_lanes.py` | the running lanes of a `Policy` |
-| `network.py` | the forward pass in NumPy, each row independent of the others |
+| `network.py`, `activations.py`, `squash.py` | the forward pass in NumPy, each row independent of the others |
 | `closed_loop.py` | policies acting in a world, lane by lane |
 | `reference.py`, `measure.py` | what a policy does within its training horizon, and measuring it |
 | `files.py` | `save_policy`, `load_policy`: one safetensors file, refused when damaged |
+| `readers/` | policies of other libraries: models of Stable-Baselines3 |
 | `onnx/` | policies as ONNX models, and back |
 | `shipped.py` | policies that come with the package, by name |
-| `errors.py` | `PolicyError`, `PolicyFileError` |
+| `errors.py` | `PolicyError`, `PolicyFileError`, `PolicyWarning` |
 """
 
 from perdure.policy.actor import ActingLanes, Actor
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep, check_fit
-from perdure.policy.errors import PolicyError, PolicyFileError
+from perdure.policy.errors import PolicyError, PolicyFileError, PolicyWarning
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.function import FunctionPolicy
 from perdure.policy.measure import measure_reference
@@ -38,6 +39,7 @@ __all__ = [
     "Policy",
     "PolicyError",
     "PolicyFileError",
+    "PolicyWarning",
     "Reference",
     "TaskInfo",
     "check_fit",

@@ -43,7 +43,9 @@ def run_steps(
             try:
                 step.run(replace(how, observe=board.observer(step.key)))
                 board.set(step.key, "finished")
-            except (RunError, StudyError) as error:
+            except ValueError as error:
+                if not type(error).__module__.startswith("perdure."):  # a fault of the program
+                    raise
                 failed[step.key] = str(error)
                 board.set(step.key, "failed")
                 told(f"{step.key} failed: {error}")

@@ -59,7 +59,7 @@ class Step(Protocol):
 
     @property
     def task(self) -> str:
-        """The task that is stepped."""
+        """The task that is stepped, as `make_world` takes it; "" where no speed is measured."""
 
     @property
     def amount(self) -> float:
@@ -70,7 +70,7 @@ class Step(Protocol):
         """What `amount` counts, such as "training steps"."""
 
     def seconds(self, speed: float) -> float:
-        """Return the core-seconds of the whole step where one core makes `speed` lane steps a second of the task."""
+        """Return the core-seconds of the whole step where one core makes `speed` lane steps of the task a second."""
 
     def count(self) -> Count:
         """Return how far it is, read from the store."""

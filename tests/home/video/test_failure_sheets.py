@@ -23,7 +23,7 @@ from perdure.home.video import (
     replay_failure,
     sample_failures,
 )
-from perdure.home.video.failure_sheet import COLUMNS
+from perdure.home.video.failure_sheets import COLUMNS
 from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "evaluate" / "outcomes"))
@@ -96,7 +96,7 @@ def test_a_pick_is_shown_evenly_with_its_nearest_moment():
 @pytest.mark.parametrize(
     ("wrong", "cause", "step", "note"),
     [
-        ({"held": SOMETHING_ELSE}, "wrong object grasped", 80, "another one in the hand"),
+        ({"held": SOMETHING_ELSE}, "wrong object grasped", 80, "another object in the hand"),
         ({"force": 3000.0}, "collision", 90, "largest force, 3000 N"),
     ],
 )
@@ -190,14 +190,14 @@ def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):
 def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     """States are made up: everything as at the start, but the first target where the story has it."""
     size = (240, 160)
-    monkeypatch.setattr("perdure.home.video.failure_sheet.SIZE", size)
+    monkeypatch.setattr("perdure.home.video.failure_sheets.SIZE", size)
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
     write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
     (failure,) = read_failures([tmp_path / "logs.parquet"], "stabilizing")
-    scene = episode_scene(replay.log.episode)
+    scene = episode_scene(failure.episode)
     world = World(1)
-    world.reset(0, scene, start_pose(scene.apartment, replay.log.episode, 0))
+    world.reset(0, scene, start_pose(scene.apartment, failure.episode, 0))
     states = np.tile(world.lane(0).qpos, (replay.log.length, 1))
     sheets, log = [], replay.log
     for positions, found in (

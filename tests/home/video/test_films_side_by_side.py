@@ -61,7 +61,7 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
     assert np.abs(np.array(seen) - expected).max() < 6.0
 
 
-def test_two_arms_are_filmed(episode, tmp_path):
+def test_two_strategies_are_filmed(episode, tmp_path):
     agents = [make_agent("set_table", place, policies={"place": "oracle"}) for place in ("rl", "ik")]
     try:
         logs = film_side_by_side(episode, tmp_path / "film.mp4", agents, FilmOptions(size=SIZE, speed=8.0, seconds=0.5))
@@ -84,11 +84,11 @@ def test_a_take_of_another_training_seed_may_have_only_place_from_it(tmp_path):
     assert "every skill" in make_agent("tidy_house", "rl", 77, mine, vary="place").caption
 
 
-def test_a_take_is_the_arm_that_the_protocol_runs():
-    take = make_agent("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
-    assert isinstance(take.actors["place"], Ik)
-    assert isinstance(take.actors["pick"], Oracle)
-    assert take.title.startswith("ik: ")
+def test_an_agent_acts_as_in_the_protocol():
+    agent = make_agent("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
+    assert isinstance(agent.actors["place"], Ik)
+    assert isinstance(agent.actors["pick"], Oracle)
+    assert agent.title.startswith("ik: ")
     waiting = make_agent("set_table", "delta-50", policies={"place": "oracle"})
     assert waiting.skills["place"].limit == 250
     assert "50 steps" in waiting.title

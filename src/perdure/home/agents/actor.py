@@ -1,45 +1,45 @@
-"""Who acts while a skill runs: a learned policy, the oracle, a scripted motion, a hand-over."""
+"""The interface of whatever acts in a skill: a learned policy, the oracle, a scripted motion, a release strategy."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 class Actor(Protocol):
-    """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number."""
+    """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number.
+
+    Subclasses inherit `begin` and `overtime`, which do nothing. Any class with these members is an actor.
+    """
 
     @property
     def sees(self) -> bool:
-        """Whether it wants the scan and the target's neighbors where the skill has them."""
+        """Whether it needs the scan and the target's neighbors, where the skill has them."""
+        return True
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """A lane starts a skill; its skill_goal is set."""
+        """Prepare a lane for a skill; its skill goal is set."""
+        return
 
+    @abstractmethod
     def act(
         self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
     ) -> FloatArray:
-        """Actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
+        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
 
     def overtime(self, lane: int) -> bool:
-        """Whether a lane needs more time than the skill's limit, to put down what it holds."""
+        """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
+        return False
 
 
-class Scripted:
-    """Acts for skills that bring their own motion (`reset_arm`)."""
+class Scripted(Actor):
+    """Acts in skills that bring their own motion (`reset_arm`)."""
 
     sees = False
-
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """Nothing to remember."""
 
     def act(
         self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
@@ -49,7 +49,3 @@ class Scripted:
 
         assert isinstance(skill, ResetArm)
         return skill.act(state)
-
-    def overtime(self, lane: int) -> bool:
-        """Never needs more time."""
-        return False

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.agents.actor import Actor
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
 from perdure.policy import Policy
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
-
-class Learned:
+class Learned(Actor):
     """Acts with the mean of a policy that was trained on the skill's Gymnasium environment.
 
     A lane's action does not depend on how many lanes act with it (see `Policy.act`).
     """
 
-    sees = True
-
     def __init__(self, policy: Policy) -> None:
-        """Takes the policy; whether it fits a skill is checked when it first acts."""
+        """Keep the policy; `begin` checks that it fits the skill."""
         self.policy = policy
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """Refuses a policy whose observations or actions are not those of the skill."""
+        """Raise HomeError for a policy whose observations or actions are not those of the skill."""
         sizes = self.policy.task.observation_size, self.policy.task.action_size
         wanted = len(skill.elements), len(skill.active_columns)
         if sizes != wanted:
@@ -42,7 +38,3 @@ class Learned:
         """See `Actor.act`."""
         actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
         return skill.expand_action(np.asarray(actions, dtype=np.float64))
-
-    def overtime(self, lane: int) -> bool:
-        """Never needs more time."""
-        return False

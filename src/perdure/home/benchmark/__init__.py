@@ -1,4 +1,4 @@
-"""The Home Assistant Benchmark: what is asked of the robot.
+"""The Home Assistant Benchmark: tasks, episodes, planner.
 
 Contents:
     tasks       goals, skill sequences, stages, two ways of counting

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -14,12 +13,8 @@ from perdure.home.sim.apartments import Apartment
 from perdure.home.sim.world import PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.regions import Aim
-from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import front_frame, handle, needed_container
-from perdure.home.skills.starts.stand import Rectangle, stand_in
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Skill
+from perdure.home.skills.starts import Rectangle, Start, front_frame, handle, needed_container, stand_in
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
 GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
@@ -55,22 +50,26 @@ class Articulated(Skill):
     moves_link = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
+    accepted: ClassVar[tuple[float, float]]
+    """Range of accepted joint positions, both ends included (M3)."""
     closes: ClassVar[bool] = False
     """Whether the skill closes; else it opens."""
     knows_front: ClassVar[bool] = True
     """Whether the direction in which the handle faces is observed."""
-    begins_in: ClassVar[tuple[Rectangle, ...]]
+    start_range: ClassVar[tuple[float, float] | None] = None
+    """Uniform range of the joint position at the start; closed when None (M3)."""
+    start_rectangles: ClassVar[tuple[Rectangle, ...]]
     """Where the robot begins, in the frame of `front_frame`; the second where the first one has no free cell (M3)."""
-    reached_from: ClassVar[Rectangle]
+    navigation_region: ClassVar[Rectangle]
     """Where navigation to the skill ends, in the same frame (M3)."""
 
-    @abstractmethod
-    def there(self, position: FloatArray) -> BoolArray:
-        """Return whether joint positions are as wanted. Shape (n,)."""
+    def is_accepted(self, position: FloatArray) -> BoolArray:
+        """Return whether joint positions are accepted. Shape (n,)."""
+        return np.asarray((position >= self.accepted[0]) & (position <= self.accepted[1]))
 
-    @abstractmethod
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
         """Draw the positions of drawers and doors that are open at the start, by link name."""
+        return {link: float(rng.uniform(*self.start_range))} if self.start_range else {}
 
     def front(self, state: PrivilegedState) -> FloatArray:
         """Return the direction in which the handle faces, in the room. Shape (n, 3)."""
@@ -96,7 +95,7 @@ class Articulated(Skill):
         approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
         moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
         retract = obs.rest_distance(before) - obs.rest_distance(after)
-        let_go = now.released & ~was.released & self.there(after.link_position)
+        let_go = now.released & ~was.released & self.is_accepted(after.link_position)
         return {
             "approach": DISTANCE_REWARD * np.where(~now.grasped, approach, 0.0),
             "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
@@ -108,22 +107,20 @@ class Articulated(Skill):
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Succeed at the wanted position with an empty hand within 0.15 m of rest."""
         retracted = obs.rest_distance(state) <= RETRACTED
-        done: BoolArray = self.there(state.link_position) & state.empty_hand & retracted
-        return done
+        return np.asarray(self.is_accepted(state.link_position) & state.empty_hand & retracted)
 
     def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `failures`."""
         return {
             "wrong grasp": ~state.empty_hand & ~holds_handle(state),
             "let go early": progress.released & ~progress.reached,
-            "left the goal": progress.released & progress.reached & ~self.there(state.link_position),
+            "left the goal": progress.released & progress.reached & ~self.is_accepted(state.link_position),
             **super().failure_conditions(state, progress),
         }
 
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Stop with an empty hand near rest after it was more than 0.3 m away, at any joint position (M3)."""
-        done: BoolArray = state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away
-        return done
+        return np.asarray(state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away)
 
     def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
         """See `Skill.remember`."""
@@ -133,7 +130,7 @@ class Articulated(Skill):
             progress,
             grasped=grasped,
             released=progress.released | (grasped & ~holds),
-            reached=progress.reached | self.there(state.link_position),
+            reached=progress.reached | self.is_accepted(state.link_position),
         )
         return super().remember(own, state)
 
@@ -142,21 +139,20 @@ class Articulated(Skill):
         link = episode.container(target)
         if link is None:
             return Aim(episode.objects[target].position)
-        return Aim(handle(episode.apartment(), link, opened.get(link, 0.0)), link, self.reached_from)
+        return Aim(handle(episode.apartment(), link, opened.get(link, 0.0)), link, self.navigation_region)
 
     def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
         """Draw a start state in front of the handle, facing it."""
         apartment, link = episode.apartment(), needed_container(episode, target)
         opened = self.draw_opened(apartment, link, rng)
         frame = front_frame(apartment, link, opened.get(link, 0.0))
-        base = stand_in(apartment, frame, self.begins_in, self.aim(episode, target, opened).point, rng)
+        base = stand_in(apartment, frame, self.start_rectangles, self.aim(episode, target, opened).point, rng)
         return self.make_start(episode, target, opened, base, rng)
 
 
 def holds_handle(state: PrivilegedState) -> BoolArray:
     """Return whether the goal's handle is held. Shape (n,)."""
-    holds: BoolArray = (state.link >= 0) & (state.held_link == state.link)
-    return holds
+    return np.asarray((state.link >= 0) & (state.held_link == state.link))
 
 
 def success_text(position: str) -> str:

@@ -29,14 +29,10 @@ from perdure.home.sim.world import (
 )
 from perdure.home.skills import observation as obs
 from perdure.home.skills.articulated import Articulated
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.regions import Aim, region
+from perdure.home.skills.regions import region
 from perdure.home.skills.registry import get_skill
-from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import is_drawer, needed_container
-from perdure.home.skills.starts.stand import stand_anywhere
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.starts import Start, is_drawer, needed_container, stand_anywhere
 
 NEAR, FACING = 0.1, 0.25
 """Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
@@ -63,9 +59,9 @@ def _path(state: PrivilegedState, _: Progress) -> list[FloatArray]:
 
 PATH = obs.ObservationTerm(
     (
-        *obs.vector("aim_in_base", "position of what to face in the base frame", "xy"),
-        obs.Element("aim_distance", "its horizontal distance", "m", 0.0),
-        obs.Element("aim_cos", "cosine of the turn that would face it", "1", -1.0, 1.0),
+        *obs.vector("aim_in_base", "position of the aim (the object, goal or handle to face) in the base frame", "xy"),
+        obs.Element("aim_distance", "horizontal distance of the aim", "m", 0.0),
+        obs.Element("aim_cos", "cosine of the turn that would face the aim", "1", -1.0, 1.0),
         obs.Element("aim_sin", "sine of that turn", "1", -1.0, 1.0),
         *obs.HOLDING.elements,
         *obs.vector("waypoint", "point of the planned path 0.5 m ahead, base frame", "xy"),
@@ -83,13 +79,13 @@ class Navigate(Skill):
     step_limit = 500
     observation = (obs.PROPRIOCEPTION, PATH, obs.SCAN)
     rewards: ClassVar = {
-        "way": f"{DISTANCE_REWARD:g} per meter nearer to the region, the last {COUNTED:g} m not counted"
+        "way": f"{DISTANCE_REWARD:g} per meter nearer to the region of the next skill, the last {COUNTED:g} m apart"
     }
     success_text = (
-        f"the robot stops within {NEAR:g} m of path of the region and within {FACING:g} rad of facing what it should. "
-        "It stops by itself where its map says so"
+        f"the robot has stopped at most {NEAR:g} m of path from the region and turned at most {FACING:g} rad from the "
+        "aim; it stops by itself when its map says that it has arrived"
     )
-    failures: ClassVar = {"stopped elsewhere": "the robot stopped outside the region, or did not face what it should"}
+    failures: ClassVar = {"stopped elsewhere": "the robot stopped outside the region or did not face the aim"}
     recipe = Recipe(1_500_000)
     active_columns = (FORWARD, TURN)
     base_speed = NAVIGATION_SPEED
@@ -172,8 +168,7 @@ def counted_way(state: PrivilegedState) -> FloatArray:
 
 
 def _arrived(state: PrivilegedState) -> BoolArray:
-    there: BoolArray = (state.way <= NEAR) & (np.abs(state.facing_error) <= FACING)
-    return there
+    return np.asarray((state.way <= NEAR) & (np.abs(state.facing_error) <= FACING))
 
 
 @lru_cache(maxsize=1024)

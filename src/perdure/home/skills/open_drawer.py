@@ -8,12 +8,9 @@ import numpy as np
 
 from perdure.home.sim.apartments import Apartment
 from perdure.home.skills.articulated import Articulated, success_text
-from perdure.home.skills.progress import BoolArray, FloatArray
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.starts.stand import Rectangle
+from perdure.home.skills.skill import Recipe
+from perdure.home.skills.starts import Rectangle
 
-TOLERANCE = 0.05
-"""In [m] (M3)."""
 GIVE = 0.005
 """Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (OURS)."""
 OTHERS = 0.1
@@ -25,16 +22,11 @@ class OpenDrawer(Articulated):
     """M3's success condition and start states (`open_drawer_v0A`)."""
 
     name = "open_drawer"
-    wanted = 0.45
+    wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + GIVE)
     success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
-    begins_in = (Rectangle((0.3, 1.5), 0.6),)
-    reached_from = Rectangle((0.80, 0.95), 0.35)
+    start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
+    navigation_region = Rectangle((0.80, 0.95), 0.35)
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
-
-    def there(self, position: FloatArray) -> BoolArray:
-        """See `Articulated.there`."""
-        there: BoolArray = (position >= self.wanted - TOLERANCE) & (position <= self.wanted + TOLERANCE + GIVE)
-        return there
 
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
         """Draw the positions of the other drawers, which are not quite closed."""

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.sim.apartments import Apartment
 from perdure.home.skills.articulated import Articulated, success_text
-from perdure.home.skills.progress import BoolArray, FloatArray
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.starts.stand import Rectangle
+from perdure.home.skills.skill import Recipe
+from perdure.home.skills.starts import Rectangle
 
 OPENED = np.pi / 2.0 - 0.15
-START_RECTANGLES = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
-REGION = Rectangle((0.9, 1.8), 0.5)
 
 
 @dataclass(frozen=True)
@@ -22,17 +18,8 @@ class OpenFridge(Articulated):
     """M3's success condition and start states (`open_fridge_v0A`)."""
 
     name = "open_fridge"
-    wanted = OPENED
+    wanted, accepted = OPENED, (OPENED, np.inf)
     success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
-    begins_in = START_RECTANGLES
-    reached_from = REGION
+    start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
+    navigation_region = Rectangle((0.9, 1.8), 0.5)
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
-
-    def there(self, position: FloatArray) -> BoolArray:
-        """See `Articulated.there`."""
-        there: BoolArray = position >= OPENED
-        return there
-
-    def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
-        """Leave everything closed."""
-        return {}

@@ -12,13 +12,9 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.open_fridge import START_RECTANGLES
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.skill import RETRACTED, Skill
-from perdure.home.skills.starts.containers import FRIDGE_DOOR
-from perdure.home.skills.starts.stand import Rectangle, stand_in
-from perdure.home.skills.starts.start import Start
+from perdure.home.skills.open_fridge import OpenFridge
+from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.starts import FRIDGE_DOOR, Rectangle, Start, stand_in
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
@@ -52,7 +48,13 @@ CONFUSABLE = obs.ObservationTerm(
             )
             for k in range(NEIGHBORS)
         ),
-        obs.Element("lead", "distance of the nearest other object minus that of the target", "m", -LEAD, LEAD),
+        obs.Element(
+            "lead",
+            "distance from the gripper point to the nearest other object minus that to the target",
+            "m",
+            -LEAD,
+            LEAD,
+        ),
         obs.Element("handle_distance", "distance of the nearest handle from the gripper point", "m", 0.0, NEIGHBORHOOD),
     ),
     _neighbors,
@@ -86,7 +88,7 @@ class Pick(Skill):
     success_text = f"the target is held and the gripper is within {RETRACTED:g} m of rest"
     failures: ClassVar = {
         "wrong object": "the hand holds something other than the target",
-        "dropped": "the target was held and is not any more",
+        "dropped": "the target was held and has left the hand",
         **Skill.failures,
     }
     recipe = Recipe(2_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
@@ -114,8 +116,7 @@ class Pick(Skill):
 
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See `success_text`."""
-        reached: BoolArray = state.holds_target & (obs.rest_distance(state) <= RETRACTED)
-        return reached
+        return np.asarray(state.holds_target & (obs.rest_distance(state) <= RETRACTED))
 
     def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `failures`."""
@@ -127,8 +128,7 @@ class Pick(Skill):
 
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Stop when an object (M3: anything) is held and the gripper is back at rest."""
-        done: BoolArray = (state.held >= 0) & (obs.rest_distance(state) < RETRACTED)
-        return done
+        return np.asarray((state.held >= 0) & (obs.rest_distance(state) < RETRACTED))
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Never let go (M3), and do not grasp anything but the target (OURS)."""
@@ -148,5 +148,5 @@ class Pick(Skill):
         opened = {FRIDGE_DOOR: float(rng.uniform(*JUST_OPENED))}
         apartment, point = episode.apartment(), episode.objects[target].position
         fridge = apartment.piece_of(FRIDGE_DOOR).pose
-        base = stand_in(apartment, fridge, (ARRIVED, *START_RECTANGLES), point, rng)
+        base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.start_rectangles), point, rng)
         return self.make_start(episode, target, opened, base, rng)

@@ -15,9 +15,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.world import GRIP, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.skill import RETRACTED, Skill
+from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
 
 GOAL_RADIUS = 0.15
 """eps_g: largest distance of the object's center from its goal in [m] (M3, habitat-lab)."""
@@ -91,7 +89,7 @@ class Place(Skill):
         if self.delta < 1:
             raise HomeError(f"delta must be 1 step or more, not {self.delta}")
         if self.limit < self.delta:
-            raise HomeError(f"limited_to must be at least delta = {self.delta} steps, not {self.limit} steps")
+            raise HomeError(f"limited_to must be at least delta: {self.limit} steps cannot last delta = {self.delta}")
 
     @property
     def limit(self) -> int:
@@ -123,8 +121,7 @@ class Place(Skill):
 
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See the class."""
-        reached: BoolArray = (progress.lasting >= self.delta) & (obs.rest_distance(state) <= RETRACTED)
-        return reached
+        return np.asarray((progress.lasting >= self.delta) & (obs.rest_distance(state) <= RETRACTED))
 
     def unmet(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
         """See `Skill.unmet`."""

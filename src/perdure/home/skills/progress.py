@@ -1,4 +1,4 @@
-"""What a skill remembers between control steps."""
+"""What a skill remembers between control steps, and the rules on forces and grasps that all skills share."""
 
 from __future__ import annotations
 
@@ -8,10 +8,17 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.world import PrivilegedState
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Record = TypeVar("Record", bound=Any)
+
+FORCE_MARGIN = 20.0
+"""Contact forces up to this count as 0, in [N] (M3)."""
+HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
+"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
 
 
 @dataclass(frozen=True)
@@ -62,3 +69,14 @@ def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
         column[lanes] = getattr(other, each.name)
         changed[each.name] = column
     return cast(Record, type(record)(**changed))
+
+
+def invalid_grasp(state: PrivilegedState) -> BoolArray:
+    """Return whether what is held is too far from the gripper. Shape (n,)."""
+    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
+    return np.asarray(~state.empty_hand & (state.hold_error > limit))
+
+
+def counted_force(state: PrivilegedState) -> FloatArray:
+    """Return the contact force in [N], 0 up to `FORCE_MARGIN`. Shape (n,)."""
+    return np.where(state.contact_force > FORCE_MARGIN, state.contact_force, 0.0)

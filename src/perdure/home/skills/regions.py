@@ -13,8 +13,7 @@ import numpy as np
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, FreeSpace, free_space
 from perdure.home.skills.progress import IntArray
-from perdure.home.skills.starts.containers import front_frame, is_drawer
-from perdure.home.skills.starts.stand import Rectangle
+from perdure.home.skills.starts import Rectangle, front_frame, is_drawer
 
 OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
 """In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""

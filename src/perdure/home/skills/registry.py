@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
@@ -10,7 +11,7 @@ from perdure.home.benchmark.tasks import SkillStep
 from perdure.home.errors import HomeError
 from perdure.home.sim.world import Lane, SkillGoal
 from perdure.home.skills.skill import Skill
-from perdure.home.skills.starts.containers import open_links
+from perdure.home.skills.starts import open_links
 
 SKILLS: dict[str, type[Skill]] = {}
 """All skills by name."""
@@ -27,15 +28,20 @@ def get_skill(name: str, **options: Any) -> Skill:
         HomeError: If there is no such skill.
     """
     if name not in SKILLS:
-        nearest = get_close_matches(name, SKILLS, n=1)
-        hint = f"; did you mean {nearest[0]}?" if nearest else ""
-        raise HomeError(f"no skill is named {name!r}; there are {', '.join(SKILLS)}{hint}")
+        raise HomeError(f"no skill is named {name!r}; {choices(name, SKILLS)}")
     return SKILLS[name](**options)
 
 
 def learned_skills() -> tuple[str, ...]:
     """Return the names of the skills that have a recipe, and so an environment."""
     return tuple(name for name, kind in SKILLS.items() if kind.recipe is not None)
+
+
+def choices(wrong: str, names: Iterable[str]) -> str:
+    """Return the part of a message that lists valid names, the nearest to the wrong one apart."""
+    names = list(names)
+    nearest = get_close_matches(wrong, names, n=1)
+    return f"there are {', '.join(names)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
 
 
 def make_skill_goal(episode: Episode, step: SkillStep, lane: Lane) -> SkillGoal:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
 from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
 from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.progress import BoolArray, FloatArray, Progress
-from perdure.home.skills.skill import Skill
+from perdure.home.skills.skill import BoolArray, FloatArray, Progress, Skill
 
 DONE = 0.05
 """Largest joint error of a reset arm in [rad] (habitat-lab)."""
@@ -27,18 +25,12 @@ class ResetArm(Skill):
     step_limit = 50
     observation = (PROPRIOCEPTION,)
     success_text = f"all joints are within {DONE:g} rad of rest"
-    failures: ClassVar = {}
     arm_step = FASTEST
     scan_reach = 0.0
 
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """See `success_text`."""
-        done: BoolArray = np.abs(rest_error(state.arm)).max(axis=1) < DONE
-        return done
-
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
-        """Stop on success."""
-        return self.success(state, progress)
+        return np.asarray(np.abs(rest_error(state.arm)).max(axis=1) < DONE)
 
     def act(self, state: PrivilegedState) -> FloatArray:
         """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""

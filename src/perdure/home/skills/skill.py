@@ -18,24 +18,30 @@ from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot.data import BASE_RADIUS
 from perdure.home.sim.world import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP, PrivilegedState, SkillGoal
+from perdure.home.skills import starts
 from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTerm, rest_distance
-from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress
+from perdure.home.skills.progress import (
+    HANDLE_LIMIT,
+    HOLD_LIMIT,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Progress,
+    counted_force,
+    invalid_grasp,
+)
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim
-from perdure.home.skills.starts.arm import draw_arm
-from perdure.home.skills.starts.containers import carried, container_of, draw_open, front_of, link_number
-from perdure.home.skills.starts.stand import stand_near
-from perdure.home.skills.starts.start import Start
+
+__all__ = ["Aim", "BoolArray", "FloatArray", "IntArray", "Progress", "Recipe", "Skill"]  # all that a skill's file needs
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
 """Cost of every step (M3; 0 when a drawer or door is opened or closed)."""
 PENALTY = 1.0
 """Cost of a failure (M3)."""
-FORCE_COST, FORCE_CAP, FORCE_MARGIN = 0.001, 0.2, 20.0
-"""Cost per newton of increase in contact force, its cap per step, and the force in [N] up to which it is free (M3)."""
-HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
-"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
+FORCE_COST, FORCE_CAP = 0.001, 0.2
+"""Cost per newton of increase in contact force, and its cap per step (M3)."""
 RETRACTED = 0.05
 """Largest distance of a retracted gripper point from its rest position in [m] (M3)."""
 
@@ -109,9 +115,9 @@ class Skill(ABC):
     def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
         """Return whether the skill has succeeded. Shape (n,)."""
 
-    @abstractmethod
     def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
-        """Return whether the executor goes on to the next skill (M3's rules; the step limit is apart). Shape (n,)."""
+        """Return whether the executor goes on to the next skill: on success by default. Shape (n,)."""
+        return self.success(state, progress)
 
     def reward_terms(
         self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
@@ -157,7 +163,7 @@ class Skill(ABC):
             opened: Positions of open drawers and doors by link name.
         """
         placement = self.placement(episode, target)
-        return Aim(placement.position, container_of(episode.apartment(), placement))
+        return Aim(placement.position, starts.container_of(episode.apartment(), placement))
 
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
@@ -174,35 +180,37 @@ class Skill(ABC):
         return SkillGoal(
             target,
             episode.goals[target].position,
-            link_number(apartment, aim.link) if self.moves_link and aim.link is not None else -1,
+            starts.link_number(apartment, aim.link) if self.moves_link and aim.link is not None else -1,
             self.name,
             aim.point,
-            front=front_of(apartment, self.placement(episode, target)),
+            front=starts.front_of(apartment, self.placement(episode, target)),
         )
 
-    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
+    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> starts.Start:
         """Draw a start state for training, without a check for contacts.
 
         By default the robot stands within 2 m of what it acts on, faces it, and its container is open (M3, `pick_v1`,
         `place_v1`).
         """
-        opened = draw_open(episode.apartment(), container_of(episode.apartment(), self.placement(episode, target)), rng)
+        opened = starts.draw_open(
+            episode.apartment(), starts.container_of(episode.apartment(), self.placement(episode, target)), rng
+        )
         return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
 
     def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
         """Draw where the robot stands; in front of the container if there is one (OURS)."""
         apartment, placement = episode.apartment(), self.placement(episode, target)
-        front = None if container_of(apartment, placement) is None else front_of(apartment, placement)
-        return stand_near(apartment, placement.position, rng, front)
+        front = None if starts.container_of(apartment, placement) is None else starts.front_of(apartment, placement)
+        return starts.stand_near(apartment, placement.position, rng, front)
 
     def make_start(
         self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator
-    ) -> Start:
+    ) -> starts.Start:
         """Return a start state with the arm near rest and the object where `object_at_start` says."""
-        moved = {"start": carried(episode, target, opened), "gripper": {}, "goal": {0: episode.goals[target]}}
-        return Start(
+        moved = {"start": starts.carried(episode, target, opened), "gripper": {}, "goal": {0: episode.goals[target]}}
+        return starts.Start(
             base=base,
-            arm=draw_arm(rng),
+            arm=starts.draw_arm(rng),
             skill_goal=replace(self.skill_goal(episode, target, opened), target=0),
             opened=opened,
             held=0 if self.object_at_start == "gripper" else -1,
@@ -252,15 +260,3 @@ class Skill(ABC):
         for value in terms.values():
             total = total + value
         return total, terms
-
-
-def invalid_grasp(state: PrivilegedState) -> BoolArray:
-    """Return whether what is held is too far from the gripper. Shape (n,)."""
-    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
-    invalid: BoolArray = ~state.empty_hand & (state.hold_error > limit)
-    return invalid
-
-
-def counted_force(state: PrivilegedState) -> FloatArray:
-    """Return the contact force in [N], 0 up to `FORCE_MARGIN`. Shape (n,)."""
-    return np.where(state.contact_force > FORCE_MARGIN, state.contact_force, 0.0)

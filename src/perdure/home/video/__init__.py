@@ -13,7 +13,7 @@ Contents:
 """
 
 from perdure.home.video.browser import serve_episode
-from perdure.home.video.failure_sheet import failure_sheet
+from perdure.home.video.failure_sheets import failure_sheet
 from perdure.home.video.files import save_picture
 from perdure.home.video.film import FilmOptions, contact_sheet, film_episode
 from perdure.home.video.marks import goal_marks

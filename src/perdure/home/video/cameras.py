@@ -1,4 +1,4 @@
-"""Where a picture is taken from: the whole apartment from above or as a doll's house, or the robot's own eyes."""
+"""Cameras: the whole apartment from above or as a doll's house, the robot's own cameras, a following camera."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment
+from perdure.home.sim.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 CameraName = Literal["doll_house", "plan", "head", "hand", "follow"]
 CAMERAS: tuple[str, ...] = get_args(CameraName)
 OWN = ("head", "hand")
@@ -34,7 +33,7 @@ class Shot:
     target: FloatArray
     """Shape (3,), in [m]."""
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """What is up in the picture; north for a camera that looks straight down."""
+    """Upward direction in the picture; north for a camera that looks straight down."""
 
     @property
     def axes(self) -> FloatArray:
@@ -45,7 +44,7 @@ class Shot:
         return np.stack([right, np.cross(right, forward), forward])
 
     def angles(self) -> tuple[float, float, float]:
-        """Azimuth and elevation in [deg] and distance in [m] of MuJoCo's free camera."""
+        """Return azimuth and elevation in [deg] and distance in [m] of MuJoCo's free camera."""
         forward = self.axes[2]
         level = self.axes[1] if abs(forward[2]) > 0.9999 else forward
         azimuth = float(np.degrees(np.arctan2(level[1], level[0])))
@@ -53,7 +52,7 @@ class Shot:
         return azimuth, elevation, float(np.linalg.norm(self.target - self.eye))
 
     def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
-        """Where points of the room are in the picture.
+        """Return where points of the room are in the picture.
 
         Args:
             points: In [m]. Shape (n, 3).
@@ -69,7 +68,7 @@ class Shot:
 
 
 def whole_apartment(apartment: Apartment, camera: str, size: tuple[int, int]) -> Shot:
-    """The camera `doll_house` or `plan`, as near as the whole apartment fits into the picture."""
+    """Return the camera `doll_house` or `plan`, as near as the whole apartment fits into the picture."""
     corners = np.array(apartment.room)
     middle = np.array([*(0.5 * (corners.min(axis=0) + corners.max(axis=0))), 0.0])
     points = np.concatenate([np.c_[corners, np.full(len(corners), z)] for z in (0.0, LOW_WALL)])
@@ -82,7 +81,7 @@ def whole_apartment(apartment: Apartment, camera: str, size: tuple[int, int]) ->
 
 
 def check_camera(name: str) -> str:
-    """The name of a camera; HomeError when there is none of that name."""
+    """Return the name of a camera; HomeError when there is none of that name."""
     if name not in CAMERAS:
         raise HomeError(f"no camera is named {name!r}; there are {', '.join(CAMERAS)}")
     return name
@@ -91,7 +90,7 @@ def check_camera(name: str) -> str:
 def _fit(
     points: FloatArray, middle: FloatArray, backward: FloatArray, size: tuple[int, int], up: tuple[float, float, float]
 ) -> Shot:
-    """Moves a camera back until all points are in the picture, then centers them."""
+    """Move a camera back until all points are in the picture, then centers them."""
     target, distance = middle, 30.0
     for _ in range(8):
         shot = Shot(target + distance * backward, target, up)

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import Picture
 from perdure.runs import write_whole
-
-Picture = NDArray[np.uint8]
 
 GIF_PACE = 0.08
 """Seconds that a picture of a GIF stays: browsers count in hundredths and slow down what is faster."""
@@ -36,11 +34,11 @@ class Film(Protocol):
         """The film is complete."""
 
     def stop(self) -> None:
-        """Nothing more is written."""
+        """Stop writing."""
 
 
 def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Path:
-    """Writes a PNG.
+    """Write a PNG.
 
     Args:
         picture: Shape (height, width, 3).

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.sim.arrays import Picture
 from perdure.home.sim.world import CONTROL_HZ, Jaws, Lane, Rolling, SceneOptions, World
 from perdure.home.video.cameras import Shot, check_camera
 from perdure.home.video.files import Film, open_film
@@ -24,8 +24,6 @@ from perdure.home.video.narrate import Narrator
 from perdure.home.video.render_episode import focus, render_episode
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

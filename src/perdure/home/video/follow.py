@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.world import Lane
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
 from perdure.home.video.cameras import Shot
-
-FloatArray = NDArray[np.float64]
 
 DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([24.0, 36.0, 50.0]))))
 """Azimuths and elevations that are tried, in [rad]: where the camera is, seen from what it looks at."""
@@ -23,11 +21,11 @@ REACH = 2.4
 STAY = 1.5
 """Score that a direction loses for each radian it is away from the present one."""
 PATIENCE = 0.5
-"""How long the camera keeps a gripper_goal before it looks around for a better one, in [s]."""
+"""Time the camera keeps a direction before it searches a better one, in [s]."""
 INERTIA = 0.6
-"""Time constant in [s] of its way around what it looks at ..."""
+"""Time constant of the camera's direction in [s] ..."""
 TRACKING = 0.12
-"""... and with it: at 3 m/s, four times faster than life, the robot is 1.4 m ahead of the picture's middle."""
+"""... and of the point it looks at: at 3 m/s and fourfold speed the robot is 1.4 m ahead of the picture's center."""
 
 
 class Follower:
@@ -38,11 +36,11 @@ class Follower:
         self._lane = lane
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
-        self._gripper_goal, self._age = np.zeros(2), np.inf
+        self._wanted, self._age = np.zeros(2), np.inf
         self._partitions = _partition_geoms(lane)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
-        """The camera a moment later.
+        """Return the camera a moment later.
 
         Args:
             focus: What it is about besides the robot, in the room. Shape (3,).
@@ -61,9 +59,9 @@ class Follower:
             points = [gripper, robot + np.array([0.0, 0.0, 0.3])]
             if focus is not None and near:
                 points.insert(0, focus)
-            self._gripper_goal, self._age = self._best(middle, distance, points, exclude), 0.0
+            self._wanted, self._age = self._best(middle, distance, points, exclude), 0.0
         self._age += seconds
-        aim = np.array([*self._gripper_goal, distance])
+        aim = np.array([*self._wanted, distance])
         if self._now is None:
             self._now, self._middle = aim, middle
         share = 1.0 - np.exp(-seconds / INERTIA)
@@ -74,7 +72,7 @@ class Follower:
         return Shot(self._middle + self._now[2] * direction_of(*self._now[:2]), self._middle)
 
     def _robot(self) -> tuple[FloatArray, FloatArray]:
-        """The robot's chest and its gripper point in the room."""
+        """Return the robot's chest and its gripper point in the room."""
         x, y, yaw = self._lane.robot[:3]
         local, _ = gripper_pose(self._lane.robot[TORSO], self._lane.robot[ARM_FROM:ARM_TO])
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -82,7 +80,7 @@ class Follower:
         return np.array([x, y, 0.7]), gripper
 
     def _best(self, middle: FloatArray, distance: float, points: list[FloatArray], exclude: int) -> FloatArray:
-        """Azimuth and elevation from which most can be seen. Shape (2,)."""
+        """Return azimuth and elevation from which most can be seen. Shape (2,)."""
         scores = []
         for azimuth, elevation in DIRECTIONS:
             eye = middle + distance * direction_of(azimuth, elevation)
@@ -95,11 +93,11 @@ class Follower:
         return best
 
     def _beside(self, azimuth: float) -> float:
-        """1 for a look from the side, where one sees what the arm does, 0 from ahead or behind."""
+        """Return 1 for a view from the side, where the arm is visible, 0 from ahead or behind."""
         return float(abs(np.sin(azimuth - self._lane.robot[2])))
 
     def _sees(self, point: FloatArray, eye: FloatArray, exclude: int) -> float:
-        """1 when nothing stands between, 0.4 when only the robot does, else 0."""
+        """Return 1 for a free line of sight, 0.4 when only the robot blocks it, else 0."""
         import mujoco
 
         geom = np.array([-1], dtype=np.int32)

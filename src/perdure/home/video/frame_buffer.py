@@ -7,9 +7,9 @@ import tempfile
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from perdure.home.sim.arrays import Picture
+
 QUALITY = 95
 
 

@@ -1,4 +1,4 @@
-"""What is drawn into a picture that is not in the world: where targets are and where they belong."""
+"""Marks drawn into a picture: the targets and their goals."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import AT
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects import short_name
 
 Color = tuple[float, float, float]
-Vec3 = tuple[float, float, float]
 
 COLORS: tuple[Color, ...] = (
     (0.10, 0.42, 0.86),
@@ -27,7 +28,7 @@ class Mark:
     label: str
     """What the object is called in the picture."""
     goal: Vec3
-    """Where it belongs in the room in [m]."""
+    """Its goal position in the room in [m]."""
     color: Color
     number: int
     """Of the object in the scene; -1 when only the goal is to be seen."""
@@ -36,13 +37,7 @@ class Mark:
 
 
 def goal_marks(episode: Episode) -> tuple[Mark, ...]:
-    """One mark for each target of an episode; the scene's first objects must be the targets."""
+    """Return one mark for each target of an episode; the scene's first objects must be the targets."""
     return tuple(
         Mark(short_name(goal.kind), goal.position, COLORS[k % len(COLORS)], k) for k, goal in enumerate(episode.goals)
     )
-
-
-def short_name(kind: str) -> str:
-    """A YCB name without its number: `005_tomato_soup_can` is a tomato soup can."""
-    number, _, words = kind.partition("_")
-    return (words if number.isdigit() and words else kind).replace("_", " ")

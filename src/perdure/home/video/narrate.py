@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
+from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.objects import short_name
 from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-from perdure.home.video.marks import short_name
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import AT, NOTHING, Predicate
 from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import blamed, latched
 from perdure.home.evaluate.outcomes.failure_causes import REST_MOVE, in_goal_since
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.replay import Replay
-
-FloatArray = NDArray[np.float64]
 
 PICTURES = 8
 BEFORE = CONTROL_HZ

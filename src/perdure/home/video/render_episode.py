@@ -10,19 +10,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor, Scripted
 from perdure.home.agents.oracle import Oracle
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import Lane, World
 from perdure.home.skills import Skill, get_skill
 from perdure.home.video.narrate import Narrator
 from perdure.home.video.render_scene import RenderScene
-
-FloatArray = NDArray[np.float64]
 
 FrameObserver = Callable[[World, Lane, Narrator], bool]
 """Called after every control step with the world, the render scene's lane and the captions. False ends the episode."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode, episode_hash, load_episodes
 from perdure.home.benchmark.tasks import SETTLE_STEPS
@@ -18,10 +17,9 @@ from perdure.home.evaluate.log import EpisodeLog, History
 from perdure.home.evaluate.outcomes import Counting, Label, label, noted_policies, read_logs, read_notes
 from perdure.home.evaluate.outcomes.files import check_distinct
 from perdure.home.evaluate.protocol import logged_policies, read_strategy
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import World
 from perdure.home.video.side_by_side import Agent, make_agent
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillName
@@ -17,14 +14,13 @@ from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.protocol import Protocol, make_actors
 from perdure.home.evaluate.protocol.policies import SkillPolicy
 from perdure.home.evaluate.protocol.protocol import Vary
+from perdure.home.sim.arrays import Picture
 from perdure.home.skills import Skill
 from perdure.home.video.files import open_film
 from perdure.home.video.film import FilmOptions, FrameWriter, tile
 from perdure.home.video.frame_buffer import FrameBuffer
 from perdure.home.video.render_episode import render_episode
 from perdure.home.video.words import write_title
-
-Picture = NDArray[np.uint8]
 
 GAP = 8
 """Between two pictures, in pixels; even, as films need it."""

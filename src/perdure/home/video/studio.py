@@ -12,19 +12,16 @@ from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import cut_away
+from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.camera.gl import open_context
 from perdure.home.sim.world import Lane
 from perdure.home.video.cameras import FOVY, OWN, Shot, check_camera, whole_apartment
 from perdure.home.video.marks import Mark
 from perdure.home.video.words import write_labels
 
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-"""Shape (height, width, 3)."""
-
 LARGEST = 4096
 NEAR = 0.02
-"""What is nearer to a camera is not drawn, in [m]: the head looks along the upper arm."""
+"""Near clipping distance in [m]: the head looks along the upper arm."""
 SHADOWS = 4096
 """Size of the shadow map in texels."""
 SEEN = (1, 1, 1, 0, 0, 0)
@@ -41,7 +38,7 @@ class Studio:
     """Takes pictures of one lane, many if need be. Use it in a `with`, in the thread that made it."""
 
     def __init__(self, lane: Lane, size: tuple[int, int] = (900, 600)) -> None:
-        """Sets up lights and camera.
+        """Set up lights and camera.
 
         Args:
             lane: What to take pictures of; its scene should be built with visuals. It is not changed.
@@ -78,14 +75,14 @@ class Studio:
         self.close()
 
     def close(self) -> None:
-        """Gives the graphics memory back."""
+        """Give the graphics memory back."""
         if self._context is not None:
             self._drawing.free()
             self._context.free()
             self._context = None
 
     def take(self, camera: str | Shot, marks: Sequence[Mark] = (), labels: bool = True) -> Picture:
-        """One picture of the lane as it is now.
+        """Return one picture of the present lane.
 
         Args:
             camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
@@ -137,7 +134,7 @@ class Studio:
         return camera
 
     def _object_place(self, mark: Mark) -> FloatArray | None:
-        """Where a mark's object is now."""
+        """Return where a mark's object is now."""
         scene = self.lane.scene
         if not 0 <= mark.number < len(scene.placements):
             return None
@@ -192,7 +189,7 @@ class Studio:
 def render_lane(
     lane: Lane, camera: str | Shot = "doll_house", size: tuple[int, int] = (900, 600), goals: Sequence[Mark] = ()
 ) -> Picture:
-    """One picture of a lane. For many of the same lane, a `Studio` is faster.
+    """Return one picture of a lane. For many of the same lane, a `Studio` is faster.
 
     Args:
         lane: What to take a picture of; its scene should be built with visuals.

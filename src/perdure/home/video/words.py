@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.video.cameras import Shot
 from perdure.home.video.marks import Mark
 from perdure.home.video.narrate import Caption
@@ -16,8 +16,6 @@ from perdure.home.video.narrate import Caption
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Box = tuple[float, float, float, float]
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,9 +93,8 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
     kwargs = _table(values, "policy_kwargs")
     module = _policy_module(_table(values, "policy_class"), what)
     _check_kwargs(kwargs, what)
-    algorithm = next((name for name, sign in _SIGNS if sign in values), "Stable-Baselines3")
     return Sb3Settings(
-        algorithm=algorithm,
+        algorithm=algorithm_of(values),
         policy_module=module,
         activation=_activation(kwargs, module, what),
         squashed=module != ACTOR_CRITIC or kwargs.get("squash_output") is True,
@@ -106,6 +106,11 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
         seed=_whole(values.get("seed")),
         steps=_whole(values.get("num_timesteps")),
     )
+
+
+def algorithm_of(settings: Mapping[str, Any]) -> str:
+    """Return the algorithm that has these settings, such as "PPO", or "model" if none is known; DDPG is a TD3."""
+    return next((name for name, sign in _SIGNS if sign in settings), "model")
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:

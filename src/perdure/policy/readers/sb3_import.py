@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import warnings
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +12,10 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, make_world, task_of_environment
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
-from perdure.policy.errors import PolicyError, PolicyFileError, PolicyWarning
-from perdure.policy.files import load_policy, save_policy
+from perdure.policy.errors import PolicyError, PolicyWarning
 from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy
+from perdure.policy.readers.identity import file_digest, library_versions
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
 from perdure.policy.readers.sb3_data import DOOR
 from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
@@ -78,39 +75,6 @@ def import_sb3(
     policy = _policy(model, spec, statistics, steps, str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
     return replace(policy, reference=measure_reference(policy)) if measure else policy
-
-
-def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
-    """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
-
-    The file's name contains a digest of the files' contents, the options and the versions that decide the outcome.
-
-    Args:
-        path: As in `import_sb3`.
-        folder: Made if it is missing.
-        env: As in `import_sb3`.
-        options: `normalizer`, `time_feature` and `trust` of `import_sb3`.
-    """
-    normalizer = options.get("normalizer")
-    identity = {
-        **options,
-        "env": task_of_environment(env),
-        "model": _digest(path),
-        "normalizer": None if normalizer in (None, NO_NORMALIZER) else _digest(Path(normalizer)),
-        "no normalizer": normalizer == NO_NORMALIZER,
-        "versions": _versions(),
-    }
-    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
-    try:
-        if target.exists():
-            load_policy(target)
-            return target
-    except PolicyFileError:
-        pass  # damaged: it is made again
-    policy = import_sb3(path, env, **options)
-    folder.mkdir(parents=True, exist_ok=True)
-    return save_policy(policy, target)
 
 
 def _policy(model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, steps: int | None, what: str) -> Policy:
@@ -200,20 +164,11 @@ def _provenance(
         "method": f"SB3 {settings.algorithm} ({name})",
         **({} if settings.seed is None else {"seed": settings.seed}),
         "steps": settings.steps,
-        "source": {"file": path.name, "sha256": _digest(path), "stable-baselines3": model.version, "env": env},
-        "versions": _versions(),
+        "source": {"file": path.name, "sha256": file_digest(path), "stable-baselines3": model.version, "env": env},
+        "versions": library_versions(),
     }
     if normalizer is not None:
-        provenance["source"] |= {"normalizer": normalizer.name, "normalizer sha256": _digest(normalizer)}
+        provenance["source"] |= {"normalizer": normalizer.name, "normalizer sha256": file_digest(normalizer)}
     if time_feature is not None:
         provenance["source"]["time feature"] = time_feature
     return provenance
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _versions() -> dict[str, str]:
-    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}

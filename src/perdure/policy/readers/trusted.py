@@ -14,13 +14,21 @@ from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyFileError
 from perdure.policy.readers.sb3 import Sb3Model, read_layers
-from perdure.policy.readers.sb3_data import DEFAULT_ACTIVATION, DOOR, TORCH_ACTIVATIONS, Sb3Settings
+from perdure.policy.readers.sb3_data import (
+    ACTOR_CRITIC,
+    DEFAULT_ACTIVATION,
+    DOOR,
+    TORCH_ACTIVATIONS,
+    Sb3Settings,
+    algorithm_of,
+)
 from perdure.policy.readers.vecnormalize import Statistics, checked_normalizer
 
-ALGORITHMS = (
-    *(("stable_baselines3", name) for name in ("PPO", "A2C", "SAC", "TD3", "DDPG")),
-    *(("sb3_contrib", name) for name in ("TQC", "TRPO")),
-)
+PACKAGES = {
+    **dict.fromkeys(("PPO", "A2C", "SAC", "TD3"), "stable_baselines3"),
+    **dict.fromkeys(("TQC", "TRPO"), "sb3_contrib"),
+}
+"""Algorithm to the package that has it."""
 INSTALL = "--trust needs Stable-Baselines3: pip install stable-baselines3 sb3-contrib"
 
 
@@ -87,27 +95,11 @@ def _named(what: str) -> Iterator[None]:
 
 
 def _load(path: Path) -> Any:
-    """Try one algorithm after the other: a zip does not name its own."""
     settings = import_module("stable_baselines3.common.save_util").load_from_zip_file(str(path), device="cpu")[0]
-    policy_class = settings["policy_class"]
-    for package, name in ALGORITHMS:
-        try:
-            algorithm = getattr(import_module(package), name)
-        except ImportError:
-            continue
-        if policy_class in algorithm.policy_aliases.values() and _has_settings_of(algorithm, settings):
-            return algorithm.load(str(path), device="cpu")
-    raise PolicyFileError(f"{path}: its policy class {policy_class.__name__} is not read: {DOOR}")
-
-
-def _has_settings_of(algorithm: Any, settings: dict[str, Any]) -> bool:
-    import inspect
-
-    own = set(inspect.signature(algorithm.__init__).parameters) & {
-        *("clip_range", "rms_prop_eps", "cg_max_steps", "target_entropy", "top_quantiles_to_drop_per_net"),
-        "policy_delay",
-    }
-    return own <= set(settings)
+    algorithm = algorithm_of(settings)
+    if algorithm not in PACKAGES:
+        raise PolicyFileError(f"{path} is of no algorithm that is read ({', '.join(PACKAGES)}): {DOOR}")
+    return getattr(import_module(PACKAGES[algorithm]), algorithm).load(str(path), device="cpu")
 
 
 def _settings(model: Any, what: str) -> Sb3Settings:
@@ -127,7 +119,7 @@ def _settings(model: Any, what: str) -> Sb3Settings:
         use_sde=bool(model.use_sde),
         action_bounds=(space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)),
         gamma=float(model.gamma),
-        behind_vecnormalize=False,
+        behind_vecnormalize=module == ACTOR_CRITIC and model._last_original_obs is not None,
         seed=model.seed,
         steps=model.num_timesteps,
     )

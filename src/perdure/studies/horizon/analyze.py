@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 import polars as pl
@@ -13,6 +12,7 @@ from perdure.runs import write_whole
 from perdure.studies.csv_files import write_csv
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
+from perdure.studies.horizon.claims import CLAIMS
 from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.figure_curves import clock_figures, survival_figures, training_horizon_figures
 from perdure.studies.horizon.figure_mechanism import mechanism_figures
@@ -45,13 +45,8 @@ def analyze(grid: Grid, out: Path) -> list[Path]:
 
 def registered_claims(grid: Grid) -> Sequence[Claim]:
     """Return the claims of the thesis about settings of this grid."""
-    if find_spec("perdure.studies.horizon.claims") is None:
-        return ()
-    from importlib import import_module
-
-    claims: Sequence[Claim] = import_module("perdure.studies.horizon.claims").CLAIMS
     settings = set(grid.settings)
-    return [claim for claim in claims if settings & {*claim.tasks, *claim.right_tasks}]
+    return [claim for claim in CLAIMS if settings & {*claim.tasks, *claim.right_tasks}]
 
 
 def _tables(results: Results) -> Iterator[tuple[str, pl.DataFrame]]:

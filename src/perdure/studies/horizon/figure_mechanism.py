@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -30,8 +31,11 @@ def mechanism_figures(results: Results) -> Iterator[Figure]:
     for setting in results.grid.settings:
         axes = Axis("steps to go of the training horizon"), Axis("mean reward per step")
         yield from _curves(bins, setting, "steps to go", "reward", axes, "reward-to-go", "Reward by steps to go")
-        axes = Axis("C: the steps to go that the policy is told"), Axis("change of the action", percent=True)
-        title = "Change of the action when C is told instead of 500, as a share of the action box"
+        axes = (
+            Axis("C: the steps to go that the policy is told"),
+            Axis("change of the action, as a share of the action box", low=0.0),
+        )
+        title = "Change of the action when C is told instead of 500"
         yield from _curves(actions, setting, "C", "change", axes, "action-dependence", title)
     for measure in VALUES:
         yield from _values(results, measure)
@@ -47,10 +51,14 @@ def _curves(
         if part.is_empty():
             continue
         places, interval = _over_runs(part, x, y)
+        if axes[1].low is not None:
+            interval = replace(interval, lower=np.maximum(interval.lower, axes[1].low))
         curves.append(interval_curve(words.method(method), places, interval, theme.style(METHODS.index(method))))
         intervals.append(interval)
     if curves:
-        note = f"Short rollouts of the mean action. {interval_note(intervals, 'Bands')}"
+        note = (
+            f"Short rollouts of the mean action, as far as every training run came. {interval_note(intervals, 'Bands')}"
+        )
         yield Figure(slug(name, setting), title, curve_chart(curves, *axes), note, words.setting(setting))
 
 

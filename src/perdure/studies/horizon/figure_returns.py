@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import polars as pl
@@ -38,16 +38,25 @@ def return_figures(results: Results) -> Iterator[Figure]:
     """Figure 3-2, the controls and the rules that choose C: return of the whole test horizon by setting."""
     horizon = wording.whole(float(results.grid.steps))
     yield from _figure(results, "figure-3-2", f"Return of {horizon} steps", FIGURE_3_2)
-    yield from _figure(results, "controls", f"Return of {horizon} steps: the method and its controls", CONTROLS)
-    yield from _figure(results, "rules", f"Return of {horizon} steps by how C was chosen", RULES)
+    title, note = f"Return of {horizon} steps: the method and its controls", "C is cross-validated."
+    yield from _figure(results, "controls", title, CONTROLS, lambda each: words.method(each.method), note)
+    title, note = f"Return of {horizon} steps by how C was chosen", "Geometric time-to-go."
+    yield from _figure(results, "rules", title, RULES, lambda each: words.rule(each.clock), note)
     gammas = [Condition(row.method) for row in results.grid.rows if row.gamma is not None]
     if gammas:
         compared = (Condition("geometric", "chosen"), Condition("ppo"), *dict.fromkeys(gammas))
-        yield from _figure(results, "gamma", f"Return of {horizon} steps by discount", compared, "ppo-gamma-0.99")
+        title = f"Return of {horizon} steps by discount"
+        yield from _figure(results, "gamma", title, compared, needs=gammas[0].method)
 
 
 def _figure(
-    results: Results, name: str, title: str, conditions: Sequence[Condition], needs: str = ""
+    results: Results,
+    name: str,
+    title: str,
+    conditions: Sequence[Condition],
+    label: Callable[[Condition], str] = words.condition,
+    about: str = "",
+    needs: str = "",
 ) -> Iterator[Figure]:
     values = {
         (setting, condition): found
@@ -64,19 +73,21 @@ def _figure(
     scales = {setting: return_scale(results, setting) for setting in settings}
     intervals = {key: run_interval(_scaled(found, scales[key[0]])) for key, found in values.items()}
     points = [
-        _points(condition, k, settings, values, scales, intervals)
+        _points(label(condition), condition, k, settings, values, scales, intervals)
         for k, condition in enumerate(conditions)
         if any(each == condition for _, each in values)
     ]
     known = all(scale != 1.0 for scale in scales.values())
     axis = Axis("share of a published policy's reward" if known else "return")
-    note = f"Rings: training runs. {interval_note(list(intervals.values()), 'Bars')}"
+    note = f"{about} " if about else ""
+    note += f"Rings: training runs. {interval_note(list(intervals.values()), 'Bars')}"
     note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if known else ""
     chart = point_chart([words.setting(setting) for setting in settings], points, axis, theme.WIDE)
     yield Figure(name, title, chart, note, wide=True)
 
 
 def _points(
+    label: str,
     condition: Condition,
     k: int,
     settings: Sequence[str],
@@ -88,7 +99,7 @@ def _points(
     found = [bounds(intervals[settings[row], condition]) for row in rows]
     mean, lower, upper = (np.array(each) for each in zip(*found, strict=True))
     rings = [list(_scaled(values[settings[row], condition], scales[settings[row]]).values()) for row in rows]
-    return Points(words.condition(condition), rows, mean, theme.style(k), lower, upper, rings)
+    return Points(label, rows, mean, theme.style(k), lower, upper, rings)
 
 
 def return_scale(results: Results, setting: str) -> float:

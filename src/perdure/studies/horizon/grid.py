@@ -148,7 +148,8 @@ THESIS_ROWS = (
 )
 LAPTOP_ROWS = (
     *_rows(("Hopper-v3",), CLEANRL, (*FOUR, "random-horizon", "geometric-fixed"), 5, 1),
-    *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 3, 1),
+    *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 5, 1),
+    *_rows(("Walker2d-v3",), CLEANRL, ("ppo", "ppo-undiscounted", "geometric"), 3, 1),
 )
 SMOKE_ROWS = (*_rows(("InvertedPendulum-v4",), ZOO, (*FOUR, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),)
 
@@ -167,7 +168,7 @@ GRIDS = {
             "laptop",
             LAPTOP_ROWS,
             (Split("validation", 1000, 2), Split("test", 2000, 5)),
-            20_000,
+            100_000,
             (*CONSTANTS, "periodic:500", "countdown"),
         ),
         Grid("thesis", THESIS_ROWS, (Split("validation", 1000, 2), Split("test", 2000, 10)), 100_000, ("sweep",)),

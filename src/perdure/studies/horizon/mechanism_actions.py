@@ -1,7 +1,7 @@
 """How much the action depends on the time-to-go input at all.
 
-In visited states the policy is asked what it would do with C steps to go. The change is |action(C) - action(500)|,
-averaged over states and components, as a share of the width of the action box.
+In visited states the policy is asked what it would do with C steps to go in an episode of 1,000. The change is
+|action(C) - action(500)|, averaged over states and components, as a share of the width of the action box.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from perdure.horizon import Constant
 from perdure.policy import Policy
 from perdure.studies.horizon.rollouts import FloatArray, Rollout, thinned
 
@@ -29,4 +28,6 @@ def action_changes(policy: Policy, rollout: Rollout) -> pl.DataFrame:
 
 
 def _actions(policy: Policy, states: FloatArray, steps: int) -> FloatArray:
-    return policy.act(states, np.zeros(len(states)), Constant(float(steps)))
+    # Not phi(0, C): the linear embedding is 1 there for every C.
+    horizons = np.full(len(states), float(ASKED[-1]))
+    return policy.act_at(states, horizons - steps, horizons)

@@ -101,7 +101,7 @@ def read_results(grid: Grid, out: Path) -> Results:
         grid,
         out,
         read_rows(grid, out, TEST),
-        read_rows(grid, out, VALIDATION),
+        read_rows(grid, out, VALIDATION, whole=False),
         read_rules(grid, out),
         read_mechanism(grid, out),
     )

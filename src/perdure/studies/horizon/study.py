@@ -39,8 +39,8 @@ STUDY = Study(
         Scale("smoke", "every method on InvertedPendulum, 2 seeds x 4,096 steps, 2,000 test steps; a few minutes"),
         Scale(
             "laptop",
-            "Hopper (CleanRL's settings; six methods, 5 seeds) and HalfCheetah (three methods, 3 seeds), 1,000,000 "
-            "training steps, 20,000 test steps; a night on four cores",
+            "Hopper (CleanRL's settings; six methods, 5 seeds), HalfCheetah (three methods, 5 seeds) and Walker2d "
+            "(three methods, 3 seeds), 1,000,000 training steps, 100,000 test steps; a night on four cores",
         ),
         Scale("thesis", "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days"),
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +37,12 @@ class RowTable:
     frame: pl.DataFrame
     """Columns of `perdure.report.schema`; `clock` is as on a command line: "constant:500", "countdown", "none"."""
 
-    @property
+    @cached_property
     def lanes(self) -> pl.DataFrame:
         """One row for each lane, with the measures."""
         return lane_measures(self.frame)
 
-    @property
+    @cached_property
     def runs(self) -> pl.DataFrame:
         """One row for each clock and training run: means over its lanes, `episodes` and shares of verdicts."""
         shares = [(pl.col("verdict") == name).mean().alias(name) for name in VERDICTS if name != "holds"]
@@ -59,12 +60,20 @@ class RowTable:
         )
 
 
-def read_rows(grid: Grid, out: Path, split: str) -> dict[str, RowTable]:
-    """Return the evaluation of every row that is there, by its key."""
+def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str, RowTable]:
+    """Return the evaluation of every row that is there, by its key.
+
+    Args:
+        grid: Whose rows.
+        out: Folder of the results.
+        split: Name of the start states.
+        whole: Keep all checkpoints, for curves; otherwise those that the measures need.
+    """
     found = {}
     for row in grid.rows:
         if row.evaluated and (frame := _read_row(grid, row, out, split)) is not None:
-            found[row.key] = RowTable(row, frame)
+            kept = frame if whole else frame.filter(pl.col("step").is_in(list(_marks(frame))))
+            found[row.key] = RowTable(row, kept)
     return found
 
 
@@ -103,10 +112,7 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
 
     A policy that never worked has failed from the start: hold 0, no steps to failure.
     """
-    horizon = int(frame["test_horizon"][0])
-    steps = frame["step"].unique().sort().to_numpy()
-    within = int(steps[np.searchsorted(steps, min(WITHIN, horizon), side="right") - 1])
-    before = int(steps[np.searchsorted(steps, (1.0 - LATE) * horizon, side="right") - 1])
+    within, before, horizon = _marks(frame)
     earlier = [
         frame.filter(pl.col("step") == step).select(*LANE, pl.col("return").alias(name))
         for step, name in ((within, "return within"), (before, "_before"))
@@ -137,6 +143,15 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
             "steps to failure": pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon),
         },
     ).drop("_before")
+
+
+def _marks(frame: pl.DataFrame) -> tuple[int, int, int]:
+    """Return the checkpoints of "return within", before the last tenth, and at the end."""
+    horizon = int(frame["test_horizon"][0])
+    steps = frame["step"].unique().sort().to_numpy()
+    wanted = (min(WITHIN, horizon), (1.0 - LATE) * horizon)
+    within, before = (int(steps[np.searchsorted(steps, step, side="right") - 1]) for step in wanted)
+    return within, before, horizon
 
 
 def all_runs(tables: Mapping[str, RowTable]) -> pl.DataFrame:

@@ -193,7 +193,7 @@ def test_an_episode_that_is_there_twice_is_refused():
         analyze([])
 
 
-def test_two_arms_do_not_mix():
+def test_two_strategies_do_not_mix():
     records = [replace(good(), strategy="a"), replace(missed(Story(), 0).log(), strategy="b")]
     analysis = analyze(records)
     final = analysis.stages.filter(counting="latched", stage="place_2")

@@ -36,7 +36,7 @@ def records(strategy, logs, train_seed=100):
     return [replace(log, strategy=strategy, train_seed=train_seed) for log in logs]
 
 
-def two_arms():
+def two_strategies():
     """`rl`: `four()`; `ik`: everything stays."""
     return records("rl", four()) + records("ik", [good(index) for index in range(4)])
 

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 
 import pytest
-from home_pages import figure, figure_note, four, page_of, records, row, table, two_arms
+from home_pages import figure, figure_note, four, page_of, records, row, table, two_strategies
 from home_stories import Story, good
 from specs import by_label, rows
 
@@ -30,7 +30,7 @@ LATCHED, STABILIZING = "latched (benchmark)", "goal-stabilizing (thesis)"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """`rl` with one of four that stays and three of four that the benchmark counts, `ik` with four of four."""
-    return page_of(two_arms(), tmp_path_factory.mktemp("page"))
+    return page_of(two_strategies(), tmp_path_factory.mktemp("page"))
 
 
 class TestNumbers:
@@ -58,12 +58,12 @@ class TestNumbers:
         assert {rows[STABILIZING, stage]["rl"] for stage in stages} == {"1 (25.0 %, 33.3 %)"}
         assert {each["ik"] for each in rows.values()} == {"0"}
 
-    def test_arms_are_compared_on_the_same_episodes(self, page):
+    def test_strategies_are_compared_on_the_same_episodes(self, page):
         (found,) = table(page, "The same episodes under two release strategies")
         assert list(found.values()) == ["ik against rl", "4", "3", "0", "+75.0 points [-4.6, +100.0]"]
         assert "different episodes" not in page
 
-    def test_arms_that_ran_other_episodes_are_warned_of(self, tmp_path):
+    def test_strategies_that_ran_other_episodes_are_warned_of(self, tmp_path):
         page = page_of(records("rl", four()) + records("ik", [good(3), good(4)]), tmp_path)
         assert "The strategies ran different episodes (policy alone: 4 and stop, lower 5 cm: 2)" in figure_note(
             page, "success"
@@ -110,7 +110,7 @@ class TestRuns:
         )
         assert "says nothing about training again" in page
 
-    def test_only_the_arm_with_one_run_is_named(self, tmp_path):
+    def test_only_the_strategy_with_one_run_is_named(self, tmp_path):
         logs = records("rl", [good(0)], 1) + records("rl", [good(0)], 2) + records("ik", [good(0)], 1)
         note = figure_note(page_of(logs, tmp_path), "success")
         assert "Bars of stop, lower 5 cm: none, too few units (n = 1 episodes of one training seed)" in note
@@ -166,9 +166,9 @@ class TestFigures:
         page = page_of(records("rl", [good(0)]), tmp_path)
         assert figure(page, "modes-latched") is None
         assert "<h2>Failure modes</h2>" not in page
-        assert figure(page_of(two_arms(), tmp_path), "modes-latched") is not None
+        assert figure(page_of(two_strategies(), tmp_path), "modes-latched") is not None
 
-    def test_arms_come_in_the_order_of_what_they_add(self, tmp_path):
+    def test_strategies_come_in_the_order_of_what_they_add(self, tmp_path):
         names = ["rl drag", "zebra", "ik+", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
         expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
@@ -202,7 +202,7 @@ class TestWords:
         assert words.stage(get_task("set_table").stage("close_1"), unmet=True) == "fridge not closed"
 
 
-class TestWhoActed:
+class TestPolicies:
     def test_notes_of_the_logs_are_shown(self, tmp_path):
         run = {
             "arm": "rl",
@@ -244,21 +244,21 @@ class TestTheFiles:
         assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", markup)
 
     def test_every_figure_has_a_png_of_its_name(self, tmp_path):
-        page = page_of(two_arms(), tmp_path)
+        page = page_of(two_strategies(), tmp_path)
         names = re.findall(r"<figure id='([^']+)'", page)
         assert len(names) == len(set(names)) == 11
         for name in names:
             assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert len(list(tmp_path.iterdir())) == 12
 
-    def test_arms_and_the_command_cannot_bring_in_markup(self, tmp_path):
+    def test_strategies_and_the_command_cannot_bring_in_markup(self, tmp_path):
         evil = "</script><script>alert(1)</script>"
         page = page_of(records(evil, four()), tmp_path, evil)
         assert "alert(1)" in page
         assert evil not in page
 
     def test_the_same_logs_give_the_same_page(self, tmp_path):
-        pages = [write_page(analyze(two_arms()), tmp_path / name, "x").read_bytes() for name in "ab"]
+        pages = [write_page(analyze(two_strategies()), tmp_path / name, "x").read_bytes() for name in "ab"]
         assert pages[0] == pages[1]
 
     def test_a_folder_that_cannot_be_is_refused(self, tmp_path):
@@ -269,7 +269,7 @@ class TestTheFiles:
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: apt-get install chromium)")
 def test_a_browser_draws_every_figure_and_complains_of_nothing(tmp_path):
-    page_of(two_arms(), tmp_path)
+    page_of(two_strategies(), tmp_path)
     command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}", (tmp_path / PAGE).as_uri()]
     browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
     figures = browser.stdout.count("<figure id=")

@@ -37,6 +37,6 @@ def test_the_usual_world_has_no_name():
     ["TP+SRL", "throw drag", "ik drag jaws-apart", "ik friction", "ik 120-hz", "ik 0-hz", "ik  drag", "ik ", ""],
 )
 def test_other_names_are_refused(name):
-    with pytest.raises(HomeError, match=r"is no strategy of this package: .* rl, stop, ik, ik\+") as refused:
+    with pytest.raises(HomeError, match=r"is no release strategy of this package: .* rl, stop, ik, ik\+") as refused:
         read_strategy(name)
     assert repr(name) in str(refused.value)

@@ -16,8 +16,7 @@ from perdure.home.sim.apartments import (
     plane,
     split_apartments,
 )
-from perdure.home.sim.apartments.accepted import THROWN_AWAY
-from perdure.home.sim.apartments.apartment import drafts
+from perdure.home.sim.apartments.apartment import THROWN_AWAY, drafts
 from perdure.home.sim.apartments.checks import why_not
 
 OPEN_SET = {

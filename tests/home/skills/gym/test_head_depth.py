@@ -189,7 +189,7 @@ def test_many_scenes_share_what_is_drawn_with_and_look_as_with_a_camera_of_their
 
 
 def test_what_does_not_fit_is_refused(monkeypatch):
-    with pytest.raises(HomeError, match="home skills only"):
+    with pytest.raises(HomeError, match="env must be a home skill environment"):
         HeadDepth(gymnasium.make("CartPole-v1"))
     with pytest.raises(HomeError, match="SAME_STEP"):
         VectorHeadDepth(make("pick", "set_table", autoreset_mode=AutoresetMode.SAME_STEP))

@@ -94,7 +94,9 @@ def test_a_drawer_is_pulled_open_and_pushed_closed_by_its_handle(skill, q, pull,
     env = prepared(skill, "set_table", point, skill_goal, above=0.06, back=0.1, opened={link: q}, headings=[facing])
     info = env.step(action(grip=1.0))[-1]
     assert info["reward_terms"]["grasp"].tolist() == [1.0]
-    steps_until(env, lambda env: action(forward=pull), lambda env: bool(env.skill.there(env.state.link_position)[0]))
+    steps_until(
+        env, lambda env: action(forward=pull), lambda env: bool(env.skill.is_accepted(env.state.link_position)[0])
+    )
     for _ in range(on):
         env.step(action(forward=pull))
     info = env.step(action(grip=-1.0))[-1]

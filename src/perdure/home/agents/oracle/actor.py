@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.agents.actor import Actor
 from perdure.home.agents.oracle.articulate import articulate
 from perdure.home.agents.oracle.motions import Motion, View
 from perdure.home.agents.oracle.navigate import navigate
 from perdure.home.agents.oracle.pick import pick
 from perdure.home.agents.oracle.place import place
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import ACTION_SIZE, STOP, PrivilegedState, World
 from perdure.home.skills import Progress, Skill
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOVES = {
     "open_drawer": (0.45, 0.02),
@@ -22,16 +20,16 @@ MOVES = {
     "open_fridge": (1.55, 0.05),
     "close_fridge": (0.0, 0.05),
 }
-"""Where to bring drawers and doors, and how exactly, in [m] or [rad]."""
+"""Goal position of drawers and doors, and its tolerance, in [m] or [rad]."""
 
 
-class Oracle:
+class Oracle(Actor):
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
     sees = False
 
     def __init__(self) -> None:
-        """Nothing is planned before a skill begins."""
+        """Start without plans; a plan is made when a skill begins."""
         self._motions: dict[int, Motion | None] = {}
         self._views: dict[int, View] = {}
 
@@ -44,7 +42,7 @@ class Oracle:
     def act(
         self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
     ) -> FloatArray:
-        """See `Actor.act`. A motion that has ended leaves the robot standing, or says "stop"."""
+        """See `Actor.act`. After the end of a motion the robot stands still, or signals "stop"."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         for row, lane in enumerate(lanes):
             number = int(lane)
@@ -59,10 +57,6 @@ class Oracle:
                     self._motions[number] = None
             actions[row, STOP] = float(skill.name == "navigate")
         return actions
-
-    def overtime(self, lane: int) -> bool:
-        """Never needs more time."""
-        return False
 
     def _motion(self, view: View, skill: Skill) -> Motion:
         if skill.name == "pick":

@@ -1,4 +1,4 @@
-"""Oracle for drawers and the fridge's door: take the handle, move it along its line or arc, let go, go back to rest.
+"""Oracle for drawers and the fridge's door: grasp the handle, move it along its path, release, return to rest.
 
 The arm keeps the gripper on the handle's way (damped least squares); the base drives to keep that way within reach.
 """
@@ -6,7 +6,6 @@ The arm keeps the gripper on the handle's way (damped least squares); the base d
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import handle_grabs
@@ -14,21 +13,20 @@ from perdure.home.agents.oracle.motions import Motion, View, reach_for, rest_arm
 from perdure.home.agents.oracle.pick import ATTEMPTS, SAFE, approach
 from perdure.home.agents.oracle.reach_plan import AHEAD, FARTHER_AHEAD, TURNS, ReachPlan, ahead, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import CONTROL_HZ, GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.world.handles import Handles
-
-FloatArray = NDArray[np.float64]
 
 SPEED = 0.40
 """Of the handle in [m/s]."""
 NEAREST, FARTHEST = 0.62, 0.85
 """Distances along the floor between which the base keeps the gripper in [m]."""
 BACK = 0.15
-"""How far the robot draws back from a handle it has let go, in [m]."""
+"""Distance the robot backs off from a released handle, in [m]."""
 
 
 def articulate(view: View, goal: float, enough: float) -> Motion:
-    """Moves the skill_goal's drawer or door to `goal`; within `enough` of it will do. In [m] or [rad]."""
+    """Move the skill goal's drawer or door to within `enough` of `goal`. In [m] or [rad]."""
     link = int(view.state.link[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
@@ -50,12 +48,12 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
 
 
 def _near(view: View) -> bool:
-    """Whether the handle can be grasped."""
+    """Return whether the handle can be grasped."""
     return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - SAFE
 
 
 def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
-    """Where to stand and how to reach a handle as it is now."""
+    """Return where to stand and how to reach a handle."""
     point, origin = query.handles()[link], np.array([base.x, base.y])
     gripper_goals = handle_grabs(point, origin, _sides(query, link, point, origin))
     if stands is not None:
@@ -68,7 +66,7 @@ def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose]
 
 
 def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
-    """Where the hand may be from a handle: in front of a drawer; of a door before its outer face or its edge too."""
+    """Return directions from a handle in which the hand may wait: in front of a drawer; at a door's face or edge."""
     scene = query.lane.scene
     handles = Handles.of(scene.apartment)
     if handles.sign[link] == 0.0:
@@ -83,7 +81,7 @@ def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArr
 
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
-    """With the handle in the hand: its wanted place runs ahead along its way, gripper and base follow."""
+    """Move the held handle: a target point moves along the handle's path, gripper and base follow it."""
     handles = Handles.of(view.lane.scene.apartment)
     lever = float(np.hypot(*handles.lever[link])) or 1.0
     wanted = float(view.state.link_position[0])

@@ -1,32 +1,31 @@
-"""Asking a lane's model what the robot would touch somewhere else, without moving anything."""
+"""Collision queries: what the robot would touch at another pose, without moving the simulation."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.world import Lane
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
 
-FloatArray = NDArray[np.float64]
-
 PUSHED = 0.25
-"""What a meter of depth in a loose object counts, against 1 in furniture."""
+"""Weight of penetration into a loose object, relative to furniture."""
 TOLERATED = 0.002
-"""Depth in [m] up to which a touch is none."""
+"""Penetration in [m] that does not count as a contact."""
 
 
 class CollisionQuery:
-    """A second set of data for a lane's model, the rest of the world as it is when the query is made."""
+    """A second `MjData` of a lane's model, with the rest of the world frozen at the time of the query."""
 
     def __init__(self, lane: Lane) -> None:
-        """A query of the robot in this lane."""
+        """Copy the state of a lane."""
         import mujoco
 
         self._mujoco = mujoco
@@ -38,20 +37,20 @@ class CollisionQuery:
         self._held = lane.held
 
     def open(self, link: int, position: float) -> None:
-        """Moves a drawer or door in the query's world."""
+        """Move a drawer or door in the query's world."""
         self._start[self.lane.scene.link_qpos[link]] = position
 
     def handles(self) -> FloatArray:
-        """Handles of all drawers and doors in the query's world. Shape (links, 3)."""
+        """Return handles of all drawers and doors in the query's world. Shape (links, 3)."""
         scene = self.lane.scene
         return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
 
     def position(self, link: int) -> float:
-        """How far a drawer or door is open in the query's world."""
+        """Return how far a drawer or door is open in the query's world."""
         return float(self._start[self.lane.scene.link_qpos[link]])
 
     def in_fridge(self, point: FloatArray) -> bool:
-        """Whether a point of the room is within the fridge's outline."""
+        """Return whether a point of the room is within the fridge's outline."""
         apartment = self.lane.scene.apartment
         fridge = next((piece for piece in apartment.pieces if piece.kind == "fridge"), None)
         if fridge is None:
@@ -60,7 +59,7 @@ class CollisionQuery:
         return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
 
     def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, firm: int = -1) -> float:
-        """How deep the robot (with what it holds) would be inside something else in [m], 0 for free.
+        """Return the penetration of the robot and the held object at a pose in [m], 0 for free.
 
         Args:
             base: Where it stands.
@@ -103,7 +102,7 @@ class CollisionQuery:
     def path_depth(
         self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, firm: int = -1, points: int = 8
     ) -> float:
-        """The deepest touch on the straight way between two arm poses, both ends included, in [m]."""
+        """Return the deepest touch on the straight way between two arm poses, both ends included, in [m]."""
         first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         return max(
             self.depth(base, first + share * (last - first), held, firm) for share in np.linspace(0.0, 1.0, points)
@@ -111,7 +110,7 @@ class CollisionQuery:
 
 
 def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the gripper would be in the room: position (3,) and rotation (3, 3)."""
+    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
     position, rotation = gripper_pose(TORSO_HEIGHT, arm)
     cos, sin = np.cos(base.yaw), np.sin(base.yaw)
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

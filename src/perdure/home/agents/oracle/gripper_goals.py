@@ -1,30 +1,28 @@
-"""Gripper poses that would do for picking, placing and holding a handle."""
+"""Candidate gripper poses for picking, placing and holding a handle."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.reach_plan import GripperGoal
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 STANDOFFS = (0.11, 0.08, 0.05)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
 NEIGHBOR_GAP = 0.02
-"""How much farther than the target every other object and handle must be from the gripper point in [m]."""
+"""Margin in [m] by which other objects and handles must be farther from the gripper point than the target."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
-"""How steeply the gripper points down on open surfaces."""
+"""Downward angles of the gripper on open surfaces, in [rad]."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same in a fridge."""
 LIFT, HIGH_LIFT = 0.08, 0.25
-"""How far above the last point the gripper comes from in [m]."""
+"""Heights of the pre-grasp point above the grasp point in [m]."""
 ASIDE = 0.11
-"""How far beside or above an object the gripper takes it from when another one stands before it, in [m]."""
+"""Distance beside or above an object from which it is grasped when another one is in front of it, in [m]."""
 BACK = 0.4
-"""How far the robot stands back while it raises its arm in front of a fridge, in [m]."""
+"""Distance behind the standing place at which the arm is raised in front of a fridge, in [m]."""
 TURNS = (0.0, 0.5, -0.5)
 """Turns of the approach about the vertical, in [rad]."""
 INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
@@ -34,7 +32,7 @@ INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
 def pick_gripper_goals(
     point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool, slopes: Sequence[float] | None = None
 ) -> list[GripperGoal]:
-    """Poses in which the magic grasp takes the object and nothing else.
+    """Return poses in which the magic grasp takes the object and nothing else.
 
     Args:
         point: Middle of the object. Shape (3,).
@@ -56,8 +54,8 @@ def pick_gripper_goals(
     return gripper_goals
 
 
-def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
-    """Poses beside and above an object in a fridge, for one that stands behind another. As `pick_gripper_goals`."""
+def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
+    """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
     gripper_goals = []
     for slope in INSIDE_SLOPES[:3]:
         for turn in INSIDE_TURNS:
@@ -72,7 +70,7 @@ def wishes_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -
 
 
 def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
-    """Poses in which the magic grasp takes a handle.
+    """Return poses in which the magic grasp takes a handle.
 
     Args:
         point: The handle. Shape (3,).
@@ -89,7 +87,7 @@ def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArr
 
 
 def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
-    """Level poses that hold the object upright above its goal.
+    """Return level poses that hold the object upright above its goal.
 
     Args:
         point: The goal of its middle. Shape (3,).

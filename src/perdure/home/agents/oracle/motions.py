@@ -1,4 +1,4 @@
-"""Motions that oracle skills are made of, as generators: each yields an action and is sent what came of it."""
+"""Motions of the oracle's skills, as generators that yield one action per step."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
 from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
@@ -28,31 +28,30 @@ from perdure.home.sim.world import (
 from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
 
-FloatArray = NDArray[np.float64]
 Motion = Generator[FloatArray, None, None]
 
 PATIENCE = 15
-"""Steps in which a robot must move to count as moving."""
+"""Steps after which a robot that has hardly moved counts as stuck."""
 CREEP = 0.04
-"""So little in that time, in [m] (0.3 m for a radian), is no motion."""
+"""Smallest motion in that time in [m] (0.3 m for a radian)."""
 TRIES = 3
-"""How often a robot that got stuck on its way tries on before it gives the way up."""
+"""Number of times a robot backs off on a path before it gives up."""
 JAMMED_RAD = 0.25
 """Lag of a joint in [rad] beyond which the arm is jammed."""
 AHEAD = 6
-"""How many way points (5 cm each) before itself a robot looks at."""
+"""Look-ahead on a path in waypoints of 5 cm."""
 ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
 
 
 def never() -> bool:
-    """Always False."""
+    """Return False."""
     return False
 
 
 @dataclass
 class View:
-    """One lane as an oracle skill sees it; `state` (one row) is renewed before each action."""
+    """One lane of an oracle skill; `state` (one row) is updated before each action."""
 
     world: World
     number: int
@@ -66,7 +65,7 @@ class View:
 
     @property
     def jammed(self) -> bool:
-        """Whether something keeps the arm from where its servos are told to be."""
+        """Whether an obstacle keeps the arm from its servo targets."""
         return float(np.abs(self.state.arm_target[0] - self.state.arm[0]).max()) > JAMMED_RAD
 
     @property
@@ -77,14 +76,14 @@ class View:
 
     @property
     def arm(self) -> FloatArray:
-        """Where the arm's servos are told to be. Shape (7,)."""
+        """Targets of the arm's servos in [rad]. Shape (7,)."""
         target: FloatArray = self.state.arm_target[0]
         return target
 
     def action(
         self, forward: float = 0.0, turn: float = 0.0, arm: FloatArray | None = None, grip: float = LEAVE
     ) -> FloatArray:
-        """An action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
+        """Return an action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
         action = np.zeros(ACTION_SIZE)
         action[FORWARD], action[TURN], action[GRIP] = forward / self.base_speed, turn / self.base_speed, grip
         if arm is not None:
@@ -93,7 +92,7 @@ class View:
 
 
 def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
-    """A step straight towards an arm pose, no joint farther than the benchmark allows. Shape (7,)."""
+    """Return a step straight towards an arm pose, no joint farther than the benchmark allows. Shape (7,)."""
     step = goal - now
     return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
 
@@ -113,7 +112,7 @@ def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: C
 
 
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
-    """The same arm pose, its rolls (they turn without end) within half a turn of where they are now. Shape (7,)."""
+    """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (7,)."""
     same = pose.copy()
     for joint in ROLLS:
         same[joint] += 2.0 * np.pi * np.round((now[joint] - pose[joint]) / (2.0 * np.pi))
@@ -121,7 +120,7 @@ def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
 
 
 def settled(view: View, steps: int = 10) -> Motion:
-    """Waits up to some steps until the arm is where its servos were told to be."""
+    """Wait up to some steps until the arm has reached its servo targets."""
     for _ in range(steps):
         if np.abs(view.state.arm[0] - view.arm).max() < ARRIVED_RAD:
             return
@@ -134,7 +133,7 @@ def rest_arm(view: View) -> Motion:
 
 
 def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:
-    """Turns to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
+    """Turn to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
     yield from turn_to(view, yaw)
     start = view.base
     along = np.array([np.cos(yaw), np.sin(yaw)])
@@ -149,7 +148,7 @@ def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], boo
 
 
 def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
-    """Turns on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
+    """Turn on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
     stuck = Stuck()
     direction = 0.0
     for _ in range(200):
@@ -165,7 +164,7 @@ def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
 
 
 def follow(view: View, points: FloatArray) -> Motion:
-    """Drives along close way points: always towards the one a little ahead; backs off where it gets stuck.
+    """Drive along close way points: always towards the one a little ahead; backs off where it gets stuck.
 
     Ends before the last one where it got stuck again and again.
     """
@@ -218,7 +217,7 @@ class Stuck:
     """Where it was when counting began."""
 
     def after(self, base: Pose) -> bool:
-        """One step on: True when it has hardly moved for `PATIENCE` steps; then counting begins anew."""
+        """Return one step on: True when it has hardly moved for `PATIENCE` steps; then counting begins anew."""
         self.anchor = self.anchor or base
         self.steps += 1
         if self.steps < PATIENCE:
@@ -231,7 +230,7 @@ class Stuck:
 
 
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
-    """Joint steps that bring a point of the hand nearer to a point of the room; its rotation is free. Shape (7,).
+    """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (7,).
 
     Damped least squares; what the three equations leave open draws the arm to its pose of rest.
 

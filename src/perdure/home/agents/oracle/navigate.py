@@ -1,4 +1,4 @@
-"""Oracle navigation: to a cell from which the next skill's arm motion works, the shortest way, then face the aim."""
+"""Oracle navigation: drive the shortest way to a cell from which the next skill works, then face the aim."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.articulate import plan_handle
 from perdure.home.agents.oracle.collision_query import CollisionQuery
@@ -16,10 +15,9 @@ from perdure.home.agents.oracle.place import plan_place
 from perdure.home.agents.oracle.reach_plan import ReachPlan, ahead, around
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import SkillGoal
 from perdure.home.skills.starts.containers import open_links
-
-FloatArray = NDArray[np.float64]
 
 BEST_DISTANCE = {
     "pick": 0.72,
@@ -29,21 +27,21 @@ BEST_DISTANCE = {
     "open_fridge": 0.95,
     "close_fridge": 0.9,
 }
-"""From where each skill works best, along the floor in [m]."""
+"""Best distance from the aim for each skill, along the floor in [m]."""
 ARM_LOW, ARM_REACH = 0.7, 0.75
-"""Furniture below that height does not meet the arm at rest; how far the arm and what it holds reach; in [m]."""
+"""Height below which furniture cannot touch the resting arm, and reach of the arm with a held object, in [m]."""
 CLOSENESS = 0.06
-"""How many meters of distance a unit of `arm_cost` is worth when a standing place is chosen."""
+"""Meters of distance per unit of `arm_cost` in the choice of a standing place."""
 ELSEWHERE = 0.3
-"""How far from a standing place that could not be reached the next one must be, in [m]."""
+"""Smallest distance of the next standing place from one that could not be reached, in [m]."""
 PLACES = 10
-"""Standing places that are tried."""
+"""Largest number of standing places tried."""
 STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
-"""How far the next skill may drive on from there, in [m]."""
+"""Distances that the next skill may drive on from a standing place, in [m]."""
 
 
 def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
-    """Drives to where `toward` works."""
+    """Drive to a place from which the skill `toward` works."""
     assert skill_goal.route is not None
     route = skill_goal.route
     goals = np.nonzero(route.values == 0.0)[0]
@@ -68,7 +66,7 @@ def _apart(one: Pose, other: Pose) -> float:
 
 @lru_cache(maxsize=64)
 def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
-    """What a meter costs at each free cell: more where the arm at rest, half a meter ahead, may meet tall furniture."""
+    """Return the cost of a meter at each free cell: higher where the resting arm may touch tall furniture."""
     space = free_space(apartment, dict(opened))
     tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
     near = plane.clearance(space.centers, tall)
@@ -77,7 +75,7 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
 
 
 def _plan(view: View, skill_goal: SkillGoal, toward: str, stands: list[Pose]) -> ReachPlan | None:
-    """The skill's own plan from the first standing place that works, each with a step ahead or back."""
+    """Return the skill's own plan from the first standing place that works, each with a step ahead or back."""
     best: ReachPlan | None = None
     query = CollisionQuery(view.lane)
     aim = np.array(skill_goal.aim)

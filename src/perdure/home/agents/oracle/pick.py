@@ -1,14 +1,13 @@
-"""Oracle pick: stand where the arm reaches, come from above (or from the front in a fridge), grasp, go back to rest."""
+"""Oracle pick: drive within reach, approach from above (in a fridge from the front), grasp, return to rest."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
-from perdure.home.agents.oracle.gripper_goals import pick_gripper_goals, wishes_aside
+from perdure.home.agents.oracle.gripper_goals import goals_aside, pick_gripper_goals
 from perdure.home.agents.oracle.motions import (
     Motion,
     View,
@@ -23,18 +22,17 @@ from perdure.home.agents.oracle.motions import (
 )
 from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import GRASP, GRASP_RADIUS
 from perdure.home.sim.world.handles import Handles
 
-FloatArray = NDArray[np.float64]
-
 ATTEMPTS = 3
 SAFE = 0.002
-"""What the grasp keeps from its reach in [m]: the robot moves on before it closes its hand."""
+"""Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
 
 
 def pick(view: View) -> Motion:
-    """Picks the skill_goal's object."""
+    """Pick the target."""
     target = int(view.state.target[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
@@ -50,7 +48,7 @@ def pick(view: View) -> Motion:
 
 
 def _can_grasp(view: View, target: int) -> bool:
-    """Whether a grasp now would take the target."""
+    """Return whether a grasp now would take the target."""
     lane, gripper = view.lane, view.state.gripper[0]
     middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
     distance = np.linalg.norm(middles - gripper, axis=1)
@@ -62,7 +60,7 @@ def _can_grasp(view: View, target: int) -> bool:
 def plan_pick(
     query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
-    """Where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
+    """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
     lane = query.lane
     addresses = lane.scene.object_qpos
     others = [lane.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
@@ -75,11 +73,11 @@ def plan_pick(
     if stands is not None:
         return plan_reach(query, stands, gripper_goals, firm)
     origin = np.array([base.x, base.y])
-    return plan_from_here(query, base, gripper_goals, point, firm, lambda: wishes_aside(point, origin, neighbors))
+    return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
-    """Drives to where a plan begins, brings the arm to its poses, drives on to where the plan stands.
+    """Drive to the entry of a plan, move the arm to its poses, drive on to the plan's base pose.
 
     Ends early as soon as `until` holds.
     """
@@ -97,7 +95,7 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
 
 
 def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
-    """Whether the arm may already move while the base drives."""
+    """Return whether the arm may already move while the base drives."""
     query, now, end = CollisionQuery(view.lane), view.base, plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
@@ -107,7 +105,7 @@ def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
 
 
 def retreat(view: View, plan: ReachPlan) -> Motion:
-    """The way back: up, out, and the arm to rest."""
+    """Retreat: lift, drive out, and move the arm to rest."""
     yield from move_arm(view, [plan.poses[0]], settle=0)
     if plan.entry != plan.base:
         yield from turn_and_go(view, plan.base.yaw, _along(view, plan.entry))
@@ -115,6 +113,6 @@ def retreat(view: View, plan: ReachPlan) -> Motion:
 
 
 def _along(view: View, stand: Pose) -> float:
-    """How far ahead a standing place is."""
+    """Return the distance to a standing place along the heading."""
     away = np.array([stand.x - view.base.x, stand.y - view.base.y])
     return float(away @ (np.cos(stand.yaw), np.sin(stand.yaw)))

@@ -1,9 +1,8 @@
-"""Oracle place: hold the object level above its goal, wait until it hangs still, let go, go back to rest."""
+"""Oracle place: hold the object level above its goal, wait until it is still, release, return to rest."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.agents.oracle.gripper_goals import place_gripper_goals
@@ -11,21 +10,20 @@ from perdure.home.agents.oracle.motions import Motion, View, rest_arm, unjam
 from perdure.home.agents.oracle.pick import approach, retreat
 from perdure.home.agents.oracle.reach_plan import ReachPlan, plan_from_here, plan_reach
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import YcbObjects
 from perdure.home.sim.world import RELEASE
 
-FloatArray = NDArray[np.float64]
-
 HEIGHT = 0.015
-"""How far above its goal the object is let go in [m]."""
+"""Height above the goal at which the object is released in [m]."""
 PALM = 0.058
-"""How high above a surface a level hand must be in [m]: its wrist reaches 5.2 cm down. Flat objects fall the rest."""
+"""Smallest height of a level hand above a surface in [m]: its wrist extends 5.2 cm down. Flat objects drop the rest."""
 STILL = 0.03
 """Speed of the gripper in [m/s] below which it counts as still."""
 
 
 def place(view: View) -> Motion:
-    """Places the skill_goal's object."""
+    """Place the target."""
     target = int(view.state.target[0])
     if view.lane.held != target:
         yield from rest_arm(view)
@@ -47,7 +45,7 @@ def place(view: View) -> Motion:
 def plan_place(
     query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
-    """Where to stand and how to bring the held object to its goal."""
+    """Return where to stand and how to bring the held object to its goal."""
     held = query.lane.held
     half = YcbObjects().box(query.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
     gripper_goals = place_gripper_goals(

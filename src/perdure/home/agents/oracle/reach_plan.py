@@ -1,4 +1,4 @@
-"""Where to stand and how to hold the arm: search over standing places and gripper directions."""
+"""Reach plans: a search over standing places and gripper directions for a collision-free arm motion."""
 
 from __future__ import annotations
 
@@ -11,79 +11,78 @@ from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.sim.apartments import FreeSpace, Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import reach_many
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
 from perdure.home.sim.world.state import wrap
 
-FloatArray = NDArray[np.float64]
-
 DEPTH_COST = 1e4
-"""Steps that a meter of depth weighs as much as."""
+"""Cost of a meter of penetration in control steps."""
 FARTHEST = 1.2
-"""How far the arm may reach along the floor in [m]; beyond, inverse kinematics is not asked."""
+"""Largest horizontal distance in [m] for which inverse kinematics is tried."""
 OTHER_STARTS = (
     (-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067),
     (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
 )
-"""Arm poses from which inverse kinematics starts beside that of rest."""
+"""Start poses of inverse kinematics besides the rest pose."""
 PER_STAND = 25
-"""Plans that are tested at one standing place: what is in the way of one is mostly in the way of the others."""
+"""Plans tested at one standing place: an obstacle for one of them blocks most of the others."""
 FINE = 25
-"""Points of a path that is about to be taken at which it is tested."""
+"""Test points on a path that is about to be chosen."""
 AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)
-"""Standing places that are tried first: drives in [m], turns in [rad]."""
+"""First standing places: drives in [m], turns in [rad]."""
 FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
-"""Drives in [m] that are tried when none of the shorter ones will do: a region may begin 1.8 m from what is in it."""
+"""Drives in [m] tried when none of the shorter ones is free: a start region may begin 1.8 m from its object."""
 FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
 FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 FINE_CHECKS = 600
-"""What is tried in a fridge, where centimeters decide, when none of those is free."""
+"""Finer drives and turns for a fridge, and the number of plans tested there, when none of the others is free."""
 FAR_BACK = 0.6
-"""How far the robot stands back, in [m], when nearer its arm would meet the edge of a shelf while it is raised."""
+"""Distance in [m] at which the robot raises its arm when nearer the arm would touch the edge of a shelf."""
 CLOSE = 0.01
-"""How far from the wanted point a pose may leave the gripper in [m]."""
+"""Largest position error of a pose in [m]."""
 
 
 @dataclass(frozen=True)
 class GripperGoal:
-    """A gripper pose that would do."""
+    """An acceptable gripper pose."""
 
     point: FloatArray
-    """Where the gripper point should be in the room. Shape (3,)."""
+    """Gripper point in the room. Shape (3,)."""
     approach: FloatArray
-    """Where its x axis should point in the room. Shape (3,)."""
+    """Direction of the gripper's x axis in the room. Shape (3,)."""
     upright: bool
     """Whether its z axis must point up (then the approach must be level)."""
     before: FloatArray
-    """From `point` to where the gripper should come from, in the room. Shape (3,)."""
+    """Displacement from `point` to the pre-grasp point, in the room. Shape (3,)."""
     back: float = 0.0
-    """How far behind its standing place the robot should raise its arm in [m], to drive the gripper in and out."""
+    """Distance behind the standing place at which the arm is raised in [m], to drive the gripper in and out."""
 
 
 @dataclass(frozen=True)
 class ReachPlan:
-    """Where to stand, and arm poses from rest to the gripper_goal."""
+    """Standing places, and arm poses from rest to the gripper goal."""
 
     entry: Pose
-    """Where the arm is brought from rest to its poses."""
+    """Base pose at which the arm moves from rest to its poses."""
     base: Pose
-    """Where the robot stands in the end: straight ahead of `entry`."""
+    """Final base pose, straight ahead of `entry`."""
     poses: tuple[FloatArray, ...]
     depth: float
-    """The deepest touch on the way in [m]; 0 is free."""
+    """Largest penetration on the way in [m]; 0 is collision-free."""
     steps: float
-    """Control steps it takes, roughly."""
+    """Approximate number of control steps."""
 
     @property
     def free(self) -> bool:
-        """Whether nothing is touched."""
+        """Whether the plan is collision-free."""
         return self.depth == 0.0
 
     @property
     def cost(self) -> float:
-        """Steps; a centimeter inside something else weighs as much as a hundred."""
+        """Cost in steps; a centimeter of penetration costs a hundred."""
         return self.steps + DEPTH_COST * self.depth
 
 
@@ -94,7 +93,7 @@ def plan_reach(
     firm: int = -1,
     checks: int = 200,
 ) -> ReachPlan | None:
-    """The quickest way to fulfil a gripper_goal without touching anything; else the one that touches least.
+    """Return the fastest collision-free plan to a gripper goal, else the plan with the least cost.
 
     Args:
         query: The world.
@@ -180,7 +179,7 @@ def _behind(stand: Pose, back: float) -> Pose:
 def _reachable(
     query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
 ) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
-    """All standing places and gripper_goals that inverse kinematics can join, the quickest first."""
+    """Return all standing places and gripper_goals that inverse kinematics can join, the quickest first."""
     pairs = [(s, w) for s in stands for w in gripper_goals]
     pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
     if not pairs:

@@ -1,8 +1,8 @@
-"""Ways to let go of what is placed. All are actors around the one that places.
+"""Release strategies: actors that wrap the actor of place.
 
 Contents:
     STRATEGIES, make_strategy    by name: rl (the policy alone), stop, ik, ik+
-    HandOver          what they share: freeze, move, open the hand, go on
+    HandOver               their common base: freeze, move, open the hand, continue
     Stop, Ik, IkPlus
 """
 
@@ -15,11 +15,11 @@ from perdure.home.errors import HomeError
 
 _HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
 STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
-"""Names of all, as `--place` takes them."""
+"""Names of all, the values of `--place`."""
 
 
 def make_strategy(name: str, inner: Actor) -> Actor:
-    """The strategy of that name around an actor; `rl` is the actor itself."""
+    """Return the strategy of that name around an actor; `rl` is the actor itself."""
     if name == "rl":
         return inner
     if name not in _HAND_OVERS:

@@ -1,8 +1,8 @@
-"""The hand-over: what happens between the policy's gripper_goal to let go and the moment the hand opens.
+"""The hand-over: a motion between the policy's command to open the hand and the opening.
 
-An arm wraps the actor that places. As soon as that actor wants to let go of the target it is frozen; the arm's own
-motion runs, one action per step; then the hand opens and the actor goes on. At a place time-out with the target still
-in the hand the executor gives the arm the time to do the same.
+A release strategy wraps the actor of place. When that actor commands the hand to open, it is frozen. The strategy's own
+motion runs, one action per step. Then the hand opens and the actor continues. When place times out with the target
+still in the hand, the executor gives the strategy time to do the same.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.tasks import AT
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import (
     ACTION_SIZE,
     ARM,
@@ -34,50 +34,48 @@ from perdure.home.sim.world import (
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import Progress, Skill
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Motion = Generator[FloatArray, None, None]
 
 STILL = 0.02
-"""Speed of the gripper point in [m/s] below which the hand hangs still."""
+"""Speed of the gripper point in [m/s] below which the hand is at rest."""
 BASE_TOLERANCE = 0.01
-"""Error of the base in [m] and [rad] within which it stands where it stood at the freeze (OURS)."""
+"""Tolerance of the base pose after a stop in [m] and [rad] (OURS)."""
 RETURN_RATE, RETURN_SPEED = 10.0, 0.3
 """The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
 STOP_STEPS = 45
-"""Steps within which a stop must have brought base and hand to rest; then the object is let go as it is."""
+"""Step limit of a stop; then the object is released even if base and hand still move."""
 NOT_ABOVE = "not above the goal"
-"""Outcome of a descent that did not begin: the object was let go at rest, beside its goal region."""
+"""Outcome without a descent: the object was released at rest, beside its goal region."""
 
 
 @dataclass
 class Held:
-    """One lane while its hand-over runs; `state` (one row) is renewed before each action."""
+    """One lane during its hand-over; `state` (one row) is updated before each action."""
 
     state: PrivilegedState
     outcome: str = "done"
-    """How it went: "done", or the reason of a fall-back."""
+    """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
-    """Where the robot stood when the policy was frozen."""
+    """Base pose when the policy was frozen."""
 
     def __post_init__(self) -> None:
         self.frozen = self.base
 
     @property
     def arm(self) -> FloatArray:
-        """Where the arm's servos are told to be. Shape (7,)."""
+        """Targets of the arm's servos in [rad]. Shape (7,)."""
         target: FloatArray = self.state.arm_target[0]
         return target
 
     @property
     def base(self) -> Pose:
-        """Where the robot stands."""
+        """Base pose."""
         x, y, yaw = (float(value) for value in self.state.base[0])
         return Pose(x, y, yaw)
 
     @property
     def base_error(self) -> tuple[float, float]:
-        """Way back to where the robot stood at the freeze: forward in [m], turn to the left in [rad]."""
+        """Displacement back to the base pose at the freeze: forward in [m], turn to the left in [rad]."""
         base, frozen = self.base, self.frozen
         forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
         return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
@@ -90,18 +88,18 @@ class Held:
 
     @property
     def speed(self) -> float:
-        """Of the gripper point in the room in [m/s]."""
+        """Speed of the gripper point in the room in [m/s]."""
         return float(norm(self.state.gripper_velocity)[0])
 
 
 @dataclass
 class HandOver(ABC):
-    """An actor for `place` that hands over to a motion of its own before it lets go."""
+    """An actor for `place` that runs a motion of its own before the release."""
 
     inner: Actor
     name: ClassVar[str]
     outcomes: list[str] = field(default_factory=list)
-    """How each hand-over went, in the order in which they ended."""
+    """Outcome of each hand-over, in the order in which they ended."""
     _motions: dict[int, Motion] = field(default_factory=dict)
     _held: dict[int, Held] = field(default_factory=dict)
 
@@ -112,7 +110,7 @@ class HandOver(ABC):
 
     @abstractmethod
     def motion(self, held: Held) -> Motion:
-        """Actions until the hand may open; the opening itself is not one of them."""
+        """Return actions until the hand may open; the opening itself is not one of them."""
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """See `Actor.begin`."""
@@ -140,7 +138,7 @@ class HandOver(ABC):
         return actions
 
     def overtime(self, lane: int) -> bool:
-        """Whether a lane needs more time than its limit: while it has something to put down."""
+        """Return whether a lane needs more time than its limit: always, to finish its hand-over."""
         return True
 
     def _freeze(self, lane: int, state: PrivilegedState) -> None:
@@ -148,7 +146,7 @@ class HandOver(ABC):
         self._motions[lane] = self.motion(self._held[lane])
 
     def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
-        """The next action of a lane's motion; the opening of the hand when it has ended."""
+        """Return the next action of a lane's motion; the opening of the hand when it has ended."""
         held = self._held[lane]
         held.state = state
         if state.holds_target[0]:
@@ -164,7 +162,7 @@ class HandOver(ABC):
 
 
 def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
-    """Return an action that holds the base where it stood at the freeze and moves the arm by joint steps in [rad].
+    """Return an action that holds the base at its pose of the freeze and moves the arm by joint steps in [rad].
 
     The base needs about 0.2 s to stop from full speed, in which it rolls 0.15 m; M3's stops at once. So it drives back.
     """
@@ -177,14 +175,14 @@ def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
 
 
 def release() -> FloatArray:
-    """An action that opens the hand and does nothing else."""
+    """Return an action that opens the hand and does nothing else."""
     action = np.zeros(ACTION_SIZE)
     action[GRIP] = RELEASE
     return action
 
 
 def stop(held: Held) -> Motion:
-    """Bring the base back to where it stood at the freeze, the arm unmoved, until the hand hangs still."""
+    """Bring the base back to its pose of the freeze, the arm unmoved, until the hand is at rest."""
     for _ in range(STOP_STEPS):
         yield hold_base(held)
         if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
@@ -192,7 +190,7 @@ def stop(held: Held) -> Motion:
 
 
 def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
-    """`stop`, and return whether a descent may begin; beside the goal region the outcome says why not."""
+    """Run `stop` and return whether a descent may begin; beside the goal region the outcome records why not."""
     yield from stop(held)
     if not held.above_goal:
         held.outcome = NOT_ABOVE

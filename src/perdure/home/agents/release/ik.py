@@ -1,4 +1,4 @@
-"""`ik`: the thesis' hand-over. Freeze the policy, hold the base still, go straight down by epsilon, let go."""
+"""`ik`: the thesis' hand-over. Freeze the policy, hold the base still, descend by epsilon, release."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from perdure.home.sim.robot import TORSO_HEIGHT, gripper_pose, reach, toward
 from perdure.home.sim.world import CONTROL_HZ
 
 EPSILON = 0.05
-"""How far down in [m]; `docs/home/world.md` shows what other values do."""
+"""Depth of the descent in [m]; `docs/home/world.md` compares other values."""
 SPEED = 0.15
-"""How fast in [m/s]."""
+"""Speed of the descent in [m/s]."""
 OUT_OF_REACH = 0.02
-"""How far from its end the way may end in [m] before it counts as out of reach."""
+"""Largest error in [m] of a reached end point; beyond it the point counts as out of reach."""
 
 
 @dataclass
@@ -23,8 +23,8 @@ class Ik(HandOver):
     """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
 
     The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
-    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is let go where the stop
-    left it. When something below ends the descent early (the servos lag), it is let go there ("blocked").
+    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is released where the
+    stop ended. When an obstacle ends the descent early (the servos lag), it is released there ("blocked").
     """
 
     name = "ik"

@@ -1,4 +1,4 @@
-"""`ik+`: ours. Upright if it can be, then down until the object touches what is below, let go, up again."""
+"""`ik+`: ours. Turn the object upright if possible, lower it until contact, release, go up again."""
 
 from __future__ import annotations
 
@@ -6,37 +6,34 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.release.hand_over import HandOver, Held, Motion, hold_base, stop, stop_above_goal
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose, toward
 from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.sim.world import CONTROL_HZ
 
-FloatArray = NDArray[np.float64]
-
 DEEPEST = 0.25
-"""How far down at most, in [m]."""
+"""Largest depth of the descent in [m]."""
 SPEED = 0.15
-"""How fast in [m/s]."""
+"""Speed of the descent in [m/s]."""
 TURN_STEPS = 60
 """Steps in which the object is brought upright."""
 UPRIGHT = float(np.cos(np.radians(20.0)))
 """Cosine of the tilt up to which an object stands rather than tips or rolls."""
 BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
-"""Trace of a rotation by 6 degrees: so near to how it was held it is turned back."""
+"""Trace of a rotation by 6 degrees: the tolerance of turning back."""
 CONTACT = 3.0
-"""Normal force at what is held, in [N], beyond which it touches something."""
+"""Normal force at the held object in [N] that counts as a contact."""
 
 
 @dataclass
 class IkPlus(HandOver):
-    """Down until contact, the object kept upright (OURS, not in the thesis).
+    """Descent until contact, with the object upright (OURS, not in the thesis).
 
-    The object's own z axis is turned to the vertical. Where joint limits or something that it touches leave it more
-    than 20 degrees short of that, it is turned back: let go half turned it would tip over or roll. Then it goes
-    straight down until the held object (or the hand) feels a contact or has gone as deep as allowed (outcome "no
-    contact").
+    The object's own z axis is turned to the vertical. Where joint limits or a contact leave a tilt of more than 20
+    degrees, it is turned back, because an object released at such a tilt would tip over or roll. Then it descends until
+    the held object (or the hand) feels a contact or has reached the largest depth (outcome "no contact").
     """
 
     name = "ik+"
@@ -64,7 +61,7 @@ class IkPlus(HandOver):
 
 
 def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
-    """Turns what is held, the gripper point staying at a place, until the rotation is there or the time is over."""
+    """Turn the held object about a fixed gripper point until the rotation is reached or the steps are used up."""
     for _ in range(TURN_STEPS):
         position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         if there(rotation):
@@ -73,12 +70,12 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
 
 
 def touches(held: Held) -> bool:
-    """Whether the object (or the hand) feels a contact."""
+    """Return whether the object (or the hand) feels a contact."""
     return bool(held.state.contact_force[0] > CONTACT)
 
 
 def upright(rotation: FloatArray) -> FloatArray:
-    """The rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
+    """Return the rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
     z = rotation[:, 2]
     axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
     if cosine < -0.999:  # upside down: about its own x axis

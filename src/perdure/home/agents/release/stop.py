@@ -1,4 +1,4 @@
-"""`stop`: halt, then let go. The control that tells how much of a hand-over's gain is the stop alone."""
+"""`stop`: halt, then release. The control that shows how much of a hand-over's gain comes from halting."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from perdure.home.agents.release.hand_over import HandOver, Held, Motion, stop
 
 @dataclass
 class Stop(HandOver):
-    """The base returns to where it stood at the freeze; when the hand hangs still it opens."""
+    """The base returns to its pose of the freeze; when the hand is at rest it opens."""
 
     name = "stop"
 

@@ -1,4 +1,4 @@
-"""An episode as data: the apartment, what lies where at the start, and where the targets belong.
+"""An episode as data: the apartment, the objects' start poses, and the targets' goals.
 
 The robot's start pose is not part of it: the evaluation seed draws it, see `start.py`.
 """
@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, make_apartment
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,10 @@ class Episode:
     objects: tuple[Placement, ...]
     """The targets first, in the task's order, then the clutter."""
     goals: tuple[Placement, ...]
-    """Where each target belongs; only the positions count."""
+    """Goal of each target; only the positions count."""
 
     def __post_init__(self) -> None:
-        """An episode that does not fit its task raises HomeError."""
+        """Raise HomeError for an episode that does not fit its task."""
         task = get_task(self.task)
         count = len(task.targets) + sum(number for number, _ in task.clutter)
         if len(self.goals) != len(task.targets) or len(self.objects) != count:
@@ -64,11 +62,11 @@ class Episode:
 
     @property
     def goal_positions(self) -> FloatArray:
-        """Where the targets belong in [m]. Shape (targets, 3)."""
+        """Goals of the targets in [m]. Shape (targets, 3)."""
         return np.array([goal.position for goal in self.goals])
 
     def apartment(self) -> Apartment:
-        """The apartment it plays in; HomeError when this version of the package builds another one."""
+        """Return the apartment it plays in; HomeError when this version of the package builds another one."""
         apartment = make_apartment(self.macro, self.micro)
         if apartment.fingerprint != self.apartment_fingerprint:
             raise HomeError(
@@ -78,7 +76,7 @@ class Episode:
         return apartment
 
     def container(self, target: int) -> str | None:
-        """The drawer or door one must open to get at a target: a link name, None when it lies in the open."""
+        """Return the drawer or door one must open to get at a target: a link name, None when it lies in the open."""
         apartment = self.apartment()
         receptacle = apartment.receptacle(self.objects[target].receptacle)
         if receptacle.link is not None:
@@ -93,7 +91,7 @@ class EpisodeSet:
     task: str
     split: str
     made_with: Mapping[str, str]
-    """How they were made: seed, package versions."""
+    """Provenance: seed, package versions."""
     episodes: tuple[Episode, ...]
 
     def __len__(self) -> int:

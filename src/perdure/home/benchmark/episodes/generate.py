@@ -1,4 +1,4 @@
-"""Making episodes by the benchmark's rules, and by no other: never by whether somebody can solve them.
+"""Generation of episodes by the benchmark's rules alone; solvability by any agent plays no part.
 
 The rules are those of habitat-lab's generator (`habitat/datasets/rearrange/rearrange_generator.py`) with M3's
 configurations: receptacles of targets and goals are drawn first; then objects are placed, targets before clutter, each
@@ -17,9 +17,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
-from perdure.home.benchmark.episodes.models import ObjectModels
 from perdure.home.benchmark.episodes.settle import MOVED, settle
-from perdure.home.benchmark.episodes.surfaces import Surfaces
+from perdure.home.benchmark.episodes.surfaces import ObjectModels, Surfaces
 from perdure.home.benchmark.tasks import TASKS, HomeTask, PlacementRule, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Receptacle, free_space, make_apartment, split_apartments
@@ -44,7 +43,7 @@ def generate_episodes(
     refused: Refusal = lambda reason: None,
     per_apartment: int | None = None,
 ) -> EpisodeSet:
-    """All episodes of a task and split.
+    """Return all episodes of a task and split.
 
     Args:
         task: Name of the task.
@@ -73,7 +72,7 @@ def generate_episode(
     seed: int = 0,
     refused: Refusal = lambda reason: None,
 ) -> Episode:
-    """One episode; it depends on its arguments only, not on other episodes.
+    """Return one episode; it depends on its arguments only, not on other episodes.
 
     Args:
         task: Name of the task.
@@ -100,7 +99,7 @@ def generate_episode(
 def _draw(
     task: HomeTask, apartment: Apartment, models: ObjectModels, rng: np.random.Generator
 ) -> tuple[tuple[Placement, ...], tuple[Placement, ...]] | str:
-    """Objects and goals, or the reason why this draw is thrown away."""
+    """Return objects and goals, or the reason why this draw is thrown away."""
     space = free_space(apartment, task.opened)
     surfaces = Surfaces(apartment, space, models)
     starts = [_any_of(apartment, target.start, rng) for target in task.targets]
@@ -155,6 +154,6 @@ def _draw_object(
 
 
 def _any_of(apartment: Apartment, rule: PlacementRule, rng: np.random.Generator) -> Receptacle:
-    """One of the receptacles a rule allows, each instance as likely as any other."""
+    """Return one of the receptacles a rule allows, each instance as likely as any other."""
     candidates = [r for name in rule.receptacles for r in apartment.receptacles_named(name)]
     return candidates[int(len(candidates) * rng.random())]

@@ -1,4 +1,4 @@
-"""Makes the published episodes again; ten to fifteen minutes on one core."""
+"""Regenerate the published episodes; ten to fifteen minutes on one core."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from perdure.home.benchmark.episodes.episode import EpisodeSet
 from perdure.home.benchmark.episodes.files import write_episodes
 from perdure.home.benchmark.episodes.generate import generate_episodes
-from perdure.home.benchmark.episodes.models import ObjectModels
+from perdure.home.benchmark.episodes.surfaces import ObjectModels
 from perdure.home.benchmark.tasks import TASKS
 
 PUBLISHED = ("val", "eval")
@@ -18,7 +18,7 @@ PUBLISHED = ("val", "eval")
 
 
 def publish(folder: Path, models: ObjectModels, seed: int = 0) -> dict[str, Counter[str]]:
-    """Writes the `val` and `eval` episodes of every task into a folder.
+    """Write the `val` and `eval` episodes of every task into a folder.
 
     Args:
         folder: Where to write them; made when missing.

@@ -11,7 +11,7 @@ MAX_CACHED = 256
 
 
 def episode_scene(episode: Episode, options: SceneOptions | None = None) -> Scene:
-    """The scene of an episode; the last ones asked for are kept and handed out again."""
+    """Return the scene of an episode; the last ones asked for are kept and handed out again."""
     return _episode_scene(_Key(episode, options or SceneOptions()))
 
 

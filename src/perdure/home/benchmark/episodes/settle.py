@@ -1,18 +1,16 @@
-"""Letting freshly placed objects settle, to see whether they stay where they were put."""
+"""Settling of freshly placed objects, to check that they are stable."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes.episode import Episode
-from perdure.home.benchmark.episodes.models import ObjectModels
+from perdure.home.benchmark.episodes.surfaces import ObjectModels
 from perdure.home.sim.apartments import Apartment, build_apartment
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
 
 SECONDS = 5.0
 """Time to settle in [s] (habitat-lab, `rearrange_generator.py`)."""
@@ -29,7 +27,7 @@ def settle(
     models: ObjectModels,
     seconds: float = SECONDS,
 ) -> tuple[tuple[Placement, ...], FloatArray, FloatArray]:
-    """Simulates objects in an apartment for a while.
+    """Simulate objects in an apartment for some seconds.
 
     Args:
         apartment: Where they are.
@@ -64,7 +62,7 @@ def settle(
 
 
 def settle_episode(episode: Episode, models: ObjectModels, seconds: float = SECONDS) -> FloatArray:
-    """How far each object of a finished episode moves when left alone, in [m]. Shape (objects,)."""
+    """Return the displacement of each object of an episode in a simulation without robot, in [m]. Shape (objects,)."""
     return settle(episode.apartment(), dict(episode.opened), episode.objects, models, seconds)[1]
 
 

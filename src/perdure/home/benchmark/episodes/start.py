@@ -1,4 +1,4 @@
-"""Where the robot stands when an episode begins: drawn by the evaluation seed, not written in the episode."""
+"""The robot's start pose: drawn by the evaluation seed, not stored in the episode."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
 
 
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
-    """The robot's start pose: uniform over the largest island and over headings, the arm at rest free of furniture.
+    """Return the robot's start pose: uniform over the largest island and headings, the resting arm free of furniture.
 
     Args:
         apartment: The episode's apartment, `episode.apartment()`.
@@ -31,7 +31,7 @@ def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
 
 
 def start_poses(apartment: Apartment, episode: Episode, seed: int) -> Iterator[Pose]:
-    """Start poses in the order in which they are drawn, for a world with a stricter test of its own."""
+    """Yield start poses in the order in which they are drawn, for a world with a stricter test of its own."""
     if apartment.fingerprint != episode.apartment_fingerprint:
         raise HomeError(f"{episode.name} does not play in {apartment.name} {apartment.fingerprint}")
     space = free_space(apartment, episode.opened)

@@ -1,19 +1,17 @@
-"""Drawing places for objects on receptacles: uniform, upright, apart from each other, near enough to stand at."""
+"""Placement of objects on receptacles: uniform, upright, not overlapping, within the robot's reach."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.benchmark.episodes.models import ObjectModels
 from perdure.home.sim.apartments import Apartment, FreeSpace, Receptacle, plane
+from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.home.sim.objects import Placement
-
-FloatArray = NDArray[np.float64]
 
 TRIES = 50
 """Places tried for one object on one receptacle (habitat-lab, `samplers/object_sampler.py`)."""
@@ -22,12 +20,22 @@ NAVIGABLE_WITHIN = 1.5
 GAP = 0.005
 """Smallest gap between two objects on a receptacle in [m] (OURS)."""
 LIFT = 0.001
-"""How far above its surface an object is put before it settles in [m] (OURS)."""
+"""Height above the surface at which an object is put before it settles in [m] (OURS)."""
+
+
+class ObjectModels(Protocol):
+    """What the generator needs of the objects. An object's frame: z up when it stands upright."""
+
+    def box(self, kind: str) -> tuple[Vec3, Vec3]:
+        """Return lower and upper corner of an upright object's bounding box in its own frame, in [m]."""
+
+    def add(self, spec: Any, kind: str, name: str, position: Vec3, quaternion: tuple[float, ...]) -> None:
+        """Add the object as a free body `name` to a MuJoCo specification, its frame at a pose (w, x, y, z)."""
 
 
 @dataclass
 class Surfaces:
-    """What lies on the receptacles so far: footprints (x, y, half x, half y, yaw) by unique name."""
+    """Objects placed on receptacles so far: footprints (x, y, half x, half y, yaw) by the receptacle's unique name."""
 
     apartment: Apartment
     space: FreeSpace
@@ -35,7 +43,7 @@ class Surfaces:
     taken: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def footprint(self, kind: str, x: float, y: float, yaw: float) -> FloatArray:
-        """The rectangle an upright object covers in the room. Shape (5,)."""
+        """Return the rectangle an upright object covers in the room. Shape (5,)."""
         low, high = (np.array(corner) for corner in self.models.box(kind))
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -43,7 +51,7 @@ class Surfaces:
         return np.array([*center, half[0], half[1], yaw])
 
     def add(self, placement: Placement) -> None:
-        """Counts an object as lying there."""
+        """Add an object to its receptacle."""
         w, _, _, z = placement.quaternion
         shape = self.footprint(placement.kind, *placement.position[:2], 2.0 * math.atan2(z, w))
         self.taken.setdefault(placement.receptacle, []).append(shape)
@@ -57,7 +65,7 @@ class Surfaces:
         lift: float = LIFT,
         anywhere: bool = False,
     ) -> Placement | None:
-        """A place for an upright object, uniform on a receptacle, None when none was found in 50 tries.
+        """Return a place for an upright object, uniform on a receptacle, None when none was found in 50 tries.
 
         Args:
             kind: YCB name.

@@ -1,4 +1,4 @@
-"""What the planner is asked: which target is in which container, what is open, what must hold in the end."""
+"""Planning problems: the container of each target, what is open, and the goal."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class PlanProblem:
 
     name: str
     starts: tuple[Container | None, ...]
-    """What each target is in at the start."""
+    """Container of each target at the start."""
     ends: tuple[Container | None, ...]
-    """What each target belongs in."""
+    """Container of each target's goal."""
     final: tuple[str, ...]
-    """What must hold in the end, as facts of the domain."""
+    """The goal, as facts of the domain."""
 
     @property
     def containers(self) -> tuple[Container, ...]:
@@ -71,7 +71,7 @@ class PlanProblem:
 
 
 def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
-    """The planning problem of a task or an episode.
+    """Return the planning problem of a task or an episode.
 
     Args:
         task: A task, the name of one, or an episode, which also says which drawer it is.
@@ -98,14 +98,14 @@ def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
 
 
 def _receptacles(placements: Iterable[Placement]) -> list[tuple[str, ...]]:
-    """Of each placement its one receptacle, by the benchmark's name."""
+    """Return the receptacle of each placement, by the benchmark's name."""
     return [(placement.receptacle.split("|")[-1],) for placement in placements]
 
 
 def _container(
     apartment: Apartment, receptacles: Iterable[str], opened: Mapping[str, float], name: str
 ) -> Container | None:
-    """What one has to open to get at any of these receptacles."""
+    """Return the container that must be opened to reach any of these receptacles."""
     links = sorted({_link(apartment, receptacle) for receptacle in receptacles})
     kinds = {_kind(link) for link in links}
     states = {_is_open(link, opened.get(link, 0.0), name) for link in links if link}
@@ -121,7 +121,7 @@ def _container(
 
 
 def _link(apartment: Apartment, receptacle: str) -> str:
-    """Link of the drawer or door in front of a receptacle, empty when it is in the open."""
+    """Return link of the drawer or door in front of a receptacle, empty when it is in the open."""
     for piece in apartment.pieces:
         for candidate in piece.receptacles:
             if candidate.name == receptacle:
@@ -147,7 +147,7 @@ def _is_open(link: str, position: float, name: str) -> bool:
 
 
 def _final(task: HomeTask, containers: Iterable[Container | None]) -> tuple[str, ...]:
-    """All targets at their goals, the hand empty, and what the task's last stage asks for."""
+    """Return all targets at their goals, the hand empty, and what the task's last stage asks for."""
     facts = [f"(at_goal target_{i})" for i in range(len(task.targets))] + ["(hand_empty)"]
     known = [container for container in dict.fromkeys(containers) if container is not None]
     for condition in task.stages[-1].conditions if task.stages else ():

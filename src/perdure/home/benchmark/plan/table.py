@@ -42,7 +42,7 @@ def print_plan(task: HomeTask | Episode | str, limits: Mapping[str, int] | None 
 
 
 def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
-    """Where a step happens, for `navigate` where it leads."""
+    """Return the place of a step, for `navigate` its destination."""
     if step.skill == "reset_arm":
         return ""
     skill = step.toward or step.skill

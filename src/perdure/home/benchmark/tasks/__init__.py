@@ -40,7 +40,7 @@ TASKS: dict[str, HomeTask] = {task.name: task for task in (TIDY_HOUSE, PREPARE_G
 
 
 def get_task(name: str) -> HomeTask:
-    """The task of that name; another name raises HomeError with the valid ones."""
+    """Return the task of that name; another name raises HomeError with the valid ones."""
     if name not in TASKS:
         raise HomeError(f"no task is named {name!r}; there are {', '.join(TASKS)}")
     return TASKS[name]

@@ -15,22 +15,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import WorldFacts
 from perdure.home.benchmark.tasks.predicates import at
 from perdure.home.benchmark.tasks.task import HomeTask
 from perdure.home.errors import HomeError
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import BoolArray, IntArray
 
 SETTLE_STEPS = 150
 """Control steps the world goes on after an episode: 5 s, the time the benchmark's generator gives objects to settle."""
 
 
 def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
-    """Latched counting, one step on.
+    """Return which stages are reached after one more step, in latched counting.
 
     Args:
         task: The task.
@@ -47,7 +44,7 @@ def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
 
 
 def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
-    """Latched counting over a whole episode.
+    """Return which stages are reached after each step of an episode, in latched counting.
 
     Args:
         task: The task.
@@ -77,11 +74,11 @@ class Stabilizing:
 
     @staticmethod
     def start(shape: Sequence[int]) -> Stabilizing:
-        """Before the first step. `shape` is (*, targets)."""
+        """Return the state before the first step. `shape` is (*, targets)."""
         return Stabilizing(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool))
 
     def after(self, facts: WorldFacts, handling: BoolArray) -> Stabilizing:
-        """One step on.
+        """Return the counting after one more step.
 
         Args:
             facts: The facts at this step, with leading axes *.
@@ -121,7 +118,7 @@ def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int =
 
 
 def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
-    """Which objects a plan handles, from the skill that is active.
+    """Return which objects a plan handles, from the skill that is active.
 
     Args:
         task: The task.
@@ -136,7 +133,7 @@ def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
 
 
 def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArray) -> BoolArray:
-    """The stages of an episode by goal-stabilizing counting.
+    """Return the stages of an episode by goal-stabilizing counting.
 
     Args:
         task: The task.

@@ -1,16 +1,13 @@
-"""What the tasks need to know about the world, and nothing else."""
+"""The facts about the world that tasks depend on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 NOTHING = -1
 """`held` when the gripper holds nothing."""
@@ -34,7 +31,7 @@ class WorldFacts:
     """How far the fridge's upper door is open in [rad]. Shape (*)."""
 
     def __post_init__(self) -> None:
-        """Shapes that do not fit together raise HomeError."""
+        """Raise HomeError for shapes that do not match."""
         lead = np.shape(self.held)
         targets = np.shape(self.object_positions)[-2:]
         sizes = {

@@ -20,12 +20,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import NOTHING, WorldFacts
 from perdure.home.errors import HomeError
-
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray
 
 AT = 0.15
 """Largest distance in [m] of an object that is at its goal."""
@@ -34,7 +32,7 @@ FRIDGE_OPENED, FRIDGE_CLOSED = 1.57 - 0.15, 0.15
 
 
 def at(facts: WorldFacts) -> BoolArray:
-    """Which targets are at their goals. Shape (*, targets)."""
+    """Return which targets are at their goals. Shape (*, targets)."""
     inside: BoolArray = np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT
     return inside
 
@@ -51,7 +49,7 @@ _ABOUT_THE_WORLD: dict[str, Callable[[WorldFacts], BoolArray]] = {
     "closed_fridge": lambda facts: np.asarray(facts.fridge <= FRIDGE_CLOSED),
 }
 PREDICATES = (*_ABOUT_A_TARGET, *_ABOUT_THE_WORLD)
-"""The names of all conditions."""
+"""Names of all conditions."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Predicate:
         return f"{self.name}({'' if self.target is None else self.target})"
 
     def holds(self, facts: WorldFacts) -> BoolArray:
-        """Where the condition is met. Shape (*)."""
+        """Return where the condition is met. Shape (*)."""
         if self.target is None:
             return _ABOUT_THE_WORLD[self.name](facts)
         if self.target >= facts.targets:
@@ -74,7 +72,7 @@ class Predicate:
 
 
 def predicate(text: str) -> Predicate:
-    """Reads a condition such as `at(1)` or `not_holding()`; anything else raises HomeError."""
+    """Read a condition such as `at(1)` or `not_holding()`; anything else raises HomeError."""
     match = re.fullmatch(r"(\w+)\((\d*)\)", text)
     name, number = match.groups() if match else (text, "")
     if name in _ABOUT_A_TARGET and number:

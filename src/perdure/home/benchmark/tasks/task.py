@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks.facts import WorldFacts
 from perdure.home.benchmark.tasks.predicates import Predicate, predicate
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import BoolArray
 
-BoolArray = NDArray[np.bool_]
 BenchmarkSkill = Literal[
     "navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "reset_arm"
 ]
@@ -41,7 +40,7 @@ class Stage:
     conditions: tuple[Predicate, ...]
 
     def met(self, facts: WorldFacts) -> BoolArray:
-        """Where all conditions are met, whatever happened before. Shape (*)."""
+        """Return where all conditions are met, whatever happened before. Shape (*)."""
         result: BoolArray = np.all([condition.holds(facts) for condition in self.conditions], axis=0)
         return result
 
@@ -86,7 +85,7 @@ class HomeTask:
     stages: tuple[Stage, ...]
 
     def stage(self, name: str) -> Stage:
-        """The stage of that name."""
+        """Return the stage of that name."""
         table = {stage.name: stage for stage in self.stages}
         if name not in table:
             raise HomeError(f"{self.name} has no stage {name!r}; it has {', '.join(table)}")
@@ -94,7 +93,7 @@ class HomeTask:
 
 
 def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
-    """Stages from their names and their conditions as text, in order."""
+    """Return stages from their names and their conditions as text, in order."""
     return tuple(Stage(name, tuple(predicate(text) for text in texts)) for name, texts in conditions.items())
 
 

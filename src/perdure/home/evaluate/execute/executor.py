@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
@@ -19,11 +18,9 @@ from perdure.home.benchmark.tasks import SETTLE_STEPS, SkillStep
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute.recorder import Recorder, final_objects, record_table
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, SkillRun
+from perdure.home.sim.arrays import IntArray
 from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
 from perdure.home.skills import Progress, Skill, make_skill_goal
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 StepObserver = Callable[[World, Mapping[int, Episode]], None]
 """Called after every control step with the world and the running episode of each lane."""

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode, episode_hash
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts
 from perdure.home.evaluate.log import EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
 from perdure.home.sim.world.state import norm
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass
@@ -28,7 +25,7 @@ class Recorder:
     """Skills that have ended, without force and reach."""
     rows: list[FloatArray] = field(default_factory=list)
     diverged: bool = False
-    """Whether the simulation blew up; nothing after that counts."""
+    """Whether the simulation diverged; nothing after that counts."""
 
     def log(self, steps: int, final_objects: tuple[FinalObject, ...], **run: str | int) -> EpisodeLog:
         """Return the log of the episode.

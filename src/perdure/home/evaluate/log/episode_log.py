@@ -14,17 +14,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.log.history import History
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Vec3 = tuple[float, float, float]
 
 UNTRAINED = -1
 """Training seed where no policy was trained."""
@@ -32,7 +29,7 @@ Ending = Literal["stopped", "timed out", "task limit"]
 """Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 CONTAINERS = ("", "drawer", "fridge")
-"""Where a target lies at the start: in the open, in a drawer, in the fridge."""
+"""Container of a target at the start: none, a drawer, the fridge."""
 
 
 MOVED, TURNED = 0.002, 0.01
@@ -41,7 +38,7 @@ MOVED, TURNED = 0.002, 0.01
 
 @dataclass(frozen=True)
 class Target:
-    """A target object and where it belongs."""
+    """A target object and its goal."""
 
     kind: str
     """YCB name."""
@@ -50,7 +47,7 @@ class Target:
     container: str
     """One of `CONTAINERS`."""
     goal: Vec3
-    """Where the middle of the object belongs, at rest and upright, in the room in [m]."""
+    """Goal of the object's center, at rest and upright, in the room in [m]."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class SkillRun:
 
 @dataclass(frozen=True)
 class Event:
-    """The state from this step to the next event: whatever the conditions of the stages look at."""
+    """The inputs of the stages' conditions, from this step to the next event."""
 
     step: int
     held: int
@@ -93,7 +90,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Track:
-    """Where an object went. Steps at which it had hardly moved since the step before are left out."""
+    """The path of an object. Steps at which it had hardly moved since the step before are left out."""
 
     step: IntArray
     """Shape (n,)."""
@@ -123,13 +120,13 @@ class Track:
         return Track(self.step[rows], self.position[rows], self.up[rows], self.gripper[rows], self.base[rows])
 
     def rows(self, first: int, last: int) -> IntArray:
-        """For each step from `first` to `last`, both included, the row of the track that holds then."""
+        """Return the row of the track for each step from `first` to `last`, both included."""
         return np.searchsorted(self.step, np.arange(first, last + 1), side="right") - 1
 
 
 @dataclass(frozen=True)
 class Release:
-    """A target was let go; the numbers are those at the moment itself."""
+    """The release of a target, with the speeds at that step."""
 
     target: int
     object_speed: float
@@ -185,7 +182,7 @@ class EpisodeLog:
     length: int
     """Control steps with the settling time after it."""
     diverged: bool
-    """Whether the simulation blew up; nothing after the last step counts."""
+    """Whether the simulation diverged; nothing after the last step counts."""
     targets: tuple[Target, ...]
     runs: tuple[SkillRun, ...]
     events: tuple[Event, ...]
@@ -256,7 +253,7 @@ class EpisodeLog:
 
 
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
-    """The steps a track keeps: the first, the last, and each at which the object has moved since the last one kept.
+    """Return the steps a track keeps: first, last, and each at which the object has moved since the step kept before.
 
     Args:
         position: Shape (n, 3).

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import WorldFacts, predicate
 from perdure.home.benchmark.tasks.predicates import PREDICATES, at
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.log.episode_log import Event, Release, SkillRun, Track, kept_steps
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 GRID = 2.0**-13
 """Poses of tracks are rounded to multiples of this (0.12 mm), which lets a file shrink."""

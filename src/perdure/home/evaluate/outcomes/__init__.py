@@ -1,4 +1,4 @@
-"""What became of episodes, read from their logs alone: success, failure modes, placements. Nothing is simulated here.
+"""Outcomes of episodes from their logs alone: success, failure modes, placements. Nothing is simulated here.
 
 Contents:
     write_logs, read_logs                       logs as Parquet, see `schema`

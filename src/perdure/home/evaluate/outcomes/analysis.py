@@ -1,4 +1,4 @@
-"""Everything the logs say, in tables: success, failure modes, placements."""
+"""Analysis of logs: tables of success, failure modes and placements."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Analysis:
     """Placements of cylinders and others (figure 2-5); see `shape_table`."""
 
     def summary(self) -> str:
-        """The tables as plain text, for a terminal."""
+        """Return the tables as plain text, for a terminal."""
         from perdure.home.evaluate.outcomes.text import summary_text
 
         return summary_text(self)
 
     def figures(self) -> dict[str, pl.DataFrame]:
-        """What the thesis' figures show, as plain data, by the figure's name."""
+        """Return the data of the thesis' figures by name."""
         return {
             "success per stage": self.stages,
             "outcomes": self.outcomes,
@@ -59,21 +59,21 @@ class Analysis:
 
 
 def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
-    """Analyzes logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
+    """Analyze logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
 
     Args:
-        logs: Records, from `read_logs`, `record_of` or another simulator.
+        logs: From `read_logs`, an executor or another simulator.
         seed: Of the bootstrap: the same logs give the same intervals.
 
     Raises:
         HomeError: If there are no logs, or one episode of one strategy and its seeds is there twice.
     """
     check_distinct(logs, "the logs")
-    records = sorted(logs, key=lambda record: record.key)
-    episodes, placements, failures = _episode_table(records), placement_table(records), failure_table(records)
+    logs = sorted(logs, key=lambda log: log.key)
+    episodes, placements, failures = _episode_table(logs), placement_table(logs), failure_table(logs)
     return Analysis(
         episodes=episodes,
-        stages=stage_table(records, np.random.default_rng(seed)),
+        stages=stage_table(logs, np.random.default_rng(seed)),
         outcomes=outcome_table(episodes),
         failures=failures,
         modes=mode_table(failures, episodes),
@@ -83,20 +83,20 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     )
 
 
-def _episode_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
+def _episode_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
     import polars as pl
 
     rows = [
         {
-            **{name: getattr(record, name) for name in IDENTITY},
-            "success": latched(record)[-1],
-            "stabilizing": stages_stabilizing(record)[-1],
-            "outcome": outcome(record),
-            "seconds": record.steps / record.control_hz,
-            "settle_seconds": (record.length - record.steps) / record.control_hz,
-            "force": max((run.force for run in record.runs), default=0.0),
-            "diverged": record.diverged,
+            **{name: getattr(log, name) for name in IDENTITY},
+            "success": latched(log)[-1],
+            "stabilizing": stages_stabilizing(log)[-1],
+            "outcome": outcome(log),
+            "seconds": log.steps / log.control_hz,
+            "settle_seconds": (log.length - log.steps) / log.control_hz,
+            "force": max((run.force for run in log.runs), default=0.0),
+            "diverged": log.diverged,
         }
-        for record in records
+        for log in logs
     ]
     return pl.DataFrame(rows)

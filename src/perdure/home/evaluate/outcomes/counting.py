@@ -1,4 +1,4 @@
-"""Stages and placements from a record: the rules of `perdure.home.benchmark.tasks`, applied to the events alone.
+"""Stages and placements from a log: the rules of `perdure.home.benchmark.tasks`, applied to the events alone.
 
 Between two events nothing changes that a condition looks at, so it is enough to look at the steps of the events, at the
 first and the last step of every run, and at the first and the last step of the settling time.
@@ -12,46 +12,43 @@ from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import Predicate, WorldFacts, goal_stabilizing, stabilizing_stages
 from perdure.home.evaluate.log import EpisodeLog
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import IntArray
 
 NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0
-"""How far in [m] an object is put from its goal in the facts when an event says only that it is not in it."""
+"""Distance from the goal in [m] in the facts of an object that an event reports outside its goal."""
 
 
 _Counted = TypeVar("_Counted")
 
 
 def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Counted]:
-    """Counts a record once and remembers the result for as long as the record lives."""
+    """Return a cached version of a function of a log; the cache lives as long as the log."""
     known: WeakKeyDictionary[EpisodeLog, _Counted] = WeakKeyDictionary()
 
     @wraps(count)
-    def counted(record: EpisodeLog) -> _Counted:
-        if record not in known:
-            known[record] = count(record)
-        return known[record]
+    def counted(log: EpisodeLog) -> _Counted:
+        if log not in known:
+            known[log] = count(log)
+        return known[log]
 
     return counted
 
 
-def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
-    """The steps at which anything can change, and the facts at them.
+def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
+    """Return the steps at which a condition may change, and the facts at them.
 
     Positions in these facts only say whether an object is in its goal: they are the goal, or 1 m beside it.
     """
-    edges = [edge for run in record.runs for edge in (run.begin, run.end - 1, run.end)]
-    wanted = {event.step for event in record.events} | {0, record.steps - 1, record.steps, record.length - 1, *edges}
-    steps = np.array(sorted(step for step in wanted if 0 <= step < record.length))
-    events = [record.at(int(step)) for step in steps]
-    goals = np.array([target.goal for target in record.targets])
+    edges = [edge for run in log.runs for edge in (run.begin, run.end - 1, run.end)]
+    wanted = {event.step for event in log.events} | {0, log.steps - 1, log.steps, log.length - 1, *edges}
+    steps = np.array(sorted(step for step in wanted if 0 <= step < log.length))
+    events = [log.at(int(step)) for step in steps]
+    goals = np.array([target.goal for target in log.targets])
     beside = np.zeros((len(steps), *goals.shape))
     beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
     return steps, WorldFacts(
@@ -64,79 +61,79 @@ def moments(record: EpisodeLog) -> tuple[IntArray, WorldFacts]:
 
 
 @_once
-def stage_steps(record: EpisodeLog) -> tuple[int, ...]:
-    """The step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
-    steps, facts = moments(record)
-    steps = steps[steps < record.steps]
+def stage_steps(log: EpisodeLog) -> tuple[int, ...]:
+    """Return the step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
+    steps, facts = moments(log)
+    steps = steps[steps < log.steps]
     reached, since = [], 0
-    for stage in record.home_task.stages:
+    for stage in log.home_task.stages:
         met = np.flatnonzero(stage.met(facts)[: len(steps)] & (steps >= since))
         if not len(met):
             break
         since = int(steps[met[0]])
         reached.append(since)
-    return (*reached, *[NEVER] * (len(record.home_task.stages) - len(reached)))
+    return (*reached, *[NEVER] * (len(log.home_task.stages) - len(reached)))
 
 
-def latched(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which stages are reached, as the benchmark counts."""
-    return tuple(step != NEVER for step in stage_steps(record))
+def latched(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which stages are reached, as the benchmark counts."""
+    return tuple(step != NEVER for step in stage_steps(log))
 
 
-def handled(record: EpisodeLog, target: int) -> tuple[int, int] | None:
-    """Steps in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
+def handled(log: EpisodeLog, target: int) -> tuple[int, int] | None:
+    """Step in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
 
     None when its pick never began; when its place never began, the rest of the episode.
     """
-    pick, place = record.run("pick", target), record.run("place", target)
+    pick, place = log.run("pick", target), log.run("place", target)
     if pick is None:
         return None
-    return pick.begin, record.steps if place is None else place.end
+    return pick.begin, log.steps if place is None else place.end
 
 
 @_once
-def stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
-    if record.diverged:
-        return (False,) * len(record.targets)
-    steps, facts = moments(record)
-    handling = np.zeros((len(steps), len(record.targets)), dtype=bool)
-    for target in range(len(record.targets)):
-        span = handled(record, target)
+def stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
+    if log.diverged:
+        return (False,) * len(log.targets)
+    steps, facts = moments(log)
+    handling = np.zeros((len(steps), len(log.targets)), dtype=bool)
+    for target in range(len(log.targets)):
+        span = handled(log, target)
         if span is not None:
             handling[:, target] = (steps >= span[0]) & (steps < span[1])
     return tuple(map(bool, goal_stabilizing(facts, handling, settle_steps=1)))
 
 
 @_once
-def stages_stabilizing(record: EpisodeLog) -> tuple[bool, ...]:
-    """Which stages count when every placement up to them must be goal-stabilizing."""
-    counted = stabilizing_stages(record.home_task, np.array(latched(record)), np.array(stabilizing(record)))
+def stages_stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which stages count when every placement up to them must be goal-stabilizing."""
+    counted = stabilizing_stages(log.home_task, np.array(latched(log)), np.array(stabilizing(log)))
     return tuple(map(bool, counted))
 
 
-def blamed(record: EpisodeLog, stage: int) -> Predicate | None:
-    """The condition that kept the first unmet stage from being reached.
+def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
+    """Return the condition that kept the first unmet stage from being reached.
 
     Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the
     episode: at the last one of those at which most conditions hold, the first that does not, objects in their order
     first, then drawer and fridge, then the hand.
 
     Args:
-        record: The episode.
+        log: The episode.
         stage: Number of the first stage that was not reached.
 
     Returns:
         The condition; None when the stage's own skill never ended, or began only when the episode was over.
     """
-    conditions = sorted(record.home_task.stages[stage].conditions, key=_rank)
-    skill, _, target = record.home_task.stages[stage].name.partition("_")
-    run = record.run(skill, int(target))
+    conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
+    skill, _, target = log.home_task.stages[stage].name.partition("_")
+    run = log.run(skill, int(target))
     if run is None:
         return None
-    begin = max(run.begin, stage_steps(record)[stage - 1] if stage else 0)
-    steps, facts = moments(record)
-    window = (steps >= begin) & (steps < record.steps)
+    begin = max(run.begin, stage_steps(log)[stage - 1] if stage else 0)
+    steps, facts = moments(log)
+    window = (steps >= begin) & (steps < log.steps)
     if not window.any():
         return None
     holds = np.stack([condition.holds(facts)[window] for condition in conditions], axis=1)
@@ -146,6 +143,6 @@ def blamed(record: EpisodeLog, stage: int) -> Predicate | None:
 
 
 def _rank(condition: Predicate) -> tuple[int, int]:
-    """Order in which conditions are blamed."""
+    """Return order in which conditions are blamed."""
     group = 0 if condition.name == "at" else 2 if condition.name in ("holding", "not_holding") else 1
     return group, -1 if condition.target is None else condition.target

@@ -1,7 +1,7 @@
-"""What went wrong, in one word, from a record alone.
+"""The cause of a failure, from a log alone.
 
-A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). From there the first line that
-applies gives the cause:
+A failed episode is blamed on one condition of its first unmet stage (`counting.blamed`). For that condition the first
+line that applies gives the failure cause:
 
 | blamed | line | applies when | cause |
 |---|---|---|---|
@@ -45,17 +45,14 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.tasks import AT, SOMETHING_ELSE, Predicate
 from perdure.home.benchmark.tasks.predicates import DRAWER_OPEN, FRIDGE_OPENED
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.evaluate.outcomes.counting import handled
+from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.world import GRASP_RADIUS
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 FailureCause = Literal[
     "diverged",
@@ -94,119 +91,119 @@ NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
 or the base's middle within 0.5 m of it in the plane (base and half the largest object), OURS."""
 
 
-def placement(record: EpisodeLog, target: int) -> Release | None:
-    """The placement of a target: the last time it was let go while the plan handled it, None if it never was."""
-    span = handled(record, target)
+def placement(log: EpisodeLog, target: int) -> Release | None:
+    """Return the placement of a target: its last release while the plan handled it, None if it was never released."""
+    span = handled(log, target)
     if span is None:
         return None
-    found = [r for r in record.releases if r.target == target and span[0] <= r.step < span[1]]
+    found = [r for r in log.releases if r.target == target and span[0] <= r.step < span[1]]
     return found[-1] if found else None
 
 
-def failure_cause(record: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
-    """Why an episode failed: the first table of this file.
+def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
+    """Return the failure cause of an episode: the first table of this file.
 
     Args:
-        record: A failed episode.
+        log: A failed episode.
         stage: Number of its first unmet stage.
         condition: What `counting.blamed` found, or `at(k)` for a placement that is not goal-stabilizing.
     """
-    if record.diverged:
+    if log.diverged:
         return "diverged"
     if condition is not None and condition.name == "at":
         assert condition.target is not None
-        return placement_cause(record, condition.target)
-    skill, _, target = record.home_task.stages[stage].name.partition("_")
-    run = record.run(skill, int(target))
+        return placement_cause(log, condition.target)
+    skill, _, target = log.home_task.stages[stage].name.partition("_")
+    run = log.run(skill, int(target))
     if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
         return "time-out"
     if condition.name == "holding":
-        return _pick_cause(record, run)
-    if _collided(record, run):
+        return _pick_cause(log, run)
+    if _collided(log, run):
         return "collision"
     return "door not open" if condition.name.startswith("opened") else "door not closed"
 
 
-def _pick_cause(record: EpisodeLog, run: SkillRun) -> FailureCause:
-    held = {e.held for e in record.events if run.begin <= e.step < run.end} | {record.at(run.begin).held}
+def _pick_cause(log: EpisodeLog, run: SkillRun) -> FailureCause:
+    held = {e.held for e in log.events if run.begin <= e.step < run.end} | {log.at(run.begin).held}
     if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
         return "wrong object grasped"
-    begin, container = record.at(run.begin), record.targets[run.target].container
+    begin, container = log.at(run.begin), log.targets[run.target].container
     shut = {"drawer": begin.drawer < DRAWER_OPEN, "fridge": begin.fridge < FRIDGE_OPENED}
     if shut.get(container, False):
         return "door not open"
-    if _collided(record, run):
+    if _collided(log, run):
         return "collision"
     return "not reached" if run.reach > GRASP_RADIUS else "grasp missed"
 
 
-def _collided(record: EpisodeLog, run: SkillRun) -> bool:
-    """In the run or on the way to it: in the navigation for the same target that ended last before it."""
-    ways = [r for r in record.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
+def _collided(log: EpisodeLog, run: SkillRun) -> bool:
+    """Return whether force exceeded the limit in the run or in the navigation before it to the same target."""
+    ways = [r for r in log.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
     return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
 
 
-def placement_cause(record: EpisodeLog, target: int) -> FailureCause:
-    """Why a target does not lie in its goal, or did not all the time: the second table of this file."""
-    release = placement(record, target)
-    if record.diverged:
+def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
+    """Return why a placement failed or did not last: the second table of this file."""
+    release = placement(log, target)
+    if log.diverged:
         return "diverged"
     if release is None:
         return "time-out"
-    inside = in_goal_since(record, release)
+    inside = in_goal_since(log, release)
     left = _left(inside)
-    if _taken_out(record, release):
+    if _taken_out(log, release):
         return "displaced by the robot"
-    rested = None if left is None else _rested(record, release, inside, left)
+    rested = None if left is None else _rested(log, release, inside, left)
     if left is not None and rested is not None:
         if _robot_near(release, rested, left):
             return "displaced by the robot"
-        return "tipped" if _fell_over(record, release, rested, left) else "rolled"
-    run = next((r for r in record.runs if r.begin <= release.step < r.end), None)
+        return "tipped" if _fell_over(log, release, rested, left) else "rolled"
+    run = next((r for r in log.runs if r.begin <= release.step < r.end), None)
     if run is not None and run.forced_release and release.step == run.end - 1:
         return "time-out"
     if run is not None and run.force > COLLISION_FORCE:
         return "collision"
     if release.object_speed > THROWN_SPEED:
         return "thrown"
-    away, above = release_offset(record, release)
+    away, above = release_offset(log, release)
     if away > AT and not inside.any():
         return "not reached"
     if above > DROPPED_HEIGHT:
         return "dropped"
     last = len(inside) - 1 if left is None else left
-    return "tipped" if _fell_over(record, release, 0, last) else "rolled"
+    return "tipped" if _fell_over(log, release, 0, last) else "rolled"
 
 
-def release_offset(record: EpisodeLog, release: Release) -> tuple[float, float]:
-    """Where an object was let go, from where it would rest in its goal: in the plane, and upwards, in [m]."""
-    offset = release.track.position[0] - np.array(record.targets[release.target].goal)
+def release_offset(log: EpisodeLog, release: Release) -> tuple[float, float]:
+    """Return the offset of a release from the rest position in the goal: horizontal and upward, in [m]."""
+    offset = release.track.position[0] - np.array(log.targets[release.target].goal)
     return float(np.hypot(offset[0], offset[1])), float(offset[2])
 
 
-def in_goal_since(record: EpisodeLog, release: Release) -> BoolArray:
-    """Whether the object was in its goal at each step of its track, the one at the release included. Shape (n,)."""
+def in_goal_since(log: EpisodeLog, release: Release) -> BoolArray:
+    """Return whether the object was in its goal at each step of its track, from the release on. Shape (n,)."""
     steps = np.arange(release.step, int(release.track.step[-1]) + 1)
-    events = np.searchsorted([event.step for event in record.events], steps, side="right") - 1
-    inside: BoolArray = np.array([event.in_goal[release.target] for event in record.events])[events]
+    events = np.searchsorted([event.step for event in log.events], steps, side="right") - 1
+    inside: BoolArray = np.array([event.in_goal[release.target] for event in log.events])[events]
     return inside
 
 
 def _left(inside: BoolArray) -> int | None:
-    """The last step since the release before which the object was in its goal and at which it was not."""
+    """Return the last step since the release before which the object was in its goal and at which it was not."""
     left = np.flatnonzero(inside[:-1] & ~inside[1:])
     return int(left[-1]) + 1 if len(left) else None
 
 
-def _taken_out(record: EpisodeLog, release: Release) -> bool:
+def _taken_out(log: EpisodeLog, release: Release) -> bool:
     last = int(release.track.step[-1])
-    again = last + 1 < record.length and record.at(last + 1).held == release.target
-    return again and record.at(last).in_goal[release.target]
+    again = last + 1 < log.length and log.at(last + 1).held == release.target
+    return again and log.at(last).in_goal[release.target]
 
 
-def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
-    """The step since the release at which the object's last rest in its goal, before it left, was half over."""
-    window = _rest_steps(record)
+def _rested(log: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
+    """Return the step since the release at which the object's last rest in its goal, before it left, was half over."""
+    window = _rest_steps(log)
     if left < window + 1:
         return None
     position = release.track.thin.position[release.track.thin.rows(release.step, release.step + left - 1)]
@@ -216,7 +213,7 @@ def _rested(record: EpisodeLog, release: Release, inside: BoolArray, left: int) 
 
 
 def _robot_near(release: Release, first: int, last: int) -> bool:
-    """Whether hand or base were near the object at a step of its track, counted from the release."""
+    """Return whether hand or base were near the object at a step of its track, counted from the release."""
     track = release.track.thin
     since = track.step - release.step
     rows = (since > first) & (since <= last)
@@ -225,24 +222,24 @@ def _robot_near(release: Release, first: int, last: int) -> bool:
     return bool((hand | base).any())
 
 
-def _fell_over(record: EpisodeLog, release: Release, first: int, left: int) -> bool:
-    """Whether the object fell over between a step, counted from the release, and half a second after it left."""
-    kind = KINDS.get(record.targets[release.target].kind)
+def _fell_over(log: EpisodeLog, release: Release, first: int, left: int) -> bool:
+    """Return whether the object fell over between a step, counted from the release, and half a second after it left."""
+    kind = KINDS.get(log.targets[release.target].kind)
     if kind is not None and kind.shape == "sphere":
         return False
     track = release.track.thin
-    last = min(release.step + left + _rest_steps(record), int(track.step[-1]))
+    last = min(release.step + left + _rest_steps(log), int(track.step[-1]))
     rows = track.rows(release.step + first, last)
-    falling = track.position[rows, 2] < record.targets[release.target].goal[2] - OFF_SUPPORT
+    falling = track.position[rows, 2] < log.targets[release.target].goal[2] - OFF_SUPPORT
     angle = tilt(track.up[rows[: int(np.argmax(falling)) if falling.any() else None]])
     return len(angle) > 0 and bool(np.abs(angle - angle[0]).max() > FELL_OVER)
 
 
-def _rest_steps(record: EpisodeLog) -> int:
-    return max(2, round(REST_SECONDS * record.control_hz))
+def _rest_steps(log: EpisodeLog) -> int:
+    return max(2, round(REST_SECONDS * log.control_hz))
 
 
 def tilt(up: FloatArray) -> FloatArray:
-    """Angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
+    """Return angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
     degrees: FloatArray = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
     return degrees

@@ -1,7 +1,7 @@
-"""Every failed episode has one label: its first unmet stage and one cause. How often, with both denominators.
+"""Labels of failed episodes: first unmet stage and failure cause, and their frequencies.
 
-Episodes are counted twice, each way for itself: *latched*, as the benchmark counts success, and *goal-stabilizing*, as
-the thesis counts placements.
+Both ways of counting have their own labels: *latched*, as the benchmark counts success, and *goal-stabilizing*, as the
+thesis counts placements.
 """
 
 from __future__ import annotations
@@ -32,59 +32,59 @@ class Label:
     """First unmet stage."""
     cause: FailureCause
     target: int
-    """The object it is about: the one that does not lie in its goal, else that of the stage."""
+    """Number of the object: the one that is not in its goal, else that of the stage."""
 
 
-def label(record: EpisodeLog, counting: Counting) -> Label | None:
-    """The label of an episode, None when it succeeded.
+def label(log: EpisodeLog, counting: Counting) -> Label | None:
+    """Return the label of an episode, None when it succeeded.
 
     Args:
-        record: The episode.
+        log: The episode.
         counting: Whether stages count as the benchmark or as the thesis counts them.
     """
-    reached = latched(record)
-    counted = reached if counting == "latched" else stages_stabilizing(record)
+    reached = latched(log)
+    counted = reached if counting == "latched" else stages_stabilizing(log)
     if all(counted):
         return None
     number = counted.index(False)
-    stage = record.home_task.stages[number]
-    condition = Predicate("at", stage.placed) if reached[number] else blamed(record, number)
+    stage = log.home_task.stages[number]
+    condition = Predicate("at", stage.placed) if reached[number] else blamed(log, number)
     target = int(stage.name.partition("_")[2])
     if condition is not None and condition.name == "at" and condition.target is not None:
         target = condition.target
-    return Label(stage.name, failure_cause(record, number, condition), target)
+    return Label(stage.name, failure_cause(log, number, condition), target)
 
 
-def outcome(record: EpisodeLog) -> str:
-    """What became of an episode, as figures 2-1 and 2-3 of the thesis break it down.
+def outcome(log: EpisodeLog) -> str:
+    """Return the outcome of an episode in the categories of the thesis' figures 2-1 and 2-3.
 
     `success`, or `success that did not last`: the benchmark counts it, but a placement is not goal-stabilizing. Of the
     failed ones: `place_k` when the first stage that does not count, placements being goal-stabilizing, is that one;
     else `other`.
     """
-    if all(latched(record)):
-        return SUCCESS if all(stages_stabilizing(record)) else DID_NOT_LAST
-    stage = record.home_task.stages[stages_stabilizing(record).index(False)]
+    if all(latched(log)):
+        return SUCCESS if all(stages_stabilizing(log)) else DID_NOT_LAST
+    stage = log.home_task.stages[stages_stabilizing(log).index(False)]
     return OTHER if stage.placed is None else stage.name
 
 
-def failure_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """One row per way of counting and episode that fails by it: identity, counting, stage, cause, target."""
+def failure_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
+    """Return one row per way of counting and episode that fails by it: identity, counting, stage, cause, target."""
     import polars as pl
 
     rows = []
     for counting in COUNTINGS:
-        for record in records:
-            found = label(record, counting)
+        for log in logs:
+            found = label(log, counting)
             if found is not None:
-                rows.append({**{n: getattr(record, n) for n in IDENTITY}, "counting": counting, **vars(found)})
+                rows.append({**{n: getattr(log, n) for n in IDENTITY}, "counting": counting, **vars(found)})
     kinds = (pl.String, pl.String, pl.String, pl.Int64, pl.Int64, pl.Int64)
     extra = {"counting": pl.String, "stage": pl.String, "cause": pl.String, "target": pl.Int64}
     return pl.DataFrame(rows, schema={**dict(zip(IDENTITY, kinds, strict=True)), **extra})
 
 
 def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
-    """How often each label was given: `count`, its share `of_all` episodes and `of_failed` ones.
+    """Return the `count` of each label, its share `of_all` episodes and `of_failed` ones.
 
     Args:
         failures: From `failure_table`.
@@ -105,7 +105,7 @@ def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
 
 
 def outcome_table(episodes: pl.DataFrame) -> pl.DataFrame:
-    """How often each outcome came: `count`, its share `of_all` episodes, and `of_failed` ones (null for successes).
+    """Return the `count` of each outcome, its share `of_all` episodes, and `of_failed` ones (null for successes).
 
     Args:
         episodes: One row per episode with the columns of `GROUP` and `outcome`.

@@ -19,34 +19,33 @@ from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes.counting import latched, stages_stabilizing
 from perdure.home.evaluate.outcomes.labels import COUNTINGS
 from perdure.home.evaluate.outcomes.placements import GROUP
+from perdure.home.sim.arrays import FloatArray
 from perdure.report.statistics import survival_interval
 
 if TYPE_CHECKING:
     import polars as pl
 
-FloatArray = NDArray[np.float64]
 
-
-def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
-    """One row per task, split, strategy, way of counting and stage; the last stage is the task's success.
+def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
+    """Return one row per task, split, strategy, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
     `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
 
     Args:
-        records: The episodes.
+        logs: The episodes.
         rng: The bootstrap's only source of randomness.
     """
     import polars as pl
 
     rows: list[tuple[object, ...]] = []
-    for group, part in grouped(records).items():
+    for group, part in grouped(logs).items():
         names = [stage.name for stage in part[0].home_task.stages]
-        seeds = np.array([record.train_seed for record in part])
-        runs = np.array([f"{record.train_seed} {record.eval_seed}" for record in part])
+        seeds = np.array([log.train_seed for log in part])
+        runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in part])
         for counting in COUNTINGS:
             count = latched if counting == "latched" else stages_stabilizing
-            reached = np.array([count(record) for record in part], dtype=np.float64)
+            reached = np.array([count(log) for log in part], dtype=np.float64)
             mean, error = over_runs(reached, runs)
             interval = survival_interval(reached, seeds, rng)
             for k, name in enumerate(names):
@@ -60,7 +59,7 @@ def stage_table(records: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.D
 
 
 def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
-    """Mean of the runs' means and its standard error, s / sqrt(n) with s of n - 1 degrees of freedom; nan for one run.
+    """Return the mean of the runs' means and its standard error s / sqrt(n), n - 1 degrees of freedom; nan for one run.
 
     Args:
         values: One row per episode. Shape (episodes, *).
@@ -72,9 +71,9 @@ def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, F
     return means.mean(axis=0), error
 
 
-def grouped(records: Sequence[EpisodeLog]) -> dict[tuple[str, str, str], list[EpisodeLog]]:
-    """Records by task, split and strategy, in the order of their first one."""
+def grouped(logs: Sequence[EpisodeLog]) -> dict[tuple[str, str, str], list[EpisodeLog]]:
+    """Return logs by task, split and strategy, in the order of their first one."""
     groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
-    for record in records:
-        groups.setdefault((record.task, record.split, record.strategy), []).append(record)
+    for log in logs:
+        groups.setdefault((log.task, log.split, log.strategy), []).append(log)
     return groups

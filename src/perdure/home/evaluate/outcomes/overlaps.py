@@ -1,4 +1,4 @@
-"""Objects at rest that overlap: a check that the simulated world kept solid things apart.
+"""Objects at rest that overlap: a check that the simulation kept solid objects apart.
 
 The depth comes from the poses in the logs and the objects' own shapes. Which pairs the simulation let collide plays no
 part, so the check also finds pairs that it wrongly left out.
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from perdure.home.errors import HomeError
 from perdure.home.evaluate.log import EpisodeLog, FinalObject
 from perdure.home.sim.objects import KINDS, AppleShape, YcbObjects
 
@@ -28,7 +29,7 @@ DEEPEST = 0.005
 class Overlap:
     """Two objects at rest, neither in the hand, one inside the other after the last step of an episode."""
 
-    record: EpisodeLog
+    log: EpisodeLog
     first: int
     """Number of one object in the episode; targets come first."""
     second: int
@@ -38,28 +39,28 @@ class Overlap:
     @property
     def line(self) -> str:
         """For a terminal: the episode, the objects and the depth."""
-        first, second = (f"{self.record.final_objects[k].kind} ({k})" for k in (self.first, self.second))
-        return f"{self.record.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
+        first, second = (f"{self.log.final_objects[k].kind} ({k})" for k in (self.first, self.second))
+        return f"{self.log.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
 
 
-def find_overlaps(records: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
+def find_overlaps(logs: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
     """Yield every pair of objects at rest that overlap by more than a depth.
 
-    Episodes that diverged and records without final poses are passed over.
+    Episodes that diverged and logs without final poses are passed over.
 
     Args:
-        records: From `read_logs`.
+        logs: From `read_logs`.
         deeper_than: In [m].
     """
-    for record in records:
-        if record.diverged:
+    for log in logs:
+        if log.diverged:
             continue
-        apple: AppleShape = "hull" if "hull-apple" in record.strategy.split() else "sphere"
-        at_rest = [k for k, each in enumerate(record.final_objects) if each.speed < AT_REST and not each.held]
+        apple: AppleShape = "hull" if "hull-apple" in log.strategy.split() else "sphere"
+        at_rest = [k for k, each in enumerate(log.final_objects) if each.speed < AT_REST and not each.held]
         for first, second in combinations(at_rest, 2):
-            depth = overlap_depth(record.final_objects[first], record.final_objects[second], apple)
+            depth = overlap_depth(log.final_objects[first], log.final_objects[second], apple)
             if depth > deeper_than:
-                yield Overlap(record, first, second, depth)
+                yield Overlap(log, first, second, depth)
 
 
 def overlap_depth(first: FinalObject, second: FinalObject, apple: AppleShape = "sphere") -> float:
@@ -77,6 +78,8 @@ def overlap_depth(first: FinalObject, second: FinalObject, apple: AppleShape = "
 
 
 def _radius(kind: str) -> float:
+    if kind not in KINDS:
+        raise HomeError(f"the shape of {kind!r} is not known; there are {', '.join(KINDS)}")
     return float(np.linalg.norm(KINDS[kind].half))
 
 

@@ -1,4 +1,4 @@
-"""One row per placement: how the object was let go, where it went, why it did not stay."""
+"""Placements, one per row: how the object was released, where it went, why it did not stay."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     import polars as pl
 
 STAYED = "stayed"
-"""In place of a cause where a placement is goal-stabilizing."""
+"""Value of `cause` where a placement is goal-stabilizing."""
 IDENTITY = ("task", "split", "strategy", "train_seed", "eval_seed", "index")
 GROUP = ("task", "split", "strategy")
 
 
-def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
-    """One row per placement; a target that was never let go while the plan handled it has none.
+def placement_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
+    """Return one row per placement; a target that was never released while the plan handled it has none.
 
     | column | meaning |
     |---|---|
@@ -46,7 +46,7 @@ def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
     """
     import polars as pl
 
-    rows = [row for record in records for row in _rows(record)]
+    rows = [row for log in logs for row in _rows(log)]
     text, whole, real, flag = pl.String, pl.Int64, pl.Float64, pl.Boolean
     kinds = {
         **dict(zip(IDENTITY, (text, text, text, whole, whole, whole), strict=True)),
@@ -60,12 +60,12 @@ def placement_table(records: Sequence[EpisodeLog]) -> pl.DataFrame:
 
 
 def kind_table(placements: pl.DataFrame) -> pl.DataFrame:
-    """Placements by object kind: how many, how many did not stay, and the rate of these."""
+    """Return placements by object kind: their number, how many did not stay, and the rate."""
     return _rates(placements, (*GROUP, "kind", "cylinder"))
 
 
 def shape_table(placements: pl.DataFrame) -> pl.DataFrame:
-    """Placements of cylinders and of other objects (thesis, figure 2-5).
+    """Return placements of cylinders and of other objects (thesis, figure 2-5).
 
     Beside counts and rates, what share of all placements they are, and what share of those that did not stay: a share
     of failures alone would not say whether cylinders fail more often or are only placed more often.
@@ -89,32 +89,32 @@ def _rates(placements: pl.DataFrame, keys: tuple[str, ...]) -> pl.DataFrame:
 
 
 def _share(part: pl.Expr, whole: pl.Expr) -> pl.Expr:
-    """A share, null where there is nothing to have a share of."""
+    """Return a share, null where the whole is empty."""
     import polars as pl
 
     return pl.when(whole > 0).then(part / whole)
 
 
-def _rows(record: EpisodeLog) -> list[dict[str, object]]:
-    stays = stabilizing(record)
+def _rows(log: EpisodeLog) -> list[dict[str, object]]:
+    stays = stabilizing(log)
     return [
-        {**{name: getattr(record, name) for name in IDENTITY}, **row}
-        for target in range(len(record.targets))
-        if (row := _row(record, target, stays[target])) is not None
+        {**{name: getattr(log, name) for name in IDENTITY}, **row}
+        for target in range(len(log.targets))
+        if (row := _row(log, target, stays[target])) is not None
     ]
 
 
-def _row(record: EpisodeLog, target: int, stays: bool) -> dict[str, object] | None:
-    release, span = placement(record, target), handled(record, target)
+def _row(log: EpisodeLog, target: int, stays: bool) -> dict[str, object] | None:
+    release, span = placement(log, target), handled(log, target)
     if release is None or span is None:
         return None
-    run = next((r for r in record.runs if r.begin <= release.step < r.end), None)
-    away, above = release_offset(record, release)
+    run = next((r for r in log.runs if r.begin <= release.step < r.end), None)
+    away, above = release_offset(log, release)
     way = release.track.position[-1] - release.track.position[0]
     return {
         "target": target,
-        "kind": record.targets[target].kind,
-        "cylinder": record.targets[target].cylinder,
+        "kind": log.targets[target].kind,
+        "cylinder": log.targets[target].cylinder,
         "skill": "" if run is None else run.skill,
         "forced": run is not None and run.forced_release and release.step == run.end - 1,
         "release_height": above,
@@ -123,12 +123,12 @@ def _row(record: EpisodeLog, target: int, stays: bool) -> dict[str, object] | No
         "object_speed": release.object_speed,
         "gripper_speed": release.gripper_speed,
         "base_speed": release.base_speed,
-        "in_goal_release": bool(in_goal_since(record, release)[0]),
-        "in_goal_skill_end": record.at(span[1] - 1).in_goal[target],
-        "in_goal_end": record.at(record.steps - 1).in_goal[target],
-        "in_goal_settled": record.at(record.length - 1).in_goal[target],
+        "in_goal_release": bool(in_goal_since(log, release)[0]),
+        "in_goal_skill_end": log.at(span[1] - 1).in_goal[target],
+        "in_goal_end": log.at(log.steps - 1).in_goal[target],
+        "in_goal_settled": log.at(log.length - 1).in_goal[target],
         "stabilizing": stays,
         "displacement": float(np.hypot(way[0], way[1])),
         "fall": float(-way[2]),
-        "cause": STAYED if stays else placement_cause(record, target),
+        "cause": STAYED if stays else placement_cause(log, target),
     }

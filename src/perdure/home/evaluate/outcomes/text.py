@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def summary_text(analysis: Analysis) -> str:
-    """All tables of an analysis but those with one row per episode or placement."""
+    """Return all tables of an analysis but those with one row per episode or placement."""
     groups = analysis.episodes.select(GROUP).unique(maintain_order=True).rows()
     return "\n\n".join(_block(analysis, group) for group in groups)
 
@@ -49,11 +49,12 @@ def _stage_rows(stages: pl.DataFrame) -> list[Sequence[str]]:
     rows: list[Sequence[str]] = [("stage", *COUNTINGS)]
     by_counting = [stages.filter(counting=counting) for counting in COUNTINGS]
     for k, name in enumerate(by_counting[0]["stage"]):
-        rows.append((name, *(_interval(table.row(k, named=True)) for table in by_counting)))
+        rows.append((name, *(interval_text(table.row(k, named=True)) for table in by_counting)))
     return rows
 
 
-def _interval(row: dict[str, float]) -> str:
+def interval_text(row: dict[str, float]) -> str:
+    """Return mean, standard error and 95 % interval of a row of `Analysis.stages`: "50.0 +- 14.4 % [12.3, 87.7]"."""
     error = "" if math.isnan(row["standard_error"]) else f" +- {100 * row['standard_error']:.1f}"
     bounds = "" if math.isnan(row["lower"]) else f" [{100 * row['lower']:.1f}, {100 * row['upper']:.1f}]"
     return f"{100 * row['mean']:.1f}{error} %{bounds}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from perdure.home.agents.release import STRATEGIES
@@ -18,19 +17,27 @@ from perdure.report.theme import Style, style
 if TYPE_CHECKING:
     import polars as pl
 
+_TABLES = ("episodes", "stages", "outcomes", "modes", "placements", "kinds", "shapes")
+
 
 @dataclass(frozen=True)
 class Comparison:
     """The tables of one task and split by release strategy."""
 
-    analysis: Analysis
-    """All tables; the properties below select this task and split."""
     task: str
     split: str
     strategies: tuple[str, ...]
     """Names in logs, in the order in which they are shown."""
     styles: tuple[Style, ...]
     """One for each strategy."""
+    episodes: dict[str, pl.DataFrame]
+    """This and the following: the tables of `Analysis`, by strategy."""
+    stages: dict[str, pl.DataFrame]
+    outcomes: dict[str, pl.DataFrame]
+    modes: dict[str, pl.DataFrame]
+    placements: dict[str, pl.DataFrame]
+    kinds: dict[str, pl.DataFrame]
+    shapes: dict[str, pl.DataFrame]
 
     @property
     def home_task(self) -> HomeTask:
@@ -52,41 +59,6 @@ class Comparison:
         """Settings that differ from the default for all strategies alike, in words; "" for none."""
         worlds = {words.world(strategy) for strategy in self.strategies}
         return worlds.pop() if len(worlds) == 1 else ""
-
-    @cached_property
-    def episodes(self) -> dict[str, pl.DataFrame]:
-        """Episodes by strategy, see `Analysis.episodes`."""
-        return self._split(self.analysis.episodes)
-
-    @cached_property
-    def stages(self) -> dict[str, pl.DataFrame]:
-        """Success per stage by strategy, both ways of counting."""
-        return self._split(self.analysis.stages)
-
-    @cached_property
-    def outcomes(self) -> dict[str, pl.DataFrame]:
-        """Outcomes by strategy."""
-        return self._split(self.analysis.outcomes)
-
-    @cached_property
-    def modes(self) -> dict[str, pl.DataFrame]:
-        """Failure modes by strategy, both ways of counting."""
-        return self._split(self.analysis.modes)
-
-    @cached_property
-    def placements(self) -> dict[str, pl.DataFrame]:
-        """Placements by strategy."""
-        return self._split(self.analysis.placements)
-
-    @cached_property
-    def kinds(self) -> dict[str, pl.DataFrame]:
-        """Placements by object kind, by strategy."""
-        return self._split(self.analysis.kinds)
-
-    @cached_property
-    def shapes(self) -> dict[str, pl.DataFrame]:
-        """Placements of cylinders and others, by strategy."""
-        return self._split(self.analysis.shapes)
 
     def final(self, strategy: str, counting: Counting) -> dict[str, float]:
         """Return the row of `stages` with the task's success: `mean`, `standard_error`, `lower`, `upper`, ..."""
@@ -112,10 +84,6 @@ class Comparison:
         keys = ["train_seed", "eval_seed", "index"]
         return len(self.episodes[strategy].filter("success").join(left.select(keys), on=keys, how="semi"))
 
-    def _split(self, table: pl.DataFrame) -> dict[str, pl.DataFrame]:
-        here = table.filter(task=self.task, split=self.split)
-        return {strategy: here.filter(strategy=strategy) for strategy in self.strategies}
-
 
 def comparisons(analysis: Analysis) -> tuple[Comparison, ...]:
     """Return one for each task and split, in the analysis' order. A strategy has the same style in all of them."""
@@ -125,7 +93,11 @@ def comparisons(analysis: Analysis) -> tuple[Comparison, ...]:
     for task, split in dict.fromkeys((task, split) for task, split, _ in rows):
         strategies = tuple(strategy for strategy in order if (task, split, strategy) in rows)
         styles = tuple(style(order.index(strategy)) for strategy in strategies)
-        found.append(Comparison(analysis, task, split, strategies, styles))
+        tables = {}
+        for name in _TABLES:
+            here = getattr(analysis, name).filter(task=task, split=split)
+            tables[name] = {strategy: here.filter(strategy=strategy) for strategy in strategies}
+        found.append(Comparison(task, split, strategies, styles, **tables))
     return tuple(found)
 
 

@@ -1,4 +1,4 @@
-"""Figures of failure: what became of the episodes (figures 2-1, 2-3), and first unmet stage x cause."""
+"""Figures of failures: outcomes of episodes (figures 2-1, 2-3), and first unmet stage x failure cause."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLUMNS = ("outcome", "count", "of_all", "of_failed")
 
 
 def outcome_figure(comparison: Comparison) -> Figure:
-    """A row for each outcome, a bar for each strategy."""
+    """Return the figure of outcomes: a row for each outcome, a bar for each strategy."""
     names = [
         name
         for number, name in enumerate(comparison.outcomes[comparison.strategies[0]]["outcome"])
@@ -42,7 +42,7 @@ def outcome_figure(comparison: Comparison) -> Figure:
 
 
 def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float, float | None]], total: int) -> Bars:
-    """Bars of shares with their counts: (row, count, share of all, share of the failed)."""
+    """Return bars of shares with their counts, from (row, count, share of all, share of the failed)."""
     texts = [
         f"{count} of {total} ({wording.share(of_all)})"
         + ("" if of_failed is None or not count else f", {wording.share(of_failed)} of the failed")
@@ -52,7 +52,7 @@ def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float
 
 
 def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
-    """First unmet stage and cause of every failed episode, a bar for each strategy; None when nothing failed.
+    """Return the figure of failures by stage and cause, a bar for each strategy; None when nothing failed.
 
     Args:
         comparison: The strategies.
@@ -79,7 +79,7 @@ def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
 
 
 def mode_labels(comparison: Comparison, counting: Counting) -> list[tuple[str, str]]:
-    """Every (stage, cause) that any strategy has, in the task's order."""
+    """Return every (stage, cause) that any strategy has, in the task's order."""
     stages = [stage.name for stage in comparison.home_task.stages]
     found = {label for strategy in comparison.strategies for label in mode_counts(comparison, counting, strategy)}
     return sorted(found, key=lambda label: (stages.index(label[0]), FAILURE_CAUSES.index(label[1])))
@@ -88,7 +88,7 @@ def mode_labels(comparison: Comparison, counting: Counting) -> list[tuple[str, s
 def mode_counts(
     comparison: Comparison, counting: Counting, strategy: str
 ) -> dict[tuple[str, str], tuple[int, float, float]]:
-    """For each (stage, cause) of a strategy: the count, its share of all episodes, and of the failed ones."""
+    """Return count, share of all and share of failed episodes for each (stage, failure cause) of a strategy."""
     table = comparison.modes[strategy].filter(counting=counting)
     rows = table.select("stage", "cause", "count", "of_all", "of_failed").iter_rows()
     return {(stage, cause): (count, a, b) for stage, cause, count, a, b in rows}

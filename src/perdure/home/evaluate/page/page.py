@@ -40,7 +40,7 @@ def write_page(
         analysis: From `analyze`; several tasks, splits and strategies may be in it.
         out: A folder; made if it is missing.
         command: What made the page; shown so that a reader can repeat it.
-        assignment: Who acted, from `read_assignment`; the page says "not recorded" without it.
+        assignment: The policies, from `read_assignment`; the page says "not recorded" without it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
 
     Returns:
@@ -67,7 +67,7 @@ def write_page(
 
 
 def make_figures(comparison: Comparison) -> list[Figure]:
-    """All figures of one task and split; those with nothing to show are left out."""
+    """Return all figures of one task and split; those with nothing to show are left out."""
     found: list[Figure | None] = [final_figure(comparison), shape_figure(comparison), kind_figure(comparison)]
     found += [outcome_figure(comparison), stage_figure(comparison)]
     found += [mode_figure(comparison, counting) for counting in reversed(COUNTINGS)]
@@ -77,7 +77,7 @@ def make_figures(comparison: Comparison) -> list[Figure]:
 
 
 def verdict(comparison: Comparison) -> str:
-    """One sentence: how often the whole task succeeded and stayed so, and what the benchmark counts."""
+    """Return one sentence: how often the whole task succeeded and stayed so, and what the benchmark counts."""
     lasting, latched = (
         [percent(comparison.final(strategy, counting)["mean"]) for strategy in comparison.strategies]
         for counting in ("stabilizing", "latched")

@@ -22,7 +22,7 @@ SLOWEST = 0.001
 
 
 def kind_figure(comparison: Comparison) -> Figure | None:
-    """How many objects of each kind were placed and how many of them did not stay; None when nothing was placed."""
+    """Return placements by kind of object, and how many did not stay; None when nothing was placed."""
     kinds = sorted(
         {
             row
@@ -53,7 +53,7 @@ def kind_figure(comparison: Comparison) -> Figure | None:
 
 
 def shape_figure(comparison: Comparison) -> Figure | None:
-    """What share of the placements, and of those that did not stay, are cylinders; None where none was placed."""
+    """Return the share of cylinders among placements and among those that did not stay; None without cylinders."""
     names: list[str] = []
     shares: list[float] = []
     texts: list[str] = []
@@ -115,7 +115,7 @@ MEASURES = (
 
 
 def release_figure(comparison: Comparison, measure: Measure) -> Figure | None:
-    """The distribution of one measure for each strategy, as the share of placements at or below; None without any."""
+    """Return the empirical distribution of one measure for each strategy; None without placements."""
     drawn, shown = [], []
     for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
         values = comparison.placements[strategy][measure.column].to_numpy()
@@ -149,7 +149,7 @@ def release_figure(comparison: Comparison, measure: Measure) -> Figure | None:
 
 
 def _distribution(label: str, values: FloatArray, style: theme.Style, low: float, high: float) -> Curve:
-    """The steps of the empirical distribution function from low to high; some of them where there are many values."""
+    """Return the empirical distribution function from low to high, thinned where there are many values."""
     levels = np.linspace(0.0, 1.0, min(len(values), MOST_LEVELS) + 1)
     places = np.quantile(values, levels[1:], method="inverted_cdf")
     return Curve(label, np.array([low, *np.repeat(places, 2), high]), np.repeat(levels, 2), style)

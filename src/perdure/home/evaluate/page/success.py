@@ -1,4 +1,4 @@
-"""Figures of success: the task's, both ways of counting, and how it shrinks from stage to stage (figure 2-2)."""
+"""Figures of success in both ways of counting: the whole task, and stage by stage (figure 2-2)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "
 
 
 def final_figure(comparison: Comparison) -> Figure:
-    """Success of the whole task: a row for each strategy, a point for each way of counting."""
+    """Return the success of the whole task: a row for each strategy, a point for each way of counting."""
 
     def points(counting: Counting) -> Points:
         rows = [comparison.final(strategy, counting) for strategy in comparison.strategies]
@@ -59,7 +59,7 @@ def final_figure(comparison: Comparison) -> Figure:
 
 
 def stage_figure(comparison: Comparison) -> Figure:
-    """Success per stage: a curve for each strategy and way of counting."""
+    """Return the success per stage: a curve for each strategy and way of counting."""
     names = words.stages(comparison.home_task)
     curves = []
     for strategy, label, style in zip(comparison.strategies, comparison.labels, comparison.styles, strict=True):
@@ -100,7 +100,7 @@ def _episodes(comparison: Comparison) -> str:
 
 
 def error_note(comparison: Comparison, what: str = "Bars") -> str:
-    """What error bars are: 95 % intervals, over which units, how many and by which method, for each strategy."""
+    """Return the description of the error bars: units, their number and method, for each strategy."""
     methods: dict[tuple[str, bool, int], list[str]] = {}
     for strategy, label in zip(comparison.strategies, comparison.labels, strict=True):
         method = str(comparison.final(strategy, "latched")["method"])
@@ -118,7 +118,7 @@ def error_note(comparison: Comparison, what: str = "Bars") -> str:
 
 
 def unequal_note(comparison: Comparison) -> str:
-    """A warning where the strategies did not run the same episodes from the same start poses; else nothing."""
+    """Return a warning where the strategies did not run the same episodes from the same start poses; else nothing."""
     ran = [set(comparison.episodes[strategy].select("eval_seed", "index").rows()) for strategy in comparison.strategies]
     if all(each == ran[0] for each in ran):
         return ""
@@ -127,6 +127,6 @@ def unequal_note(comparison: Comparison) -> str:
 
 
 def _by_seed(comparison: Comparison, strategy: str) -> list[float]:
-    """The goal-stabilizing success of every training seed; nothing where there is one."""
+    """Return the goal-stabilizing success of every training seed; nothing where there is one."""
     parts = comparison.episodes[strategy].partition_by("train_seed")
     return [float(part["stabilizing"].to_numpy().mean()) for part in parts] if len(parts) > 1 else []

@@ -8,6 +8,7 @@ from itertools import combinations
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.outcomes import COUNTINGS, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_EPISODE
+from perdure.home.evaluate.outcomes.text import interval_text
 from perdure.home.evaluate.page.assignment import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, percent
 from perdure.home.evaluate.page.failure_modes import mode_counts, mode_labels
@@ -20,7 +21,7 @@ STRATEGY = "release strategy"
 
 
 def success_table(comparison: Comparison) -> str:
-    """Success of every strategy, and successes that did not last."""
+    """Return the success of every strategy, and its successes that did not last."""
     headings = (STRATEGY, "in the figures", "episodes", "training x evaluation seeds", *(WORDS[c] for c in COUNTINGS))
     headings += ("counted, did not last", "of these the last object", "diverged")
     rows = []
@@ -30,7 +31,7 @@ def success_table(comparison: Comparison) -> str:
         rows.append(
             (
                 *(strategy, label, f"{len(episodes):,}", _seeds(comparison, strategy)),
-                *(_mean(comparison.final(strategy, counting)) for counting in COUNTINGS),
+                *(interval_text(comparison.final(strategy, counting)) for counting in COUNTINGS),
                 *(f"{len(lost)} of {episodes['success'].sum()}", str(comparison.last_left(strategy))),
                 str(episodes["diverged"].sum()),
             )
@@ -44,7 +45,7 @@ def success_table(comparison: Comparison) -> str:
 
 
 def paired_table(comparison: Comparison) -> str:
-    """Every two strategies on the episodes that both ran; nothing for a single strategy."""
+    """Return pairwise comparisons on the episodes that both strategies ran; nothing for a single strategy."""
     rows = []
     for first, second in combinations(comparison.strategies, 2):
         left, right = (comparison.episodes[strategy] for strategy in (first, second))
@@ -69,7 +70,7 @@ def paired_table(comparison: Comparison) -> str:
 
 
 def mode_table(comparison: Comparison) -> str:
-    """Every failure mode with its count and both shares, for every strategy and way of counting."""
+    """Return the count and both shares of every failure mode, for every strategy and way of counting."""
     rows = []
     for counting in COUNTINGS:
         counts = {strategy: mode_counts(comparison, counting, strategy) for strategy in comparison.strategies}
@@ -83,7 +84,7 @@ def mode_table(comparison: Comparison) -> str:
 
 
 def placement_table(comparison: Comparison) -> str:
-    """Placements of every strategy: how many did not stay, of all, of cylinders and of the others."""
+    """Return placements that did not stay by strategy: of all objects, of cylinders and of the others."""
     rows = []
     for strategy in comparison.strategies:
         shapes = {row["cylinder"]: row for row in comparison.shapes[strategy].iter_rows(named=True)}
@@ -105,7 +106,7 @@ def placement_table(comparison: Comparison) -> str:
 
 
 def release_table(comparison: Comparison) -> str:
-    """How objects were let go: medians, and between which values eight of ten lie."""
+    """Return median and 10 to 90 % range of height, speeds and tilt at the release."""
     columns = {
         "release_height": ("height above rest [mm]", 1000.0, 0),
         "object_speed": ("speed of the object [m/s]", 1.0, 3),
@@ -127,7 +128,7 @@ def release_table(comparison: Comparison) -> str:
 
 
 def hand_over_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
-    """How often each outcome of a release strategy came; nothing where no logs note it."""
+    """Return the counts of hand-over outcomes; nothing where no logs record them."""
     counts = {
         strategy: assignment.hand_overs.get((comparison.task, comparison.split, strategy), {})
         for strategy in comparison.strategies
@@ -143,7 +144,7 @@ def hand_over_table(comparison: Comparison, assignment: PolicyAssignment) -> str
 
 
 def assignment_table(comparison: Comparison, assignment: PolicyAssignment) -> str:
-    """Which policy acted in which skill."""
+    """Return which policy acted in which skill."""
     task, split = comparison.task, comparison.split
     rows = []
     for skill in assignment.skills(task, split) or ["every skill"]:
@@ -160,7 +161,7 @@ def _named(name: str) -> str:
 
 
 def _units(comparison: Comparison) -> str:
-    """What the intervals are over, and how they were computed."""
+    """Return units and methods of the intervals as text."""
     found = {comparison.stages[strategy].select("units", "method").row(0) for strategy in comparison.strategies}
     words = {
         TRAINING_SEEDS: "over training seeds",
@@ -173,12 +174,6 @@ def _seeds(comparison: Comparison, strategy: str) -> str:
     episodes = comparison.episodes[strategy]
     trained = [seed for seed in episodes["train_seed"].unique() if seed != UNTRAINED]
     return f"{len(trained) or 'untrained'} x {episodes['eval_seed'].n_unique()}"
-
-
-def _mean(row: dict[str, float]) -> str:
-    error = "" if math.isnan(row["standard_error"]) else f" +- {100 * row['standard_error']:.1f}"
-    bounds = "" if math.isnan(row["lower"]) else f" [{100 * row['lower']:.1f}, {100 * row['upper']:.1f}]"
-    return f"{100 * row['mean']:.1f}{error} %{bounds}"
 
 
 def _points(difference: Interval) -> str:

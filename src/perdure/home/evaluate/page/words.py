@@ -1,4 +1,4 @@
-"""What figures call release strategies, worlds, stages, outcomes and objects: words instead of code names."""
+"""Words of figures for release strategies, worlds, stages, outcomes and objects, instead of code names."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from perdure.home.benchmark.tasks import HomeTask, Stage
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.outcomes.labels import DID_NOT_LAST, OTHER, SUCCESS
 from perdure.home.evaluate.protocol.naming import read_strategy
+from perdure.home.sim.objects import short_name
 
 _STRATEGIES = {
     "rl": "policy alone",
@@ -49,7 +50,7 @@ def describe(strategy: str, with_world: bool = True) -> str:
 
 
 def world(strategy: str) -> str:
-    """Return what differs from the usual world: "ik drag" -> "no rolling resistance"; "" where nothing is known."""
+    """Return settings that differ from the default world: "ik drag" -> "no rolling resistance"; "" where unknown."""
     try:
         read_strategy(strategy)
     except HomeError:
@@ -58,7 +59,7 @@ def world(strategy: str) -> str:
 
 
 def stage(each: Stage, unmet: bool = False) -> str:
-    """Return what holds when a stage is reached, "pick_0" -> "object 1 picked"; unmet: "object 1 not picked"."""
+    """Return the state in which a stage is reached, "pick_0" -> "object 1 picked"; unmet: "object 1 not picked"."""
     verb, _, number = each.name.partition("_")
     past = {"pick": "picked", "place": "placed", "open": "opened", "close": "closed"}[verb]
     doors = [found.name.removeprefix(f"{past}_") for found in each.conditions if found.name.startswith(f"{past}_")]
@@ -78,8 +79,8 @@ def outcome(name: str) -> str:
 
 
 def kind(name: str, cylinder: bool) -> str:
-    """Return what an object is: "013_apple" -> "apple"; of a can that it is a cylinder."""
-    words = re.sub(r"^\d+_", "", name).replace("_", " ")
+    """Return the name of an object: "013_apple" -> "apple", with "(cylinder)" for cans."""
+    words = short_name(name)
     return f"{words} (cylinder)" if cylinder else words
 
 

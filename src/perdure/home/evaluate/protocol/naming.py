@@ -1,4 +1,4 @@
-"""How logs and figures call a strategy: how objects are placed, and what differs from the usual world."""
+"""Names of release strategies in logs: the strategy, and settings that differ from the default world."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def read_strategy(name: str) -> tuple[str, ExecutorOptions]:
         place = ""
     if not place or strategy_name(place, options) != name:
         raise HomeError(
-            f"{name!r} is no strategy of this package: these are rl, stop, ik, ik+, delta-N or delta-N-in-M, "
+            f"{name!r} is no release strategy of this package: these are rl, stop, ik, ik+, delta-N or delta-N-in-M, "
             f"then jaws-apart, drag, hull-apple, base-velocity-removed or released-at-zero-velocity, "
             f"and N-hz where they were chosen"
         )

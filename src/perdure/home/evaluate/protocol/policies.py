@@ -1,4 +1,4 @@
-"""Which policy acts in which skill: shipped ones, files of your own, or the oracle where there is none."""
+"""The policy of each skill: shipped ones, files of your own, or the oracle where there is none."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHIPPED = shipped.SHIPPED / "home"
 """Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `ReleaseChoice.policy`."""
 ORACLE = "oracle"
 LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}
-"""Skills that are learned on one task for all of them: their state does not tell one task from another."""
+"""Skills trained on one task for all tasks: they do not depend on the task."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ _SHIPPED_AS = "shipped "
 
 
 def logged_policies(names: Mapping[str, str], without: Collection[str] = ()) -> dict[str, str]:
-    """Who acted in the skills of logs: what `choose_policies` takes as `chosen`.
+    """Return the policies that logs name, as the argument `chosen` of `choose_policies`.
 
     Args:
         names: `SkillPolicy.name` of each skill, as the logs note it.
@@ -78,13 +78,13 @@ def _logged(skill: str, name: str) -> str:
 
 
 def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
-    """A shipped policy by its name, the task's own before one that was learned for all; None when there is none."""
+    """Return the file of a shipped policy, the task's own before one trained for all tasks; None when there is none."""
     paths = [folder / f"seed-{train_seed}.safetensors" for folder in _folders(task, policy)]
     return next((path for path in paths if path.exists()), None)
 
 
 def shipped_seeds(task: str, policy: str) -> list[int]:
-    """The training seeds of which a policy is shipped."""
+    """Return the training seeds of which a policy is shipped."""
     paths = [path for folder in _folders(task, policy) for path in folder.glob("seed-*.safetensors")]
     return sorted({int(path.stem.removeprefix("seed-")) for path in paths})
 
@@ -96,15 +96,15 @@ def _folders(task: str, policy: str) -> list[Path]:
 def choose_policies(
     task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: ReleaseChoice | None = None
 ) -> dict[SkillName, SkillPolicy]:
-    """What acts in each skill of a task.
+    """Return the policy of each skill of a task.
 
     Args:
         task: Name of the task.
-        train_seed: Which of the training seeds, counted from 0: number k takes each skill's shipped policy with the
+        train_seed: Number of the training seed, from 0: number k takes each skill's shipped policy with the
             k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
             stands for it. UNTRAINED where no skill is learned.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
-        how: Which place policy is needed; the benchmark's when None.
+        how: The release choice, which decides the place policy; the benchmark's when None.
 
     Raises:
         HomeError: If a skill is unknown, its file is missing, there is no policy of this training seed though there is
@@ -145,7 +145,7 @@ def choose_policies(
 
 
 def make_actors(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, Actor]:
-    """An actor for each skill, that of place behind its arm."""
+    """Return an actor for each skill, that of place behind its arm."""
     oracle = Oracle()
     actors: dict[str, Actor] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():
@@ -155,7 +155,7 @@ def make_actors(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dic
 
 
 def read_policy(source: str) -> SkillPolicy:
-    """A policy's file, or "oracle"."""
+    """Return a policy's file, or "oracle"."""
     if source == ORACLE:
         return SkillPolicy(ORACLE, "", None)
     return SkillPolicy(source, hashlib.sha256(Path(source).read_bytes()).hexdigest(), load_policy(source))

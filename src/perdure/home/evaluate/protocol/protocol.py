@@ -1,4 +1,4 @@
-"""What a protocol is: task, strategy, split, how many episodes and seeds, and who acts."""
+"""A protocol: task, release strategy, split, numbers of episodes and seeds, and policies."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Protocol:
         return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
 
     def assignment(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
-        """What acts in each skill with the policies of a training seed; HomeError as for `choose_policies`."""
+        """Return the policy of each skill for a training seed; HomeError as for `choose_policies`."""
         everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.release)
         if self.vary == "place" and train_seed > 0:
             others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
@@ -73,17 +73,17 @@ class Protocol:
         return everyone
 
     def skills(self) -> dict[str, Skill]:
-        """The skills of the task's plan."""
+        """Return the skills of the task's plan."""
         names: set[str] = {step.skill for step in get_task(self.task).skills}
         return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
 
     def to_json(self) -> dict[str, Any]:
-        """For another process, see `from_json`."""
+        """Return plain JSON values for another process, see `from_json`."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, settings: Mapping[str, Any]) -> Self:
-        """The protocol that `to_json` described, also after it has been text."""
+        """Return the protocol that `to_json` described, also after it has been text."""
         options = dict(settings["options"])
         scene = dict(options.pop("scene"))
         targets = scene.pop("targets")

@@ -9,9 +9,8 @@ Contents:
     cut_away                                    walls hidden for a camera outside
 """
 
-from perdure.home.sim.apartments.apartment import MICROS, make_apartment
-from perdure.home.sim.apartments.build import build_apartment
-from perdure.home.sim.apartments.draw import cut_away
+from perdure.home.sim.apartments.apartment import MICROS, SPLITS, make_apartment, split_apartments
+from perdure.home.sim.apartments.build import build_apartment, cut_away
 from perdure.home.sim.apartments.footprint import moving_footprints, static_footprints
 from perdure.home.sim.apartments.free_space import (
     CELL,
@@ -26,7 +25,6 @@ from perdure.home.sim.apartments.free_space import (
 from perdure.home.sim.apartments.fridge import OPEN as FRIDGE_OPEN
 from perdure.home.sim.apartments.macros import MACROS
 from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Receptacle, Solid, Zone
-from perdure.home.sim.apartments.splits import SPLITS, split_apartments
 
 __all__ = [
     "CELL",

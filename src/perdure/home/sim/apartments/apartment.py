@@ -8,7 +8,7 @@ drawn again, so that the accepted ones are uniform among the good ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import count, islice
 
@@ -16,7 +16,6 @@ import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import counter, fridge, furniture
-from perdure.home.sim.apartments.accepted import THROWN_AWAY
 from perdure.home.sim.apartments.checks import why_not
 from perdure.home.sim.apartments.macros import Macro, Spot, macro_layout
 from perdure.home.sim.apartments.piece import Apartment, Piece, Pose
@@ -39,11 +38,31 @@ _KINDS = {
     "rug": furniture.rug,
     "picture": furniture.picture,
 }
+THROWN_AWAY: Mapping[int, tuple[int, ...]] = {
+    0: (5, 3, 7, 0, 10, 20, 1, 3, 1, 6, 1, 1, 1, 0, 1, 0, 5, 5, 0, 7, 0),
+    1: (1, 0, 2, 0, 4, 2, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0),
+    2: (0, 0, 0, 4, 0, 0, 0, 1, 1, 2, 1, 1, 0, 3, 0, 0, 1, 0, 1, 1, 1),
+    3: (0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 2, 0, 1, 0, 0, 0, 0),
+    4: (0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 1),
+}
+"""Macro layout to the number of draws of each micro variation, with seed 0, that failed a check.
+
+Kept because a check takes a tenth of a second. `tests/home/sim/apartments` draws and checks all of them again.
+"""
+SPLITS: dict[str, tuple[tuple[int, int], ...]] = {
+    "train": tuple((macro, micro) for macro in range(4) for micro in range(16)),
+    "val": tuple((macro, micro) for macro in range(4) for micro in range(16, 21)),
+    "eval": tuple((4, micro) for micro in range(20)),
+}
+"""(macro, micro) of each split, as in M3 (`scripts/generate_episodes.sh`).
+
+64 for training, 20 new configurations of the same layouts (val), 20 of a new layout (eval; M3 uses the first 20 of 21).
+"""
 
 
 @lru_cache(maxsize=128)
 def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
-    """One of the apartments; the same arguments give the same apartment, on every machine.
+    """Return one of the apartments; the same arguments give the same apartment, on every machine.
 
     Args:
         macro: Macro layout, 0 to 4.
@@ -60,7 +79,7 @@ def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
 
 
 def drafts(macro: int, micro: int, seed: int) -> Iterator[Apartment]:
-    """All draws of a micro variation, good or not, without an end; HomeError where there is no such one."""
+    """Return all draws of a micro variation, good or not, without an end; HomeError where there is no such one."""
     layout = macro_layout(macro)
     if not 0 <= micro < MICROS:
         raise HomeError(f"micro variation must be one of 0 to {MICROS - 1}, not {micro}")
@@ -79,7 +98,14 @@ def _draw_pieces(layout: Macro, rng: np.random.Generator) -> tuple[Piece, ...]:
 
 
 def _draw_pose(spot: Spot, rng: np.random.Generator) -> Pose:
-    """A pose near a spot; rounded, so that no machine's last bit can change an apartment."""
+    """Return a pose near a spot; rounded, so that no machine's last bit can change an apartment."""
     shift_x, shift_y, turn = (2.0 * rng.random(3) - 1.0) * (*spot.shift, spot.turn_deg)
     place = Pose(spot.x, spot.y, math.radians(spot.yaw_deg)).to_room(np.array([shift_x, shift_y]))
     return Pose(round(float(place[0]), 4), round(float(place[1]), 4), round(math.radians(spot.yaw_deg + turn), 4))
+
+
+def split_apartments(split: str) -> tuple[tuple[int, int], ...]:
+    """Return the (macro, micro) pairs of `train`, `val` (cross-configuration) or `eval` (cross-layout)."""
+    if split not in SPLITS:
+        raise HomeError(f"split must be one of {', '.join(SPLITS)}, not {split!r}")
+    return SPLITS[split]

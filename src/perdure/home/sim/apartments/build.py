@@ -4,7 +4,7 @@ Names in the model: a piece is a body of its name (`sofa`), a moving part a body
 joint and handle (`drawer2_top`, `middle_slide_top`, `cab_push_point_5`); a geom is `piece/solid` or
 `piece/link/solid`.
 
-Geom groups: 0 collides and is seen, 1 walls, 2 only seen, 3 only collides. Sites of handles are in group 4.
+Geom groups: 0 collides and is visible, 1 walls, 2 visual only, 3 collision only. Sites of handles are in group 4.
 """
 
 from __future__ import annotations
@@ -13,13 +13,37 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from perdure.home.sim.apartments.colors import PALETTE
 from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Solid
 
 if TYPE_CHECKING:
     import mujoco
 
+PALETTE: dict[str, tuple[float, float, float, float]] = {
+    "floor": (0.80, 0.72, 0.62, 1.0),
+    "floor_dark": (0.76, 0.68, 0.58, 1.0),
+    "wall": (0.93, 0.91, 0.87, 1.0),
+    "oak": (0.72, 0.56, 0.40, 1.0),
+    "walnut": (0.45, 0.33, 0.25, 1.0),
+    "white": (0.92, 0.92, 0.90, 1.0),
+    "front": (0.66, 0.71, 0.66, 1.0),
+    "stone": (0.55, 0.54, 0.53, 1.0),
+    "steel": (0.70, 0.72, 0.74, 1.0),
+    "handle": (0.32, 0.33, 0.35, 1.0),
+    "fridge": (0.80, 0.82, 0.83, 1.0),
+    "glass": (0.80, 0.88, 0.90, 0.45),
+    "fabric": (0.44, 0.52, 0.58, 1.0),
+    "cushion": (0.56, 0.63, 0.68, 1.0),
+    "ochre": (0.77, 0.62, 0.38, 1.0),
+    "terracotta": (0.70, 0.46, 0.36, 1.0),
+    "leaf": (0.40, 0.52, 0.38, 1.0),
+    "rug": (0.74, 0.66, 0.60, 1.0),
+    "screen": (0.12, 0.13, 0.15, 1.0),
+    "picture": (0.62, 0.66, 0.64, 1.0),
+    "lamp": (0.95, 0.90, 0.78, 1.0),
+}
+"""Colors (red, green, blue, alpha), each in [0, 1], by name."""
 GROUPS = {"solid": 0, "wall": 1, "look": 2, "hull": 3, "handle": 4}
 FRICTION = (0.2, 0.005, 0.0001)
 """Friction of furniture: low, because MuJoCo takes the larger one of a pair and the object's own is to decide."""
@@ -28,12 +52,12 @@ FRICTION = (0.2, 0.005, 0.0001)
 def build_apartment(
     apartment: Apartment, spec: mujoco.MjSpec | None = None, *, visuals: bool = True, damping_scale: float = 1.0
 ) -> mujoco.MjSpec:
-    """Adds an apartment to a MuJoCo specification.
+    """Add an apartment to a MuJoCo specification.
 
     Args:
         apartment: What to build.
         spec: Where to add it; a new one when None. Options such as the timestep are left alone.
-        visuals: Whether parts that are only seen are built (False makes a smaller model for training).
+        visuals: Whether visual geometry is built (False makes a smaller model for training).
         damping_scale: Factor on the damping of drawers and doors.
 
     Returns:
@@ -138,7 +162,7 @@ def _add_articulation(
 
 
 def _box_inertia(moving: Articulation) -> tuple[np.ndarray, np.ndarray]:
-    """Middle and principal moments of a solid box that spans the part's colliding solids."""
+    """Return middle and principal moments of a solid box that spans the part's colliding solids."""
     solids = [s for s in moving.solids if s.role != "look"]
     low = np.min([np.array(s.center) - s.half for s in solids], axis=0)
     high = np.max([np.array(s.center) + s.half for s in solids], axis=0)
@@ -194,3 +218,20 @@ def _look_at(spec: Any, name: str, eye: np.ndarray, target: np.ndarray) -> None:
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, np.stack([right, up, backward], axis=1).ravel())
     spec.worldbody.add_camera(name=name, pos=eye, quat=quat, fovy=45.0)
+
+
+def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None:
+    """Make the walls (and the pictures on them) between a camera and the room invisible, as in a doll's house.
+
+    Args:
+        model: A compiled MuJoCo model of the apartment; colors are changed in place.
+        apartment: The apartment it was built from.
+        eye: Position of the camera in the room. Shape (3,).
+    """
+    for piece in (*apartment.walls, *apartment.pieces):
+        if piece.kind not in ("wall", "picture") or piece.name.startswith("partition"):
+            continue
+        facing = piece.pose.yaw + (np.pi / 2.0 if piece.kind == "wall" else 0.0)  # direction of its room side
+        if (eye[0] - piece.pose.x) * np.cos(facing) + (eye[1] - piece.pose.y) * np.sin(facing) < 0.0:
+            for solid in piece.solids:
+                model.geom(f"{piece.name}/{solid.name}").rgba[3] = 0.0

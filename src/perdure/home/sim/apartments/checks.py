@@ -1,4 +1,4 @@
-"""What makes an apartment usable: nothing overlaps, doors and drawers have room, the robot gets everywhere.
+"""Checks of an apartment: pieces do not overlap, doors and drawers have space, receptacles are within reach.
 
 `why_not` names the first reason why an apartment is refused. It is used when micro variations are drawn; the tests look
 at the apartments with independent means.
@@ -15,8 +15,7 @@ from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import CLIMB, REACH_UP, footprints
 from perdure.home.sim.apartments.free_space import FreeSpace, free_space
 from perdure.home.sim.apartments.piece import Apartment, Piece, Receptacle, Zone
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 GAP = 0.02
 """Smallest gap between two pieces in [m]."""
@@ -29,12 +28,12 @@ LARGEST_LEFTOVER = 0.5
 
 
 def why_not(apartment: Apartment) -> str | None:
-    """The first reason why an apartment cannot be used, None when it can."""
+    """Return the first reason why an apartment cannot be used, None when it can."""
     return _crowded(apartment) or _blocked(apartment) or _unreachable(apartment)
 
 
 def _crowded(apartment: Apartment) -> str | None:
-    """Two pieces too close to each other; furniture may touch a wall but not reach into it."""
+    """Return which two pieces are too close; furniture may touch a wall but not reach into it."""
     bodies = (*apartment.walls, *apartment.pieces)
     shapes, owner = _stacked(bodies, low=-1.0, high=10.0)
     wall = np.array([body.kind == "wall" for body in bodies])[owner]
@@ -47,7 +46,7 @@ def _crowded(apartment: Apartment) -> str | None:
 
 
 def _blocked(apartment: Apartment) -> str | None:
-    """A piece or wall in another piece's zone."""
+    """Return a piece or wall in another piece's zone."""
     bodies = (*apartment.walls, *apartment.pieces)
     shapes, owner = _stacked(bodies)
     zones = [(body, _zone_rectangle(piece, zone)) for body, piece in enumerate(bodies) for zone in piece.zones]
@@ -62,13 +61,13 @@ def _blocked(apartment: Apartment) -> str | None:
 def _stacked(
     bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The footprints of several bodies in one array, and which body each belongs to."""
+    """Return the footprints of several bodies in one array, and which body each belongs to."""
     shapes = [footprints(body, low=low, high=high) for body in bodies]
     return np.concatenate(shapes), np.repeat(np.arange(len(bodies)), [len(shape) for shape in shapes])
 
 
 def _unreachable(apartment: Apartment) -> str | None:
-    """Too little room to move, or an object the robot cannot get near."""
+    """Return whether there is too little floor, or which receptacle the robot cannot reach."""
     space = free_space(apartment)
     if not space.free.any() or space.areas[0] < SMALLEST_ISLAND or space.areas[1:].sum() > LARGEST_LEFTOVER:
         return "the floor is not one island of sufficient size"
@@ -79,7 +78,7 @@ def _unreachable(apartment: Apartment) -> str | None:
 
 
 def farthest_point(apartment: Apartment, receptacle: Receptacle, space: FreeSpace) -> float:
-    """The largest horizontal distance from a point of a receptacle to the largest island, in [m].
+    """Return the largest horizontal distance from a point of a receptacle to the largest island, in [m].
 
     Looked at on a 9 x 9 grid of points. Objects in a drawer are reached from beside the open drawer, so there the
     distance is that of the closed drawer's handle.

@@ -133,7 +133,7 @@ def _receptacles(name: str) -> tuple[Receptacle, ...]:
 
 
 def kitchen_counter(name: str, pose: Pose) -> Piece:
-    """The counter, its front at local x = 0.151 m, its back at -0.501 m, y from -1.574 to 1.518 m, 0.846 m high."""
+    """Return the counter: front at local x = 0.151 m, back at -0.501 m, y from -1.574 to 1.518 m, 0.846 m high."""
     return Piece(
         name=name,
         kind="kitchen_counter",

@@ -1,4 +1,4 @@
-"""What of an apartment stands in the way of a robot: footprints of its solids, as oriented rectangles."""
+"""Footprints of an apartment's solids as oriented rectangles: the obstacles of a robot."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Solid
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 AJAR = 0.01
 """A drawer that is open by less in [m] does not stand out of its piece."""
@@ -21,7 +19,7 @@ CLIMB, REACH_UP = 0.05, 1.5
 def footprints(
     piece: Piece, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
 ) -> FloatArray:
-    """Footprints of one piece's colliding solids, its drawers and doors at the positions `opened`.
+    """Return footprints of one piece's colliding solids, its drawers and doors at the positions `opened`.
 
     Args:
         piece: The piece.
@@ -40,14 +38,14 @@ def footprints(
 def apartment_footprints(
     apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
 ) -> FloatArray:
-    """Footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
+    """Return footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
     parts = [footprints(piece, opened, low, high) for piece in (*apartment.walls, *apartment.pieces)]
     return np.concatenate(parts)
 
 
 @lru_cache(maxsize=128)
 def static_footprints(apartment: Apartment) -> FloatArray:
-    """Footprints of walls and of what does not move in the pieces, as `footprints`. Shape (n, 5), not to be written."""
+    """Return read-only footprints of walls and of the static parts of pieces, as `footprints`. Shape (n, 5)."""
     parts = [
         _without_hidden(_shadows(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
     ]
@@ -57,7 +55,7 @@ def static_footprints(apartment: Apartment) -> FloatArray:
 
 
 def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
-    """Footprints of drawers and doors that are open by at least a centimeter; closed ones are within their piece.
+    """Return footprints of drawers and doors that are open by at least 1 cm; closed ones are within their piece.
 
     Args:
         apartment: The apartment.
@@ -95,7 +93,7 @@ def _moved(piece: Piece, moving: Articulation, q: float, low: float, high: float
 
 
 def _without_hidden(rectangles: FloatArray) -> FloatArray:
-    """Drops rectangles that lie inside another one with the same heading."""
+    """Drop rectangles that lie inside another one with the same heading."""
     keep = np.ones(len(rectangles), dtype=bool)
     order = np.argsort(-rectangles[:, 2] * rectangles[:, 3], kind="stable")
     for rank, small in enumerate(order):

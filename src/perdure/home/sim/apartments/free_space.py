@@ -28,10 +28,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
 from perdure.home.sim.apartments.piece import Apartment
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 
 CELL = 0.05
 """Side of a cell in [m], as M3's navigation regions."""
@@ -58,7 +55,7 @@ class FreeSpace:
     def of(
         room: Sequence[tuple[float, float]], rectangles: FloatArray, radius: float = RADIUS, cell: float = CELL
     ) -> FreeSpace:
-        """The free space of a room with footprints in it.
+        """Return the free space of a room with footprints in it.
 
         Args:
             room: Corners of the floor in [m]. The room's own walls must be among the rectangles.
@@ -103,11 +100,11 @@ class FreeSpace:
         return np.bincount(self.island).astype(np.float64) * self.cell**2
 
     def is_free(self, points: FloatArray) -> BoolArray:
-        """Whether the robot may stand at these very points, not only at middles of cells. Shape (m, 2) -> (m,)."""
+        """Return whether the robot can stand at points, which need not be cell centers. Shape (m, 2) -> (m,)."""
         return (plane.clearance(points, self.rectangles) >= self.radius) & plane.inside(points, self.room)
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The nearest free cell of the largest island to each point, and its distance.
+        """Return the nearest free cell of the largest island to each point, and its distance.
 
         Args:
             points: Shape (m, 2).
@@ -120,7 +117,7 @@ class FreeSpace:
         return members[index], distance
 
     def cell_at(self, x: float, y: float) -> int:
-        """The index in `centers` of the cell that holds a point, the nearest of the largest island if it has none."""
+        """Return the index in `centers` of the cell at a point, else of the nearest cell of the largest island."""
         left, bottom, numbers = self._main_grid
         row, column = int((y - bottom) // self.cell), int((x - left) // self.cell)
         if 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]:
@@ -130,7 +127,7 @@ class FreeSpace:
         return int(self.nearest(np.array([[x, y]]))[0][0])
 
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
-        """Geodesic distances from every free cell to the nearest of some goal cells.
+        """Return geodesic distances from every free cell to the nearest of some goal cells.
 
         Args:
             goals: Indices into `centers`. Shape (k,).
@@ -200,19 +197,19 @@ class Geodesic:
     _kept: dict[int, IntArray] = field(default_factory=dict, repr=False)
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Distance from points to the nearest cell of the largest island and on along the grid. (m, 2) -> (m,)."""
+        """Return the distance of points to the goals, via the nearest cell of the largest island. (m, 2) -> (m,)."""
         index, first = self.space.nearest(points)
         return first + self.values[index]
 
     def ahead(self, x: float, y: float, cells: int) -> tuple[float, float, float]:
-        """Distance from a point, and the middle (x, y) of the cell so many cells on the way."""
+        """Return distance from a point, and the middle (x, y) of the cell so many cells on the way."""
         index = self.space.cell_at(x, y)
         here, later = self.space.centers[index], self.space.centers[self._later(cells)[index]]
         first = math.hypot(x - here[0], y - here[1])
         return first + float(self.values[index]), float(later[0]), float(later[1])
 
     def _later(self, cells: int) -> IntArray:
-        """For each free cell the one so many cells on the way, the last one at goals. Shape (n,)."""
+        """Return the cell `cells` steps further on the way for each free cell; the last one at goals. Shape (n,)."""
         if cells not in self._kept:
             here = np.arange(len(self.toward))
             onward = np.where(self.toward >= 0, self.toward, here)
@@ -222,7 +219,7 @@ class Geodesic:
         return self._kept[cells]
 
     def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
-        """Way points from near `start` to a goal cell.
+        """Return way points from near `start` to a goal cell.
 
         Args:
             start: A point in [m]. Shape (2,).
@@ -242,7 +239,7 @@ class Geodesic:
 
 
 def pull_tight(points: FloatArray, space: FreeSpace) -> FloatArray:
-    """A path with every way point left out that the robot can pass in a straight line. Shape (m, 2) -> (k, 2)."""
+    """Return a path without the waypoints that a straight line can skip. Shape (m, 2) -> (k, 2)."""
     kept, here = [0], 0
     while here < len(points) - 1:
         low, high = here + 1, len(points) - 1  # the next point is always in sight
@@ -255,19 +252,19 @@ def pull_tight(points: FloatArray, space: FreeSpace) -> FloatArray:
 
 
 def in_sight(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
-    """Whether the robot can drive straight from one point to another, tested every half cell."""
+    """Return whether the robot can drive straight from one point to another, tested every half cell."""
     count = max(2, int(np.ceil(np.linalg.norm(end - start) / (0.5 * space.cell))) + 1)
     along = np.linspace(0.0, 1.0, count)[:, None]
     return bool(space.is_free(start + along * (end - start)).all())
 
 
 def path_length(points: FloatArray) -> float:
-    """Length of a polyline in [m]. Shape (k, 2)."""
+    """Return length of a polyline in [m]. Shape (k, 2)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def free_space(apartment: Apartment, opened: Mapping[str, float] | None = None, radius: float = RADIUS) -> FreeSpace:
-    """The free space of an apartment with its drawers and doors at the positions `opened` (closed where not given).
+    """Return the free space of an apartment, its drawers and doors at the positions `opened` (closed by default).
 
     The last ones asked for are kept and handed out again.
     """
@@ -280,5 +277,5 @@ def _free_space(apartment: Apartment, opened: tuple[tuple[str, float], ...], rad
 
 
 def _centers(low: FloatArray, cell: float, cells: NDArray[Any]) -> FloatArray:
-    """Middles of cells given as (rows, columns)."""
+    """Return the centers of cells given as (rows, columns)."""
     return np.stack([low[0] + (cells[1] + 0.5) * cell, low[1] + (cells[0] + 0.5) * cell], axis=-1)

@@ -69,7 +69,7 @@ def _door() -> Articulation:
 
 
 def fridge(name: str, pose: Pose) -> Piece:
-    """The fridge, 0.72 m deep with its door, 0.69 m wide, 1.92 m high; the hinge is on the left of somebody facing it.
+    """Return the fridge: 0.72 m deep with its door, 0.69 m wide, 1.92 m high, hinge on the left seen from the front.
 
     OURS: the benchmark's middle receptacle is taken to be the second shelf from the top (its name says `middle_top`,
     and of the upper compartment's shelves only the first two leave room for the tallest object), the region ends 9 cm

@@ -1,4 +1,4 @@
-"""Tables, chairs, sofa, television stand and what else stands around: functions from a name and a pose to a piece.
+"""Tables, chairs, sofa, television stand and other pieces: functions from a name and a pose to a piece.
 
 Outer sizes of `table_01`, `chair_01` and `sofa` are those of ReplicaCAD's objects of that name (1.40 x 0.85 m and
 0.74 m high; 0.80 x 0.71 x 0.76; 2.14 x 0.96 x 0.80, as measured by users of the data set). Everything else here, and
@@ -21,7 +21,7 @@ def _legs(half_x: float, half_y: float, height: float, thick: float, color: str)
 
 
 def table_01(name: str, pose: Pose) -> Piece:
-    """The dining table: 0.85 m along x, 1.40 m along y, 0.74 m high."""
+    """Return the dining table: 0.85 m along x, 1.40 m along y, 0.74 m high."""
     top = Solid("top", (0.0, 0.0, 0.722), (0.425, 0.700, 0.018), "oak")
     region = Receptacle(
         "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01", name, (0.0, 0.0, 0.740), (0.340, 0.610), _SKY
@@ -30,7 +30,7 @@ def table_01(name: str, pose: Pose) -> Piece:
 
 
 def table_02(name: str, pose: Pose) -> Piece:
-    """The coffee table: 0.60 m along x, 1.10 m along y, 0.46 m high (OURS)."""
+    """Return the coffee table: 0.60 m along x, 1.10 m along y, 0.46 m high (OURS)."""
     top = Solid("top", (0.0, 0.0, 0.445), (0.300, 0.550, 0.015), "walnut")
     shelf = Solid("shelf", (0.0, 0.0, 0.150), (0.260, 0.510, 0.010), "walnut")
     region = Receptacle(
@@ -40,7 +40,7 @@ def table_02(name: str, pose: Pose) -> Piece:
 
 
 def tvstand(name: str, pose: Pose) -> Piece:
-    """The television stand: 0.45 m along x, 1.60 m along y, 0.50 m high (OURS); the screen hangs above it."""
+    """Return the television stand: 0.45 m along x, 1.60 m along y, 0.50 m high (OURS); the screen hangs above it."""
     solids = (
         Solid("body", (0.0, 0.0, 0.275), (0.225, 0.800, 0.225), "walnut"),
         Solid("plinth", (-0.010, 0.0, 0.025), (0.195, 0.760, 0.025), "handle"),
@@ -57,7 +57,7 @@ def tvstand(name: str, pose: Pose) -> Piece:
 
 
 def chair_01(name: str, pose: Pose) -> Piece:
-    """An armchair: 0.71 m along x, 0.80 m along y, 0.76 m high, its seat at 0.42 m (OURS)."""
+    """Return an armchair: 0.71 m along x, 0.80 m along y, 0.76 m high, its seat at 0.42 m (OURS)."""
     solids = (
         Solid("seat", (0.045, 0.0, 0.260), (0.310, 0.300, 0.160), "ochre"),
         Solid("back", (-0.280, 0.0, 0.430), (0.075, 0.400, 0.330), "ochre"),
@@ -72,7 +72,7 @@ def chair_01(name: str, pose: Pose) -> Piece:
 
 
 def sofa(name: str, pose: Pose) -> Piece:
-    """The sofa: 0.96 m along x, 2.14 m along y, 0.80 m high, its seat at 0.42 m (OURS)."""
+    """Return the sofa: 0.96 m along x, 2.14 m along y, 0.80 m high, its seat at 0.42 m (OURS)."""
     solids = (
         Solid("seat", (0.110, 0.0, 0.260), (0.370, 0.890, 0.160), "fabric"),
         Solid("back", (-0.370, 0.0, 0.430), (0.110, 1.070, 0.370), "fabric"),
@@ -87,7 +87,7 @@ def sofa(name: str, pose: Pose) -> Piece:
 
 
 def plant(name: str, pose: Pose) -> Piece:
-    """A pot plant (OURS): a pot of 0.34 m diameter; the leaves are only seen."""
+    """Return a pot plant (OURS): a pot of 0.34 m diameter; the leaves are visual only."""
     solids = (
         Solid("pot", (0.0, 0.0, 0.190), (0.170, 0.170, 0.190), "terracotta", shape="cylinder"),
         Solid("stem", (0.0, 0.0, 0.560), (0.025, 0.025, 0.190), "walnut", "look", "cylinder"),
@@ -99,7 +99,7 @@ def plant(name: str, pose: Pose) -> Piece:
 
 
 def lamp(name: str, pose: Pose) -> Piece:
-    """A floor lamp (OURS): foot of 0.28 m diameter, 1.62 m high."""
+    """Return a floor lamp (OURS): foot of 0.28 m diameter, 1.62 m high."""
     solids = (
         Solid("foot", (0.0, 0.0, 0.015), (0.140, 0.140, 0.015), "handle", shape="cylinder"),
         Solid("pole", (0.0, 0.0, 0.690), (0.015, 0.015, 0.660), "handle", shape="cylinder"),
@@ -109,7 +109,7 @@ def lamp(name: str, pose: Pose) -> Piece:
 
 
 def bookcase(name: str, pose: Pose) -> Piece:
-    """A bookcase (OURS): 0.32 m along x, 0.90 m along y, 1.80 m high."""
+    """Return a bookcase (OURS): 0.32 m along x, 0.90 m along y, 1.80 m high."""
     heights = (0.02, 0.38, 0.74, 1.10, 1.46, 1.78)
     books = ("terracotta", "fabric", "ochre", "front", "cushion")
     solids = (
@@ -133,12 +133,12 @@ def bookcase(name: str, pose: Pose) -> Piece:
 
 
 def rug(name: str, pose: Pose) -> Piece:
-    """A rug (OURS): 1.70 m along x, 2.30 m along y, only seen."""
+    """Return a rug (OURS): 1.70 m along x, 2.30 m along y, visual only."""
     return Piece(name, "rug", pose, (Solid("pile", (0.0, 0.0, 0.002), (0.85, 1.15, 0.002), "rug", "look"),))
 
 
 def picture(name: str, pose: Pose) -> Piece:
-    """A picture on a wall (OURS), its back at local x = 0, only seen."""
+    """Return a picture on a wall (OURS), its back at local x = 0, visual only."""
     frame = Solid("frame", (0.010, 0.0, 1.60), (0.010, 0.45, 0.30), "walnut", "look")
     return Piece(
         name, "picture", pose, (frame, Solid("sheet", (0.021, 0.0, 1.60), (0.002, 0.41, 0.26), "picture", "look"))

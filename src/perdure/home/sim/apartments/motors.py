@@ -1,4 +1,4 @@
-"""How fast a drawer or door that is let go comes to rest.
+"""Damping of drawers and doors, from the decay time of M3's motors.
 
 M3 (hab-mobile-manipulation, `sim.py`) gives every furniture joint a Bullet velocity motor with target 0, gain 0.3 and
 120 steps per second: each step leaves 0.7 of the speed, so speed decays as exp(-t / tau) with
@@ -14,12 +14,12 @@ DECAY_TIME_S = -1.0 / (120.0 * math.log(1.0 - 0.3))
 
 
 def drawer_damping(mass: float) -> float:
-    """Viscous damping of a drawer of `mass` [kg], in [N s/m]: mass / tau."""
+    """Return the viscous damping of a drawer of `mass` [kg], in [N s/m]: mass / tau."""
     return mass / DECAY_TIME_S
 
 
 def door_damping(mass: float, width: float, offset: float) -> float:
-    """Viscous damping of a slab door, in [N m s/rad]: its moment of inertia about the hinge / tau.
+    """Return the viscous damping of a slab door, in [N m s/rad]: its moment of inertia about the hinge / tau.
 
     Args:
         mass: Mass in [kg].

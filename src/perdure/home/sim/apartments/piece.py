@@ -14,13 +14,11 @@ from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray, Vec3
 
-FloatArray = NDArray[np.float64]
 _T = TypeVar("_T")
-Vec3 = tuple[float, float, float]
 Role = Literal["solid", "look", "hull"]
 """solid: collides and is seen; look: is seen only; hull: collides only."""
 
@@ -34,7 +32,7 @@ class Pose:
     yaw: float
 
     def to_room(self, local: FloatArray) -> FloatArray:
-        """Room coordinates of local points; the first two coordinates turn, further ones stay. Shape (..., 2 or 3)."""
+        """Return room coordinates of local points; only x and y are rotated. Shape (..., 2 or 3)."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y = local[..., 0], local[..., 1]
         room = np.array(local, dtype=np.float64)
@@ -42,7 +40,7 @@ class Pose:
         return room
 
     def to_local(self, room: FloatArray) -> FloatArray:
-        """Local coordinates of room points: the inverse of `to_room`. Shape (..., 2 or 3)."""
+        """Return local coordinates of room points: the inverse of `to_room`. Shape (..., 2 or 3)."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y = room[..., 0] - self.x, room[..., 1] - self.y
         local = np.array(room, dtype=np.float64)
@@ -59,7 +57,7 @@ class Solid:
     half: Vec3
     """Half extents along x, y, z; of a cylinder (radius, radius, half height)."""
     color: str
-    """A name in `perdure.home.sim.apartments.colors.PALETTE`."""
+    """A name in `perdure.home.sim.apartments.build.PALETTE`."""
     role: Role = "solid"
     shape: Literal["box", "cylinder", "ellipsoid"] = "box"
 
@@ -117,7 +115,7 @@ class Articulation:
     """The benchmark's marker name, such as `cab_push_point_5`."""
 
     def to_piece(self, local: FloatArray, q: float) -> FloatArray:
-        """Piece coordinates of points of the moving part at joint position q. Shape (..., 3)."""
+        """Return piece coordinates of points of the moving part at joint position q. Shape (..., 3)."""
         origin = np.asarray(self.origin)
         if self.kind == "slide":
             moved: FloatArray = local + origin + q * np.asarray(self.axis)
@@ -181,23 +179,23 @@ class Apartment:
         return tuple(a for piece in self.pieces for a in piece.articulations)
 
     def piece(self, name: str) -> Piece:
-        """The piece of that name."""
+        """Return the piece of that name."""
         return _pick({p.name: p for p in self.pieces}, name, f"piece of {self.name}")
 
     def articulation(self, link: str) -> Articulation:
-        """The drawer or door whose moving part has that name."""
+        """Return the drawer or door whose moving part has that name."""
         return _pick({a.link: a for a in self.articulations}, link, f"articulation of {self.name}")
 
     def piece_of(self, link: str) -> Piece:
-        """The piece that carries the articulation `link`."""
+        """Return the piece that carries the articulation `link`."""
         return _pick({a.link: p for p in self.pieces for a in p.articulations}, link, f"articulation of {self.name}")
 
     def receptacle(self, unique_name: str) -> Receptacle:
-        """The receptacle `piece|name`."""
+        """Return the receptacle `piece|name`."""
         return _pick({r.unique_name: r for r in self.receptacles}, unique_name, f"receptacle of {self.name}")
 
     def receptacles_named(self, name: str) -> tuple[Receptacle, ...]:
-        """All receptacles with the benchmark's name `name` (two chairs give two). Unknown names raise HomeError."""
+        """Return all receptacles with the benchmark's name `name`; two chairs give two. HomeError for unknown names."""
         found = tuple(r for r in self.receptacles if r.name == name)
         if not found:
             known = ", ".join(sorted({r.name for r in self.receptacles}))
@@ -207,7 +205,7 @@ class Apartment:
     def surface_to_room(
         self, receptacle: Receptacle, uv: FloatArray, opened: Mapping[str, float] | None = None
     ) -> FloatArray:
-        """Points of a receptacle's surface in the room.
+        """Return points of a receptacle's surface in the room.
 
         Args:
             receptacle: One of this apartment's receptacles.
@@ -225,7 +223,7 @@ class Apartment:
         return self.piece(receptacle.piece).pose.to_room(local)
 
     def handle_to_room(self, link: str, q: float = 0.0) -> FloatArray:
-        """Where the handle of `link` is at joint position q, in room coordinates. Shape (3,)."""
+        """Return where the handle of `link` is at joint position q, in room coordinates. Shape (3,)."""
         moving = self.articulation(link)
         return self.piece_of(link).pose.to_room(moving.to_piece(np.asarray(moving.handle), q))
 

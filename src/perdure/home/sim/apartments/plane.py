@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray, FloatArray
 
 
 def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """Distance from points to the nearest of some rectangles, 0 inside one.
+    """Return distance from points to the nearest of some rectangles, 0 inside one.
 
     Args:
         points: Points of the plane in [m]. Shape (m, 2).
@@ -36,7 +34,7 @@ def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
 
 
 def corners(rectangles: FloatArray) -> FloatArray:
-    """The four corners of each rectangle, counter-clockwise. Shape (n, 4, 2)."""
+    """Return the four corners of each rectangle, counter-clockwise. Shape (n, 4, 2)."""
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     local = signs[None] * rectangles[:, None, 2:4]
     cos, sin = np.cos(rectangles[:, 4, None]), np.sin(rectangles[:, 4, None])
@@ -46,7 +44,7 @@ def corners(rectangles: FloatArray) -> FloatArray:
 
 
 def overlap(first: FloatArray, second: FloatArray, margin: float = 0.0) -> BoolArray:
-    """Which rectangles of two sets come closer than `margin` in the sense of separating axes. Shape (n, m).
+    """Return which rectangles of two sets come closer than `margin` in the sense of separating axes. Shape (n, m).
 
     Two rectangles are apart when their shadows on the normal of one of their sides are at least `margin` apart; near
     corners that is up to sqrt(2) stricter than the distance between the shapes.
@@ -66,7 +64,7 @@ def overlap(first: FloatArray, second: FloatArray, margin: float = 0.0) -> BoolA
 
 
 def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolArray:
-    """Which points lie inside a simple polygon (even-odd rule). Shape (m,)."""
+    """Return which points lie inside a simple polygon (even-odd rule). Shape (m,)."""
     result = np.zeros(len(points), dtype=bool)
     x, y = points[:, 0], points[:, 1]
     closed = [*polygon[1:], polygon[0]]
@@ -79,7 +77,7 @@ def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolAr
 
 
 def area(polygon: Sequence[tuple[float, float]]) -> float:
-    """Signed area of a simple polygon in [m^2], positive when its corners run counter-clockwise."""
+    """Return signed area of a simple polygon in [m^2], positive when its corners run counter-clockwise."""
     corner = np.asarray(polygon)
     after = np.roll(corner, -1, axis=0)
     return float(0.5 * np.sum(corner[:, 0] * after[:, 1] - after[:, 0] * corner[:, 1]))

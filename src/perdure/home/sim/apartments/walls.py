@@ -28,7 +28,7 @@ def _is_convex(before: Corner, corner: Corner, after: Corner) -> bool:
 def room_walls(
     room: Sequence[Corner], partitions: Sequence[tuple[float, float, float, float]] = ()
 ) -> tuple[Piece, ...]:
-    """Walls around a floor whose corners run counter-clockwise, and axis-aligned partitions (x0, y0, x1, y1).
+    """Return walls around a floor whose corners run counter-clockwise, and axis-aligned partitions (x0, y0, x1, y1).
 
     A wall lies outside its edge. At a corner that juts out it is longer by its thickness, so that no gap stays open.
     """

@@ -1,4 +1,4 @@
-"""What the robot's head camera measures: how far away everything in front of it is."""
+"""Depth images of the robot's head camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DepthImage = NDArray[np.float32]
 SIDE = 128
 """Width and height of an image in pixels (M3, `configs/rearrange/tasks/__base__.py`)."""
 FAR = 10.0
-"""Largest depth that is told apart in [m] (M3, the same file)."""
+"""Largest depth that is distinguished in [m] (M3, the same file)."""
 NEAR = 0.01
 """Smallest depth that is drawn in [m] (habitat-sim's default, `src/esp/sensor/VisualSensor.h`)."""
 LARGEST = 4096
@@ -38,7 +38,7 @@ class HeadCamera:
     """
 
     def __init__(self, side: int = SIDE) -> None:
-        """Opens an OpenGL context.
+        """Open an OpenGL context.
 
         Args:
             side: Width and height of the images in pixels.
@@ -62,7 +62,7 @@ class HeadCamera:
         atexit.register(self._free)  # EGL ends itself at exit; what was registered last runs first
 
     def take(self, lane: Lane) -> DepthImage:
-        """One image of a lane as it is now; its physics is not touched.
+        """Return one image of a lane as it is now; its physics is not touched.
 
         Returns:
             Depth in [m] along the camera's axis (planar, not the length of the ray) from 0.01 to 10, with 10 for
@@ -83,12 +83,12 @@ class HeadCamera:
         return meters.astype(np.float32)
 
     def close(self) -> None:
-        """Gives the graphics memory back."""
+        """Give the graphics memory back."""
         self._free()
         atexit.unregister(self._free)
 
     def _see(self, model: Any, data: Any) -> None:
-        """Puts a lane's geoms and the camera into the scene."""
+        """Put a lane's geoms and the camera into the scene."""
         mujoco = self._mujoco
         if self._scene is None or self._scene.maxgeom < model.ngeom:
             self._scene = mujoco.MjvScene(model, maxgeom=2 * model.ngeom)
@@ -104,7 +104,7 @@ class HeadCamera:
             eye.frustum_near, eye.frustum_far, eye.frustum_top, eye.frustum_bottom = NEAR, FAR, NEAR, -NEAR
 
     def _drawing(self, model: Any) -> Any:
-        """What MuJoCo draws with. It depends on a model's meshes only, and only the bowl is one."""
+        """Return MuJoCo's drawing context of a model. It depends on the meshes only, and only the bowl is one."""
         meshes = model.mesh_vert.tobytes() + model.mesh_face.tobytes()
         if meshes not in self._drawings:
             mujoco, plain = self._mujoco, copy(model)

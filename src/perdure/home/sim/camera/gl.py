@@ -10,11 +10,11 @@ from typing import Any
 from perdure.home.errors import HomeError
 
 OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL with which MuJoCo draws nothing."""
+"""Values of MUJOCO_GL that switch rendering off."""
 
 
 def open_context(width: int, height: int) -> Any:
-    """An OpenGL context that is current in this thread.
+    """Return an OpenGL context that is current in this thread.
 
     MUJOCO_GL decides when it is `egl`, `osmesa` or `glfw`; else, on Linux, the first of EGL and OSMesa that works.
 
@@ -39,11 +39,11 @@ def open_context(width: int, height: int) -> Any:
 
 
 def _candidates() -> tuple[str, ...]:
-    gripper_goal = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if gripper_goal in OFF:
-        raise HomeError(f"no picture can be drawn: MUJOCO_GL={gripper_goal} switches pictures off")
-    if gripper_goal in ("egl", "osmesa", "glfw"):
-        return (gripper_goal,)
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted in OFF:
+        raise HomeError(f"no picture can be drawn: MUJOCO_GL={wanted} switches pictures off")
+    if wanted in ("egl", "osmesa", "glfw"):
+        return (wanted,)
     return ("egl", "osmesa") if sys.platform.startswith("linux") else ("default",)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Vec3 = tuple[float, float, float]
+from perdure.home.sim.arrays import Vec3
+
 Shape = Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
 
 SLIDING = 0.3
@@ -71,3 +72,9 @@ KINDS: dict[str, Kind] = {
     )
 }
 """The ten kinds by their YCB name."""
+
+
+def short_name(kind: str) -> str:
+    """Return a YCB name without its number: `005_tomato_soup_can` is "tomato soup can"."""
+    number, _, words = kind.partition("_")
+    return (words if number.isdigit() and words else kind).replace("_", " ")

@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.shapes import FLOOR, FOOT, WALL, cap_radius
 from perdure.home.sim.objects.visuals import COATS
-
-FloatArray = NDArray[np.float64]
 
 AROUND, UP = 40, 8
 """Corners around a shell, and along each side of the bowl's wall."""
 
 
 def add_shell(spec: Any, body: Any, kind: Kind) -> Any:
-    """Adds the round shell of a bowl or an apple to a body; its mesh is made once in a specification.
+    """Add the round shell of a bowl or an apple to a body; its mesh is made once in a specification.
 
     Returns:
         The geom.
@@ -38,7 +37,7 @@ def add_shell(spec: Any, body: Any, kind: Kind) -> Any:
 
 
 def bowl_profile(kind: Kind) -> FloatArray:
-    """Radius and height in [m] from the middle of the foot over the rim to the middle of the floor. Shape (n, 2)."""
+    """Return radius and height in [m] from the middle of the foot over the rim to the middle of the floor: (n, 2)."""
     height, radius = kind.size[2], cap_radius(kind)
     up = np.linspace(0.0, height, UP + 1)
     outer = np.sqrt(2.0 * radius * up - up**2)
@@ -51,7 +50,7 @@ def bowl_profile(kind: Kind) -> FloatArray:
 
 
 def apple_profile(kind: Kind) -> FloatArray:
-    """Radius and height in [m] from the blossom to the stem: a circle with a dent at each end. Shape (n, 2)."""
+    """Return radius and height in [m] from the blossom to the stem: a circle with a dent at each end. Shape (n, 2)."""
     angle = np.linspace(0.0, np.pi, 4 * UP + 1)
     dents = 0.10 * np.exp(-((angle / 0.28) ** 2)) + 0.24 * np.exp(-(((np.pi - angle) / 0.34) ** 2))
     out = kind.half[0] * (1.0 - dents - 0.05 * np.cos(angle / 2.0) ** 4)
@@ -59,7 +58,7 @@ def apple_profile(kind: Kind) -> FloatArray:
 
 
 def turned(profile: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Corners and triangles of a profile (radius, height) turned about the z axis, its two ends on the axis.
+    """Return corners and triangles of a profile (radius, height) turned about the z axis, its two ends on the axis.
 
     Args:
         profile: Outline, outside first. Shape (n, 2).

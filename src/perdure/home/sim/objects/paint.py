@@ -1,11 +1,12 @@
-"""Parts of an object that are only seen: bands, plates and prisms that stand 0.3 mm out of what collides."""
+"""Visual geometry of objects: bands, plates and prisms 0.3 mm outside the collision shape."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from perdure.home.sim.objects.kinds import Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.shapes import CORNER, Piece
 
 Color = tuple[float, float, float, float]
@@ -16,7 +17,7 @@ PROUD = 3e-4
 
 @dataclass(frozen=True)
 class Visual:
-    """A part that is only seen.
+    """A part of the visual geometry.
 
     Attributes:
         piece: Its shape; an `ellipsoid` too is a shape here.
@@ -30,7 +31,7 @@ class Visual:
 
 
 def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) -> Visual:
-    """A band around a can between two heights, in shares of its own from the bottom; `out` lays one over another."""
+    """Return a band around a can between two heights, as shares of the can's height; `out` is its distance outward."""
     radius, height = kind.half[0] + out * PROUD, kind.size[2]
     center = (0.0, 0.0, (0.5 * (low + high) - 0.5) * height)
     return Visual(Piece("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
@@ -46,7 +47,7 @@ def plate(
     turn: float = 0.0,
     out: float = 1.0,
 ) -> Visual:
-    """A label right through the object, so that it shows on both faces across an axis.
+    """Return a label right through the object, so that it shows on both faces across an axis.
 
     Args:
         kind: The object.
@@ -68,7 +69,7 @@ def plate(
 
 
 def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> Visual:
-    """A prism over a share of a rounded box's outline that stands out of its ends."""
+    """Return a prism over a share of a rounded box's outline that stands out of its ends."""
     x, y, z = kind.half
     outline = rounded_rectangle(share * x, share * y, share * CORNER)
     corners = tuple((*corner, side * (z + proud)) for side in (-1, 1) for corner in outline)
@@ -76,7 +77,7 @@ def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> 
 
 
 def rounded_rectangle(x: float, y: float, radius: float) -> tuple[tuple[float, float], ...]:
-    """Corners of a rectangle of half sizes x, y whose corners are quarter circles of three chords, counterclockwise."""
+    """Return the corners of a rectangle with half sizes x, y and rounded corners of three chords, counterclockwise."""
     corners = []
     for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
         for step in range(4):

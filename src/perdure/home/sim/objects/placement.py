@@ -1,4 +1,4 @@
-"""Where an object lies."""
+"""The pose of an object on a receptacle."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.objects.kinds import Vec3
-
-Quaternion = tuple[float, float, float, float]
+from perdure.home.sim.arrays import Quaternion, Vec3
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class Placement:
     """Unique name `piece|receptacle` in the apartment."""
 
     def __post_init__(self) -> None:
-        """Numbers that are not finite or no rotation raise HomeError."""
+        """Raise HomeError for numbers that are not finite and for quaternions that are no rotation."""
         if not all(map(math.isfinite, (*self.position, *self.quaternion))):
             raise HomeError(f"pose of {self.kind} must be finite, not {self.position}, {self.quaternion}")
         if abs(math.hypot(*self.quaternion) - 1.0) > 1e-3:

@@ -12,7 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from perdure.home.sim.objects.kinds import Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import Kind
 
 AppleShape = Literal["sphere", "hull"]
 """What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""
@@ -82,7 +83,7 @@ def _ball_corners(radius: float) -> tuple[Vec3, ...]:
 
 
 def can_pieces(radius: float, half: float) -> tuple[Piece, ...]:
-    """A can: it stands on the ends of a square column, rolls on two spheres and tips over the edge of a cylinder.
+    """Return a can: a square column to stand on, two spheres to roll on, and the edge of a cylinder to tip over.
 
     A can flatter than wide has no room for the spheres: on its side it rolls on the cylinder.
     """
@@ -98,7 +99,7 @@ def can_pieces(radius: float, half: float) -> tuple[Piece, ...]:
 
 
 def moments(kind: Kind) -> Vec3:
-    """Principal moments of inertia about the middle of the bounding box in [kg m^2].
+    """Return principal moments of inertia about the middle of the bounding box in [kg m^2].
 
     Boxes, cans and the apple are full; the bowl is a thin spherical cap, whose area is even in height (Archimedes), so
     that every kind's center of mass is at the middle.
@@ -119,13 +120,13 @@ def moments(kind: Kind) -> Vec3:
 
 
 def cap_radius(kind: Kind) -> float:
-    """Radius in [m] of the sphere of which a bowl of this rim and height is a cap."""
+    """Return the radius in [m] of the sphere of which a bowl of a rim and height is a cap."""
     x, _, z = kind.half
     return (x**2 + (2.0 * z) ** 2) / (4.0 * z)
 
 
 def bowl_wall(kind: Kind) -> tuple[Piece, ...]:
-    """The wedges of a bowl's wall, and four beads in its rim on which it lies when it is upside down.
+    """Return the wedges of a bowl's wall, and four beads in its rim on which it lies when it is upside down.
 
     Outside a wedge goes from the foot over a bend on the cap to the rim; inside it is straight. The bend is what lets a
     tilted bowl right itself: on a straight wall it would lie still.

@@ -1,4 +1,4 @@
-"""How the objects look: a coat of paint and a few labels by which a stranger recognizes them."""
+"""Visual geometry of the objects: a color and a few labels that make them recognizable."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _GREEN: Color = (0.25, 0.48, 0.14, 1.0)
 
 
 def visuals(kind: Kind) -> tuple[Visual, ...]:
-    """The parts of a kind that are only seen: its coat when it collides as something else, and its labels.
+    """Return the visual geometry of a kind: its coat where the collision shape differs, and its labels.
 
     The coats of bowl and apple are in `lathe`.
     """
@@ -58,7 +58,7 @@ def visuals(kind: Kind) -> tuple[Visual, ...]:
 
 
 def _tin_ends(kind: Kind) -> list[Visual]:
-    """The bare ends of a tin, and its two rims."""
+    """Return the bare ends of a tin, and its two rims."""
     radius, half = kind.half[0], kind.half[2]
     ends = Visual(Piece("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
     rim, over = 0.0025 / kind.size[2], PROUD / kind.size[2]
@@ -66,7 +66,7 @@ def _tin_ends(kind: Kind) -> list[Visual]:
 
 
 def _crackers(kind: Kind) -> list[Visual]:
-    """Red, a white field with a yellow stripe above, crackers below."""
+    """Return red, a white field with a yellow stripe above, crackers below."""
     squares = [
         plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
         for y, z, turn in ((-0.45, -0.35, 0.3), (0.10, -0.55, -0.5), (0.50, -0.25, 0.9), (-0.35, -0.78, 0.1))
@@ -81,7 +81,7 @@ def _crackers(kind: Kind) -> list[Visual]:
 
 
 def _sugar(kind: Kind) -> list[Visual]:
-    """Yellow, a navy name on white, white ends."""
+    """Return yellow, a navy name on white, white ends."""
     return [
         plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
         plate(kind, 1, (0.0, 0.30), (1.0, 0.26), _WHITE),
@@ -93,14 +93,14 @@ def _sugar(kind: Kind) -> list[Visual]:
 
 
 def _soup(kind: Kind) -> list[Visual]:
-    """Red above, white below, a gold medal where they meet."""
+    """Return red above, white below, a gold medal where they meet."""
     disc = Piece("cylinder", (0.011, 0.0, kind.half[0] + PROUD), turn=math.pi / 2.0)
     medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
     return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
 
 
 def _coffee(kind: Kind) -> list[Visual]:
-    """Blue with a white band and a red stripe in it, a pale lid."""
+    """Return blue with a white band and a red stripe in it, a pale lid."""
     lid = Visual(Piece("cylinder", (0.96 * kind.half[0], 0.0, kind.half[2] + PROUD)), _CREAM)
     return [
         band(kind, 0.34, 0.62, _WHITE),
@@ -111,12 +111,12 @@ def _coffee(kind: Kind) -> list[Visual]:
 
 
 def _tuna(kind: Kind) -> list[Visual]:
-    """Blue label, yellow stripe, bare ends."""
+    """Return blue label, yellow stripe, bare ends."""
     return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
 
 
 def _pudding(kind: Kind) -> list[Visual]:
-    """Brown, a white name, a cream pudding."""
+    """Return brown, a white name, a cream pudding."""
     return [
         plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
         plate(kind, 2, (0.0, 0.50), (0.62, 0.10), _RED, out=2.0),
@@ -126,7 +126,7 @@ def _pudding(kind: Kind) -> list[Visual]:
 
 
 def _gelatin(kind: Kind) -> list[Visual]:
-    """Pink and red, a white name, a yellow spot."""
+    """Return pink and red, a white name, a yellow spot."""
     return [
         plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58, 1.0)),
         plate(kind, 2, (0.0, 0.45), (0.80, 0.24), _WHITE),
@@ -137,7 +137,7 @@ def _gelatin(kind: Kind) -> list[Visual]:
 
 
 def _meat(kind: Kind) -> list[Visual]:
-    """Blue, a yellow name, bare ends."""
+    """Return blue, a yellow name, bare ends."""
     flat = 1.0 - CORNER / kind.half[0]
     return [
         rounded(kind, "ends", 0.94, PROUD, _TIN),
@@ -148,7 +148,7 @@ def _meat(kind: Kind) -> list[Visual]:
 
 
 def _apple(kind: Kind) -> list[Visual]:
-    """A stem in the dent of the shell, and a leaf."""
+    """Return a stem in the dent of the shell, and a leaf."""
     radius = kind.half[0]
     leaf = Piece("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
     return [

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.objects.kinds import KINDS, Kind, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.objects.kinds import KINDS, Kind
 from perdure.home.sim.objects.lathe import add_shell
 from perdure.home.sim.objects.shapes import AppleShape, Piece, moments, pieces
 from perdure.home.sim.objects.visuals import COATS, visuals
@@ -17,9 +18,9 @@ from perdure.home.sim.objects.visuals import COATS, visuals
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
 OBJECT_BIT = 8
-"""Collision bit that objects share: two objects collide whatever either of them does with the robot."""
+"""Collision bit that objects share: objects collide with each other even when they ignore the robot."""
 BOTH, SEEN, HIDDEN = 0, 2, 3
-"""Geom groups: collides and is seen; only seen; only collides."""
+"""Geom groups: collides and is visible; visual only; collision only."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class YcbObjects:
     """The ten YCB objects.
 
     Attributes:
-        visuals: Whether parts that are only seen are built (False makes a smaller model with the same physics).
+        visuals: Whether visual geometry is built (False makes a smaller model with the same physics).
         apple: What an apple is to the physics.
     """
 
@@ -35,18 +36,18 @@ class YcbObjects:
     apple: AppleShape = "sphere"
 
     def kind(self, name: str) -> Kind:
-        """A kind by its YCB name; HomeError when there is none of that name."""
+        """Return a kind by its YCB name; HomeError when there is none of that name."""
         if name not in KINDS:
             raise HomeError(f"no object {name!r}; there are {', '.join(KINDS)}")
         return KINDS[name]
 
     def box(self, kind: str) -> tuple[Vec3, Vec3]:
-        """Lower and upper corner of an upright object's bounding box in its own frame, in [m]."""
+        """Return lower and upper corner of an upright object's bounding box in its own frame, in [m]."""
         x, y, z = self.kind(kind).half
         return (-x, -y, -z), (x, y, z)
 
     def add(self, spec: Any, kind: str, name: str, position: Vec3, quaternion: tuple[float, ...]) -> None:
-        """Adds an object as a free body to a MuJoCo specification.
+        """Add an object as a free body to a MuJoCo specification.
 
         The body has the object's name, its joint is `name/free`, its geoms are `name/0`, `name/1`, ...: those that
         collide first. Its frame is at the middle of its bounding box, z up when it stands upright.

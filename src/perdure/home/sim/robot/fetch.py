@@ -1,6 +1,6 @@
 """The Fetch as MJCF: a base that slides on the floor, a torso that lifts, an arm of seven joints, two fingers.
 
-Nothing but primitives: eleven that collide and, with `looks`, some more that are only seen.
+Nothing but primitives: eleven that collide and, with `visuals`, more for pictures.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from perdure.home.sim.arrays import Vec3
 from perdure.home.sim.robot.links import (
     ARM,
     BASE_PARTS,
@@ -20,7 +21,6 @@ from perdure.home.sim.robot.links import (
     TORSO,
     Inertial,
     Link,
-    Vec3,
     combined,
 )
 from perdure.home.sim.robot.servos import ARMATURE, add_servos
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SEEN, ONLY_COLLIDES, HIDDEN = 0, 3, 4
 """Geom groups, as in `perdure.home.sim.apartments.build`."""
 FRICTION = (0.2, 0.005, 0.0001)
-"""Like furniture: MuJoCo takes the larger of a pair, so the object decides; what is held hangs on a constraint."""
+"""As furniture: MuJoCo uses the larger friction of a pair, the object's; a held object is attached by a constraint."""
 HEAD_CAMERA: Vec3 = (0.256875, 0.0, 0.67257)
 """In the torso's frame: with the torso at 0.15 m M3's (0.17, 0, 1.2) in the base frame."""
 HEAD_LOOKS_AT: Vec3 = (0.836875, 0.0, 0.47257)
@@ -43,7 +43,7 @@ HAND_CAMERA: Vec3 = (0.0, 0.0, 0.1)
 
 
 def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
-    """Adds the robot to a MuJoCo specification, at the room's origin with all joints at 0.
+    """Add the robot to a MuJoCo specification, at the room's origin with all joints at 0.
 
     Bodies `robot` (the base frame) to `gripper_link` and the fingers; joints and actuators
     as in `perdure.home.sim.robot.data.JOINTS`; site `gripper` at the gripper point; cameras `head` and `hand`; geoms
@@ -54,7 +54,7 @@ def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
 
     Args:
         spec: Where to add it.
-        visuals: Whether parts that are only seen are built; without them the colliding shapes are seen.
+        visuals: Whether visual geometry is built; without it the colliding shapes are visible.
     """
     base = spec.worldbody.add_body(name="robot", gravcomp=1.0)
     _set_inertia(base, combined(BASE_PARTS))
@@ -76,7 +76,7 @@ def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
 
 
 def add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
-    """Adds one link, its inertia and its joint under its parent, and notes its body in `bodies`."""
+    """Add one link, its inertia and its joint under its parent, and notes its body in `bodies`."""
     body = bodies[link.parent].add_body(name=link.body, pos=link.origin, gravcomp=1.0)
     _set_inertia(body, combined(link.parts))
     _add_joint(spec, body, link.joint, link.kind, link.axis, link.limit)
@@ -84,7 +84,7 @@ def add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
 
 
 def add_gripper(bodies: dict[str, Any]) -> None:
-    """Adds the body `gripper_link` behind the wrist, with the site `gripper` at the gripper point."""
+    """Add the body `gripper_link` behind the wrist, with the site `gripper` at the gripper point."""
     gripper = bodies[ARM[-1].body].add_body(name="gripper_link", pos=GRIPPER_ORIGIN, gravcomp=1.0)
     _set_inertia(gripper, combined(GRIPPER_PARTS))
     gripper.add_site(name="gripper", pos=GRIPPER_POINT, size=(0.01, 0.01, 0.01), group=HIDDEN)
@@ -144,7 +144,7 @@ def _add_cameras(bodies: dict[str, Any]) -> None:
 
 
 def _looking(forward: Any) -> np.ndarray:
-    """Orientation of a camera that looks along a direction in the body's xz plane, the picture upright."""
+    """Return orientation of a camera that looks along a direction in the body's xz plane, the picture upright."""
     import mujoco
 
     x, _, z = np.asarray(forward) / np.linalg.norm(forward)

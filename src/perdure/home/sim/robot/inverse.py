@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
-from perdure.home.sim.robot.links import FloatArray
 
 LARGEST = 0.025
 """Largest joint step of `toward` in [rad]: the benchmark's largest command."""

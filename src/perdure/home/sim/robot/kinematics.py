@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot.links import ARM, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO, FloatArray
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.robot.links import ARM, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO
 
 _AXES = tuple(link.axis.index(1.0) for link in ARM)
 _OFFSETS = np.array([link.origin for link in ARM])
@@ -19,7 +20,7 @@ _LAST = np.array(GRIPPER_ORIGIN) + np.array(GRIPPER_POINT)
 
 
 def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """The gripper point in the base frame.
+    """Return the gripper point in the base frame.
 
     Args:
         torso: Height of the torso in [m]. Shape (...) or one number for all.
@@ -34,7 +35,7 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
 
 
 def jacobian(torso: ArrayLike, arm: ArrayLike) -> FloatArray:
-    """How the gripper moves with the seven joints: rows are its velocity in [m/rad], then its angular velocity.
+    """Return the Jacobian of the gripper: rows are its velocity in [m/rad], then its angular velocity.
 
     The geometric Jacobian in the base frame: column i is (a_i x (p - o_i), a_i) with the joint's axis a_i and origin
     o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
@@ -50,7 +51,7 @@ def jacobian(torso: ArrayLike, arm: ArrayLike) -> FloatArray:
 
 
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Both `gripper_pose` and `jacobian` for little more than the price of one."""
+    """Return both `gripper_pose` and `jacobian` for little more than the price of one."""
     position, rotation, origins, axes = _chain(torso, arm)
     away = position[..., None, :] - origins
     columns = np.empty((*position.shape[:-1], 6, 7))
@@ -61,7 +62,7 @@ def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def _chain(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Position and rotation of the gripper, origins and axes of the joints (both (..., 7, 3))."""
+    """Return position and rotation of the gripper, origins and axes of the joints (both (..., 7, 3))."""
     angles = np.asarray(arm, dtype=np.float64)
     if angles.shape[-1:] != (7,):
         raise HomeError(f"arm angles must have shape (..., 7), got {angles.shape}")
@@ -79,7 +80,7 @@ def _chain(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, Fl
 
 
 def _turn(rotation: FloatArray, axis: int, cos: FloatArray, sin: FloatArray) -> None:
-    """Turns frames about one of their own axes, in place."""
+    """Turn frames about one of their own axes, in place."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     u, v = rotation[..., :, first].copy(), rotation[..., :, second].copy()
     rotation[..., :, first] = cos * u + sin * v

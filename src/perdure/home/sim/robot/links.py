@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vec3 = tuple[float, float, float]
+from perdure.home.sim.arrays import FloatArray, Vec3
+
 Vec6 = tuple[float, float, float, float, float, float]
-FloatArray = NDArray[np.float64]
 
 HEAD_TILT = 0.332
 """How far the head looks down in [rad]: M3's head camera looks from (0.17, 0, 1.2) to (0.75, 0, 1.0)."""
@@ -196,7 +195,7 @@ FINGERS = (_finger("l", -1.0), _finger("r", 1.0))
 
 
 def combined(parts: tuple[Inertial, ...]) -> Inertial:
-    """Mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
+    """Return mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
     mass = sum(part.mass for part in parts)
     center: FloatArray = np.sum([part.mass * np.array(part.center) for part in parts], axis=0) / mass
     tensor = np.zeros((3, 3))

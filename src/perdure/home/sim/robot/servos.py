@@ -53,7 +53,7 @@ does; its own motors push with up to 10 N m s in 1/120 s. All other joints keep 
 
 
 def add_servos(spec: Any) -> None:
-    """Adds the thirteen actuators, each named after its joint, in the order of the joints."""
+    """Add the thirteen actuators, each named after its joint, in the order of the joints."""
     for joint, gain in BASE_GAIN.items():
         _add(spec, joint, gain, (0.0, 0.0, -gain), BASE_FORCE[joint])
     for link in (TORSO, *ARM, *FINGERS):

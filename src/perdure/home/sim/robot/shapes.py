@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from perdure.home.sim.robot.links import Vec3
+from perdure.home.sim.arrays import Vec3
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ TUBE = 0.052
 
 
 def _tube(body: str, name: str, start: float, end: float, z: float = 0.0, hand: bool = False) -> Shape:
-    """A capsule along x whose axis runs from `start` to `end`."""
+    """Return a capsule along x whose axis runs from `start` to `end`."""
     center, half = (0.5 * (start + end), 0.0, z), (TUBE, 0.5 * (end - start), 0.0)
     return Shape(body, name, "capsule", center, half, "hand" if hand else "arm")
 

@@ -1,4 +1,4 @@
-"""How the Fetch visuals: primitives that are only seen, in the colors of Fetch Robotics' URDF.
+"""Visual geometry of the Fetch: visual primitives in the colors of Fetch Robotics' URDF.
 
 The robot's marks are the gray drum of a base with its laser's slit, the white torso before a blue column, the
 arm in turns white and blue with dark joints, and the flat head with its camera bar. OURS: all shapes, drawn by eye to
@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from perdure.home.sim.robot.links import HEAD_TILT, HEAD_TILT_ORIGIN, Vec3
+from perdure.home.sim.arrays import Vec3
+from perdure.home.sim.robot.links import HEAD_TILT, HEAD_TILT_ORIGIN
 
 LOOK_GROUP = 2
 COLORS = {
@@ -53,22 +54,22 @@ class Visual:
 
 
 def _disc(body: str, color: str, low: float, high: float, radius: float, x: float = 0.0, y: float = 0.0) -> Visual:
-    """An upright cylinder from height `low` to `high`."""
+    """Return an upright cylinder from height `low` to `high`."""
     return Visual(body, "cylinder", color, (x, y, 0.5 * (low + high)), (radius, 0.5 * (high - low), 0.0))
 
 
 def _tube(body: str, color: str, start: float, end: float, radius: float) -> Visual:
-    """A cylinder along the arm."""
+    """Return a cylinder along the arm."""
     return Visual(body, "cylinder", color, (0.5 * (start + end), 0.0, 0.0), (radius, 0.5 * (end - start), 0.0), "x")
 
 
 def _hub(body: str, color: str, radius: float, half: float, x: float = 0.0, z: float = 0.0) -> Visual:
-    """A joint's housing: a cylinder across the arm."""
+    """Return a joint's housing: a cylinder across the arm."""
     return Visual(body, "cylinder", color, (x, 0.0, z), (radius, half, 0.0), "y")
 
 
 def _face(kind: Literal["box", "cylinder", "capsule"], color: str, place: Vec3, half: Vec3, axis: Any = "z") -> Visual:
-    """A part of the tilting head, in the frame of its axis."""
+    """Return a part of the tilting head, in the frame of its axis."""
     x, y, z = place
     cos, sin = math.cos(HEAD_TILT), math.sin(HEAD_TILT)
     ox, oy, oz = HEAD_TILT_ORIGIN
@@ -149,7 +150,7 @@ LOOKS = (*_BASE, *_TORSO, *_HEAD, *_ARM, *_GRIPPER)
 
 
 def add_visuals(bodies: dict[str, Any]) -> None:
-    """Adds what is only seen (geom group 2) to the bodies."""
+    """Add visual geometry (geom group 2) to the bodies."""
     import mujoco
 
     kinds = {

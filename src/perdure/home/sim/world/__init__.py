@@ -5,7 +5,7 @@ Contents:
     World                                              many lanes in a pool of threads
     Lane                                               one of them
     PrivilegedState, SkillGoal                                    what is known of a lane, and what it is about
-    ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         what a robot can be told
+    ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         parts and sizes of an action
 """
 
 from perdure.home.sim.world.actions import (

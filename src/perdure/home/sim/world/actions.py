@@ -1,4 +1,4 @@
-"""What a robot can be told in a control step: eleven numbers from -1 to 1, M3's mobile manipulation and "stop"."""
+"""The action of a control step: eleven numbers from -1 to 1, M3's mobile manipulation and "stop"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps the robot off the furniture as M3's navigation mesh does: nobody drives under a table.
+"""The base bumper: it keeps the robot off furniture and out from under tables, as M3's navigation mesh does.
 
 M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge. Here
 bases are pushed by forces. Without more than the robot's own shapes one gets under a table until a leg stops it, where
@@ -20,7 +20,7 @@ BIT = 4
 
 
 def add_base_bumper(spec: Any, apartment: Apartment) -> None:
-    """Puts the base bumper around the base, and lets furniture and walls meet it, but for their drawers and doors.
+    """Add the base bumper. It collides with furniture and walls, but not with their drawers and doors.
 
     It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
     contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.

@@ -6,12 +6,9 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +30,7 @@ class Handles:
     @staticmethod
     @lru_cache(maxsize=256)
     def of(apartment: Apartment) -> Handles:
-        """The handles of an apartment, in the order of its articulations."""
+        """Return the handles of an apartment, in the order of its articulations."""
         rows = []
         for moving in apartment.articulations:
             pose = apartment.piece_of(moving.link).pose
@@ -50,7 +47,7 @@ class Handles:
 
     @staticmethod
     def none(lanes: int, links: int) -> Handles:
-        """Room for the handles of many lanes, all infinitely far."""
+        """Return room for the handles of many lanes, all infinitely far."""
         shape = lanes, links
         return Handles(np.full((*shape, 3), np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape))
 
@@ -59,21 +56,21 @@ class Handles:
         return Handles(self.origin[lanes], self.slide[lanes], self.lever[lanes], self.sign[lanes])
 
     def put(self, lane: int, other: Handles) -> None:
-        """Gives a lane the handles of its apartment; room it does not need stays infinitely far."""
+        """Give a lane the handles of its apartment; room it does not need stays infinitely far."""
         count = len(other.sign)
         for name, empty in (("origin", np.inf), ("slide", 0.0), ("lever", 0.0), ("sign", 0.0)):
             values = getattr(self, name)[lane]
             values[:count], values[count:] = getattr(other, name), empty
 
     def widened(self, more: int) -> Handles:
-        """With room for more handles in each lane."""
+        """Return a copy with space for more handles in each lane."""
         empty = Handles.none(len(self.sign), more)
         return Handles(
             *(np.concatenate([getattr(self, each.name), getattr(empty, each.name)], axis=1) for each in fields(self))
         )
 
     def at(self, q: FloatArray) -> FloatArray:
-        """All handles. Shape (..., links) -> (..., links, 3)."""
+        """Return all handles. Shape (..., links) -> (..., links, 3)."""
         cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
         points: FloatArray = self.origin + q[..., None] * self.slide
         points[..., 0] += cos * self.lever[..., 0] - sin * self.lever[..., 1]
@@ -81,7 +78,7 @@ class Handles:
         return points
 
     def one(self, link: int, q: float) -> FloatArray:
-        """One handle, the same bits as in `at`. Shape (3,)."""
+        """Return one handle, the same bits as in `at`. Shape (3,)."""
         part = slice(link, link + 1)
         angle = self.sign[part] * q
         cos, sin = np.cos(angle)[0], np.sin(angle)[0]

@@ -11,23 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import OBJECT_BIT
 from perdure.home.sim.robot.data import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.sim.world.actions import GRASP_RADIUS
 from perdure.home.sim.world.nearby import MOVED
 from perdure.home.sim.world.scene import CONTROL_HZ, Scene
 
-FloatArray = NDArray[np.float64]
-
 Jaws = Literal["never", "apart"]
-"""Whether an object that was held meets the robot again: never (M3), or once they are apart (habitat-lab)."""
+"""When a released object collides with the robot again: never (M3), or once they are apart (habitat-lab)."""
 _CON = {name: k for k, name in enumerate(JOINTS)}
 ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
 TORSO = _CON["torso_lift_joint"]
 
 
 class Lane:
-    """A world of its own. Everything here is about one robot; `World` runs many."""
+    """One simulated world with one robot; `World` runs many of them."""
 
     def __init__(self, scene: Scene, jaws: Jaws = "never") -> None:
         """A lane at the scene's start, the robot at the room's origin: place it before stepping."""
@@ -56,7 +55,7 @@ class Lane:
         self._looked_from: tuple[float, float] | None = None
 
     def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
-        """Puts everything back to where the episode begins.
+        """Reset to the start of an episode.
 
         Args:
             base: Where the robot stands.
@@ -99,11 +98,11 @@ class Lane:
         return positions
 
     def forward(self) -> None:
-        """Renews what MuJoCo derives from positions, without a step."""
+        """Renew what MuJoCo derives from positions, without a step."""
         self._mujoco.mj_forward(self.model, self.data)
 
     def object(self, number: int) -> tuple[FloatArray, FloatArray]:
-        """Pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
+        """Return pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
         address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
         return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
 
@@ -133,7 +132,7 @@ class Lane:
                 self.hold_object(nearest, gripper, rotation)
 
     def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
-        """Ties a handle to the hand, as far from it as it is now.
+        """Attach a handle to the hand at its present distance.
 
         M3 draws the handle to the gripper point; there hand and handle would push against each other.
 
@@ -151,7 +150,7 @@ class Lane:
         self.data.eq_active[equality] = 1
 
     def hold_object(self, number: int, gripper: FloatArray, rotation: FloatArray) -> None:
-        """Puts an object into the gripper, its axes along the gripper's, and ties it there.
+        """Put an object into the gripper, its axes along the gripper's, and ties it there.
 
         From now on it passes through the robot.
         """
@@ -166,10 +165,10 @@ class Lane:
         self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
-        """Lets go of whatever is held, with the velocity `SceneOptions.release_velocity` says.
+        """Release whatever is held, with the velocity of `SceneOptions.release_velocity`.
 
         Args:
-            part: False: as if it had never been held.
+            part: False to release it as if it had never been held.
         """
         if self.held_link >= 0:
             self.data.eq_active[self.scene.grip(self.held_link)] = 0
@@ -185,7 +184,7 @@ class Lane:
             self.held = -1
 
     def _set_release_velocity(self, number: int) -> None:
-        """Takes the base's motion, or all motion, from an object's velocity.
+        """Take the base's motion, or all motion, from an object's velocity.
 
         With base velocity v_b, yaw rate w and base position p_b, an object at p that moves rigidly with the base has
         the velocity v_b + w z x (p - p_b). M3 teleports the base together with what it holds, which gives none of it.
@@ -208,7 +207,7 @@ class Lane:
         self.qvel[speed + 3 : speed + 6] -= spin
 
     def part(self, gripper: FloatArray) -> None:
-        """With `jaws` "apart": objects let go meet the robot again once the gripper is farther than they are long."""
+        """With `jaws` "apart": let released objects collide again once the gripper is farther away than their size."""
         if self.jaws == "never" or not self._parting:
             return
         for number in tuple(self._parting):
@@ -218,11 +217,11 @@ class Lane:
                 self._collide(number, True)
 
     def blew_up(self) -> bool:
-        """Whether MuJoCo warned of a bad state, or a position is not a finite number."""
+        """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
         return any(self._bad_states.tolist()) or not math.isfinite(self.qpos @ self.qpos)
 
     def robot_force(self) -> float:
-        """Largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
+        """Return largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
 
         The base does not count: in M3 it moves on its navigation mesh and can touch nothing, here furniture stops it.
         """
@@ -234,7 +233,7 @@ class Lane:
         return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
 
     def _leave_out_far(self) -> None:
-        """Keeps bodies that nothing can touch out of the search for contacts, see `nearby`."""
+        """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
         expected = 1 + (self.held >= 0) + (self.held_link >= 0)
         if self.data.ntree_awake > expected:
             if self._looked_from is not None:
@@ -253,14 +252,14 @@ class Lane:
         self._looked_from = x, y
 
     def search_all(self) -> None:
-        """Looks for contacts everywhere again, until the robot has moved; for whoever asks about other places."""
+        """Search for contacts everywhere again until the robot has moved, for queries about other places."""
         nearby = self.scene.nearby
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity
         self._looked_from = None
 
     def _collide(self, number: int, robot: bool) -> None:
-        """Whether an object and the robot's geoms meet; objects always collide with each other."""
+        """Set whether an object collides with the robot; objects always collide with each other."""
         self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
         if robot:
             self._parting.discard(number)

@@ -1,4 +1,4 @@
-"""Leaves out of the search for contacts what nothing can touch: furniture and sleeping objects far from the robot.
+"""Exclusion of bodies from the contact search: furniture and sleeping objects far from the robot.
 
 MuJoCo's broad phase looks at every body at every physics step; in a furnished room that is a quarter of the step. While
 nothing is awake but the robot and what it holds, a body farther away than the robot reaches cannot be in a contact, so
@@ -13,20 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
+
 IntArray = NDArray[np.int32]
 
 REACH = 1.6
-"""From the base's middle in [m]. The gripper gets 1.1 away, what it holds 0.2 farther, the rest is margin."""
+"""Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
 MOVED = 0.15
-"""So far the base may go in [m] before the bodies near it are looked up again."""
+"""Distance in [m] after which the bodies near the base are determined again."""
 SWING = 1.0
-"""How far a drawer or a door gets from where the model was compiled with it, in [m]."""
+"""Largest displacement of a drawer or door from its compiled position in [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nearby:
-    """Boxes around what can collide in a scene, and who it is for."""
+    """Bounding boxes of the colliding bodies of a scene."""
 
     contype: IntArray
     """As compiled. Shape (bodies,)."""
@@ -47,7 +48,7 @@ class Nearby:
 
     @staticmethod
     def of(model: Any, object_bodies: NDArray[np.int64]) -> Nearby:
-        """Measures a compiled model.
+        """Measure a compiled model.
 
         Args:
             model: `mujoco.MjModel`.
@@ -87,7 +88,7 @@ class Nearby:
         )
 
     def around(self, base: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
-        """Which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
+        """Return which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
 
         Args:
             base: The base's middle in the room. Shape (2,).

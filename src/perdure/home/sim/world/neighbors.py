@@ -1,4 +1,4 @@
-"""What a grasp might take instead of the target: the objects next to it, and handles.
+"""The neighbors of a target: objects and handles that a grasp could take instead.
 
 The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know them;
 its head camera would show them.
@@ -10,24 +10,21 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.lane import Lane
 from perdure.home.sim.world.scene import Scene
 from perdure.home.sim.world.state import norm
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 NEIGHBORS = 2
-"""So many of the nearest are told of."""
+"""Number of nearest neighbors in the state."""
 NEIGHBORHOOD = 0.5
-"""How near the target an object must be to be told of, in [m]."""
+"""Largest distance of a neighbor from the target in [m]."""
 
 
 class Neighbors(NamedTuple):
-    """What stands around the targets of n lanes."""
+    """The neighbors of the targets of n lanes."""
 
     from_object: FloatArray
     """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
@@ -38,7 +35,7 @@ class Neighbors(NamedTuple):
 
 
 def no_neighbors(n: int) -> Neighbors:
-    """Nothing around n targets."""
+    """Return empty neighborhoods of n targets."""
     return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
 
 
@@ -46,7 +43,7 @@ class Surroundings:
     """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far."""
 
     def __init__(self, lanes: int) -> None:
-        """Knows no scene."""
+        """Begin without scenes."""
         self._scenes: list[Scene | None] = [None] * lanes
         self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
         self._objects = np.zeros(lanes, dtype=np.int64)
@@ -54,7 +51,7 @@ class Surroundings:
         self._handles = Handles.none(lanes, 1)
 
     def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Looks around targets.
+        """Return the neighbors of targets.
 
         Args:
             numbers: Numbers of the lanes. Shape (n,).
@@ -86,7 +83,7 @@ class Surroundings:
         return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
 
     def _enter(self, number: int, scene: Scene) -> None:
-        """Makes room for another scene."""
+        """Make room for another scene."""
         objects, links = len(scene.placements), len(scene.links)
         more = objects - self._middles.shape[1]
         if more > 0:

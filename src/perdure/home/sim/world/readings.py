@@ -5,20 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
 from perdure.home.sim.world.neighbors import Neighbors
 from perdure.home.sim.world.scene import CONTROL_HZ
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal, norm, turn, wrap
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Readings:
     """Arrays over all lanes; the names are those of `PrivilegedState`."""
 
     def __init__(self, lanes: int) -> None:
-        """Zeros for every lane."""
+        """Begin with zeros for every lane."""
         self.robot = np.zeros((lanes, ARM_TO))
         self.robot_velocity = np.zeros((lanes, ARM_TO))
         self.arm_target = np.zeros((lanes, 7))
@@ -67,7 +65,7 @@ class Readings:
         self.read_skill_goal(number, lane)
 
     def read_skill_goal(self, number: int, lane: Lane) -> None:
-        """Where the skill_goal's things are, and what is in the hand."""
+        """Read the target, the handle and the held object of a lane."""
         target = self._target[number]
         self.object[number], self.object_velocity[number] = target
         link = int(self.skill_goal[number, 1])
@@ -89,7 +87,7 @@ class Readings:
     def state(
         self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Neighbors
     ) -> PrivilegedState:
-        """The record for some lanes. Shapes (m,), (m, 3), (m, beams)."""
+        """Return the record for some lanes. Shapes (m,), (m, 3), (m, beams)."""
         robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
         base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
         flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
@@ -135,7 +133,7 @@ class Readings:
 
 
 def up_axis(quaternion: FloatArray) -> FloatArray:
-    """The z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
+    """Return the z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
     w, x, y, z = quaternion.T
     up = np.empty((len(quaternion), 3))
     up[:, 0], up[:, 1], up[:, 2] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

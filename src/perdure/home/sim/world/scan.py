@@ -1,4 +1,4 @@
-"""The scan of the robot's surroundings: ranges from its middle to whatever stands in the way of a base.
+"""The scan of the robot's surroundings: ranges from its center to obstacles of the base.
 
 A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees table
 tops above and shelves below. Here it is computed from footprints: everything that reaches between 0.05 and 1.5 m
@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment, moving_footprints, static_footprints
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.arrays import FloatArray
 
 BEAMS = 24
 """OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
@@ -38,7 +37,7 @@ class Outlines:
         self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
     def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Takes over where the drawers and doors of a lane are.
+        """Take over where the drawers and doors of a lane are.
 
         Args:
             lane: Which lane.
@@ -49,7 +48,7 @@ class Outlines:
         if known is apartment and exact == self._exact[lane]:
             return
         self._exact[lane] = exact
-        # Rounded, not compared with the last look: else what is seen would depend on when one looked before.
+        # Rounded, not compared with the last scan: otherwise a scan would depend on earlier ones.
         positions = np.round(positions / NOTCH) * NOTCH
         if known is not apartment:
             static = static_footprints(apartment)
@@ -61,7 +60,7 @@ class Outlines:
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
 
     def scan(self, lanes: NDArray[np.int64], base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Ranges of some lanes, beam by beam.
+        """Return ranges of some lanes, beam by beam.
 
         Args:
             lanes: Which lanes. Shape (m,).
@@ -87,7 +86,7 @@ class Outlines:
         return cut
 
     def _within(self, lanes: NDArray[np.int64], base: FloatArray, reach: float) -> FloatArray:
-        """The rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
+        """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
         boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
         away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
         near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach

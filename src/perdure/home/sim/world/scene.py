@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, build_apartment
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
 from perdure.home.sim.world.base_bumper import add_base_bumper
 from perdure.home.sim.world.handles import Handles
 from perdure.home.sim.world.nearby import Nearby
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
@@ -46,11 +44,11 @@ class SceneOptions:
 
     physics_hz: int = PHYSICS_HZ
     visuals: bool = False
-    """Whether parts that are only seen are built: pictures need them, physics does not."""
+    """Whether visual geometry is built: pictures need it, physics does not."""
     clutter: bool = True
-    """Whether objects that are no targets are there."""
+    """Whether the scene contains clutter."""
     targets: tuple[int, ...] | None = None
-    """The targets that are there, None for all."""
+    """Numbers of the targets in the scene, None for all."""
     rolling: Rolling = "friction"
     """What stops an object that rolls: rolling friction (`docs/home/objects.md`), or a slow drag alone."""
     apple: AppleShape = "sphere"
@@ -74,7 +72,7 @@ class SceneOptions:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A compiled model and where to find things in it."""
+    """A compiled model and the addresses of its parts."""
 
     apartment: Apartment
     opened: Mapping[str, float]
@@ -182,16 +180,16 @@ class Scene:
 
     @cached_property
     def nearby(self) -> Nearby:
-        """Which bodies are near a robot that stands somewhere."""
+        """Bounding boxes for the search of nearby bodies."""
         bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
         return Nearby.of(self.model, np.array(bodies, dtype=np.int64))
 
     def weld(self, number: int) -> int:
-        """The equality that holds object `number` in the gripper."""
+        """Return the equality that holds object `number` in the gripper."""
         return int(self.model.eq(f"hold/object_{number}").id)
 
     def grip(self, link: int) -> int:
-        """The equality that holds the handle of link `link`."""
+        """Return the equality that holds the handle of link `link`."""
         return int(self.model.eq(f"hold/{self.links[link]}").id)
 
     def _joint_addresses(self, names: Sequence[str], table: str) -> IntArray:
@@ -205,7 +203,7 @@ def build_scene(
     opened: Mapping[str, float] | None = None,
     options: SceneOptions | None = None,
 ) -> Scene:
-    """Builds and compiles a scene; about a tenth of a second.
+    """Build and compiles a scene; about a tenth of a second.
 
     Args:
         apartment: Where it plays.
@@ -238,7 +236,7 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.ccd_tolerance = 1e-9  # with the default 1e-6 a can lying on its edge creeps and never sleeps
-    # A world that diverges must be seen, not put back to its start in silence.
+    # A diverged world must be reported, not reset silently.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if options.sleep:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP

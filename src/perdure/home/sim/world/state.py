@@ -1,28 +1,24 @@
-"""What is known of every lane after a control step: one record of arrays, the only thing skills look at."""
+"""The privileged state of every lane after a control step: one record of arrays, the only input of skills."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Geodesic
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world.actions import GRASP_RADIUS
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class SkillGoal:
-    """What a lane is about: the object to pick or place, where it belongs, the handle to open or close."""
+    """The goal of a skill: the object to pick or place, its goal position, the handle to open or close."""
 
     target: int = 0
     """Number of the object in the scene."""
     goal: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where it belongs in the room in [m]."""
+    """Its goal position in the room in [m]."""
     link: int = -1
     """Number of the drawer or door in `Scene.links`, -1 when none is meant."""
     toward: str = "pick"
@@ -32,7 +28,7 @@ class SkillGoal:
     route: Geodesic | None = None
     """The way to where navigation should end."""
     front: tuple[float, float] = (0.0, 0.0)
-    """Which way the furniture faces that the object lies on or in (for place: the goal), a unit vector in the room."""
+    """Direction that the furniture at the object (for place: at the goal) faces, a unit vector in the room."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ class PrivilegedState:
     arm_velocity: FloatArray
     """Shape (n, 7)."""
     arm_target: FloatArray
-    """Where the arm's servos are told to be. Shape (n, 7)."""
+    """Targets of the arm's servos. Shape (n, 7)."""
     gripper_in_base: FloatArray
     """The gripper point in the base frame. Shape (n, 3)."""
     gripper_rotation: FloatArray
@@ -77,7 +73,7 @@ class PrivilegedState:
     object_velocity: FloatArray
     """Linear, in the room. Shape (n, 3)."""
     goal: FloatArray
-    """Where it belongs. Shape (n, 3)."""
+    """Its goal position. Shape (n, 3)."""
     link: IntArray
     """The skill_goal's drawer or door, -1 when there is none. Shape (n,)."""
     handle: FloatArray
@@ -93,15 +89,15 @@ class PrivilegedState:
     waypoint: FloatArray
     """A point of that way half a meter ahead, on the floor; the base itself without one. Shape (n, 3)."""
     front: FloatArray
-    """Which way the skill_goal's furniture faces, in the room; a fridge is open to there. Shape (n, 3)."""
+    """Direction that the skill goal's furniture faces, in the room. Shape (n, 3)."""
     facing_error: FloatArray
     """By how much the robot would have to turn to the left to face the aim. Shape (n,)."""
     scan: FloatArray
-    """Ranges to what stands around the base, all `SCAN_RANGE` where it was not asked for. Shape (n, BEAMS)."""
+    """Ranges from the base to obstacles, all `SCAN_RANGE` where no scan was requested. Shape (n, BEAMS)."""
     neighbors: FloatArray
     """From the object to its nearest neighbors, in the room; 0 where nothing is near. Shape (n, NEIGHBORS, 3)."""
     neighbor_distance: FloatArray
-    """From the gripper point to the nearest object that is not the skill_goal's, inf without one. Shape (n,)."""
+    """From the gripper point to the nearest object other than the target, inf without one. Shape (n,)."""
     handle_distance: FloatArray
     """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
     stopped: BoolArray
@@ -109,7 +105,7 @@ class PrivilegedState:
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray
-    """Whether the simulation blew up in this step; the lane was put back to where its episode began. Shape (n,)."""
+    """Whether the simulation diverged in this step; the lane was reset to its episode's start. Shape (n,)."""
 
     def __len__(self) -> int:
         """Number of lanes."""
@@ -127,32 +123,32 @@ class PrivilegedState:
 
     @property
     def holds_target(self) -> BoolArray:
-        """Whether the gripper holds the skill_goal's object. Shape (n,)."""
+        """Whether the gripper holds the target. Shape (n,)."""
         holds: BoolArray = self.held == self.target
         return holds
 
     @property
     def grasp_is_right(self) -> BoolArray:
-        """Whether the magic grasp would take nothing but the skill_goal's object (see `Lane.grasp`). Shape (n,)."""
+        """Whether the magic grasp would take the target (see `Lane.grasp`). Shape (n,)."""
         nearer = norm(self.object - self.gripper) < self.neighbor_distance
         right: BoolArray = nearer & (self.handle_distance > GRASP_RADIUS)
         return right
 
     @property
     def object_to_goal(self) -> FloatArray:
-        """d_o^g: distance from the object to where it belongs in [m]. Shape (n,)."""
+        """d_o^g: distance from the object to its goal in [m]. Shape (n,)."""
         return norm(self.object - self.goal)
 
     def in_base(self, points: FloatArray) -> FloatArray:
-        """Points of the room in the base frame. Shape (n, 3) -> (n, 3)."""
+        """Return points of the room in the base frame. Shape (n, 3) -> (n, 3)."""
         return turn(points - self._base_origin, -self.base[:, 2])
 
     def turned_to_base(self, vectors: FloatArray) -> FloatArray:
-        """Vectors of the room along the axes of the base. Shape (n, 3) -> (n, 3)."""
+        """Return vectors of the room along the axes of the base. Shape (n, 3) -> (n, 3)."""
         return turn(vectors, -self.base[:, 2])
 
     def turned_to_gripper(self, vectors: FloatArray) -> FloatArray:
-        """Vectors of the room along the axes of the gripper. Shape (n, 3) -> (n, 3)."""
+        """Return vectors of the room along the axes of the gripper. Shape (n, 3) -> (n, 3)."""
         in_base = self.turned_to_base(vectors)
         # Written out: a matrix product may round differently for one lane than for many.
         axes = self.gripper_rotation
@@ -167,7 +163,7 @@ _FIELDS = tuple(each.name for each in fields(PrivilegedState))
 
 
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
+    """Return vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors[:, 0], vectors[:, 1]
     turned = np.empty((len(vectors), 3))
@@ -176,13 +172,13 @@ def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def norm(vectors: FloatArray) -> FloatArray:
-    """Lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
+    """Return lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
     x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
     length: FloatArray = np.sqrt(x * x + y * y + z * z)
     return length
 
 
 def wrap(angle: FloatArray) -> FloatArray:
-    """Angles brought into [-pi, pi)."""
+    """Return angles brought into [-pi, pi)."""
     wrapped: FloatArray = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
     return wrapped

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
@@ -20,20 +21,16 @@ from perdure.home.sim.world.scan import NO_SCAN, Outlines
 from perdure.home.sim.world.scene import Scene
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-
 
 class World:
-    """n lanes, each with a scene, a robot and an skill_goal.
+    """n lanes, each with a scene, a robot and a skill goal.
 
-    A lane's course depends on its own scene, start and actions only, not on how many lanes there are or on which
+    A lane depends on its own scene, start and actions only, not on how many lanes there are or on which
     thread steps it.
     """
 
     def __init__(self, lanes: int, threads: int | None = None, jaws: Jaws = "never") -> None:
-        """Makes empty lanes; `reset` fills them.
+        """Make empty lanes; `reset` fills them.
 
         Args:
             lanes: How many.
@@ -55,7 +52,7 @@ class World:
         self._outlines = Outlines(lanes)
         self._surroundings = Surroundings(lanes)
         self._ahead: list[tuple[float, float, float] | None] = [None] * lanes
-        """What `Geodesic.ahead` said of the skill_goal's route from where the robot is now, None when not asked yet."""
+        """Result of `Geodesic.ahead` for the skill goal's route at the present base pose; None when not computed."""
 
     def reset(
         self,
@@ -67,7 +64,7 @@ class World:
         held: int = -1,
         skill_goal: SkillGoal | None = None,
     ) -> None:
-        """Starts a lane's episode.
+        """Start a lane's episode.
 
         Args:
             lane: Which lane.
@@ -88,16 +85,16 @@ class World:
         self._begin(lane)
 
     def assign(self, lane: int, skill_goal: SkillGoal) -> None:
-        """Gives a lane another skill_goal."""
+        """Give a lane another skill_goal."""
         self._skill_goal[lane] = skill_goal
         self._take_skill_goal(lane)
 
     def skill_goal(self, lane: int) -> SkillGoal:
-        """What a lane is about."""
+        """Return the skill goal of a lane."""
         return self._skill_goal[lane]
 
     def lane(self, number: int) -> Lane:
-        """The lane itself, for whoever must look deeper; HomeError before its first reset."""
+        """Return the lane itself, for detailed queries; HomeError before its first reset."""
         lane = self._lanes[number]
         if lane is None:
             raise HomeError(f"lane {number} was not reset yet")
@@ -110,7 +107,7 @@ class World:
         base_speed: FloatArray | float = BASE_SPEED,
         arm_step: FloatArray | float = ARM_STEP,
     ) -> None:
-        """One control step: gripper, arm and base are told, then physics runs (M3's order).
+        """Run one control step: gripper, arm and base commands, then physics (M3's order).
 
         Args:
             actions: From -1 to 1, see `actions`; values outside are clipped. Shape (m, 11).
@@ -137,11 +134,11 @@ class World:
         scan_reach: FloatArray | float = 0.0,
         neighbors: BoolArray | bool = False,
     ) -> PrivilegedState:
-        """What is known of some lanes now.
+        """Return the present state of some lanes.
 
         Args:
             lanes: Which lanes, all when None. Shape (m,).
-            scan_reach: How far each lane's scan looks in [m]; the nearer, the faster. What is farther is not told
+            scan_reach: Range of each lane's scan in [m]; shorter is faster. Farther objects are not told
                 apart. Shape (m,).
             neighbors: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
@@ -151,7 +148,7 @@ class World:
         return self._readings.state(chosen, way, waypoint, self._scan(chosen, reach), self._look_around(chosen, look))
 
     def objects(self, lanes: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """Poses (position, quaternion) and velocities of the first objects. Shapes (m, count, 7), (m, count, 3)."""
+        """Return poses (position, quaternion) and velocities of the first objects: (m, count, 7), (m, count, 3)."""
         poses, speeds = np.empty((len(lanes), count, 7)), np.empty((len(lanes), count, 3))
         for row, number in enumerate(map(int, lanes)):
             lane = self.lane(number)
@@ -160,13 +157,13 @@ class World:
         return poses, speeds
 
     def close(self) -> None:
-        """Ends the threads."""
+        """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
 
     def _take(self, scene: Scene) -> Lane:
-        """A lane of a scene: one that was left, or a new one."""
+        """Return a lane of a scene: one that was left, or a new one."""
         idle = self._idle.get(scene)
         if not idle:
             return Lane(scene, self._jaws)
@@ -177,7 +174,7 @@ class World:
         return lane
 
     def _leave(self, lane: Lane) -> None:
-        """Keeps a lane for its scene's next episode; of too many, those of the scene longest unused go."""
+        """Keep a lane for its scene's next episode; of too many, those of the scene longest unused go."""
         self._idle[lane.scene] = [*self._idle.pop(lane.scene, []), lane]
         self._idle_count += 1
         if self._idle_count > MAX_IDLE:
@@ -257,7 +254,7 @@ class World:
         return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
 
     def _ways(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Lengths of the skill_goals' ways, and points of them ahead of the robots; here and 0 where there is none."""
+        """Return the path length to each skill goal and a waypoint ahead; 0 and the base where there is no route."""
         way, waypoint = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
         waypoint[:, :2] = self._readings.robot[chosen, :2]
         for row, number in enumerate(chosen.tolist()):
@@ -292,7 +289,7 @@ class World:
 
 
 CELLS_AHEAD = 10
-"""How many cells of 0.05 m the point of the way lies ahead of the robot."""
+"""Look-ahead of the waypoint in cells of 0.05 m."""
 MAX_IDLE = 512
 """Worlds kept for scenes that were left, about a megabyte each."""
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)

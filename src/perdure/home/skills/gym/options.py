@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from typing import Any
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
@@ -12,7 +11,7 @@ from perdure.home.benchmark.tasks import TASKS, HomeTask, get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import split_apartments
 from perdure.home.sim.world import PHYSICS_HZ, Rolling, SceneOptions
-from perdure.home.skills.registry import SKILLS, get_skill, learned_skills
+from perdure.home.skills.registry import SKILLS, choices, get_skill, learned_skills
 from perdure.home.skills.skill import Skill
 from perdure.home.skills.starts import train_pool
 
@@ -47,13 +46,12 @@ class SkillEnvOptions:
     def __post_init__(self) -> None:
         """Raise HomeError for options that do not exist or do not fit together."""
         if self.skill not in learned_skills():
-            raise HomeError(f"no environment for the skill {self.skill!r}; there are {', '.join(learned_skills())}")
+            raise HomeError(f"no environment for the skill {self.skill!r}; {choices(self.skill, learned_skills())}")
         for each in fields(self):
-            kinds = [name for name, kind in SKILLS.items() if each.name in (own.name for own in fields(kind))]
-            value = getattr(self, each.name)
-            if each.name in SKILL_OPTIONS and self.skill not in kinds and value != each.default:
+            owners = [name for name, kind in SKILLS.items() if each.name in option_names(kind)]
+            if each.name in SKILL_OPTIONS and self.skill not in owners and getattr(self, each.name) != each.default:
                 raise HomeError(
-                    f"{each.name} is an option of {', '.join(kinds)}, not of {self.skill}; leave it at {each.default}"
+                    f"{each.name} is an option of {', '.join(owners)}, not of {self.skill}; leave it at {each.default}"
                 )
         if self.episodes is not None and self.episodes < 1:
             raise HomeError(f"episodes must be at least 1, not {self.episodes}")
@@ -79,7 +77,7 @@ class SkillEnvOptions:
 
     def make_skill(self) -> Skill:
         """Return the skill with its own options."""
-        own = {each.name for each in fields(SKILLS[self.skill])}
+        own = option_names(SKILLS[self.skill])
         return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
 
     def load(self) -> tuple[Episode, ...]:
@@ -87,6 +85,11 @@ class SkillEnvOptions:
         if self.split == "train":
             return train_pool(self.task, **({} if self.episodes is None else {"count": self.episodes})).episodes
         return load_episodes(self.task, self.split).episodes[: self.episodes]
+
+
+def option_names(kind: type[Skill]) -> set[str]:
+    """Return the names of a skill's own options."""
+    return {each.name for each in fields(kind)}
 
 
 def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
@@ -100,7 +103,5 @@ def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
     """Return options by name; raise HomeError for unknown names."""
     known = [each.name for each in fields(SkillEnvOptions)]
     for name in sorted(set(options) - set(known)):
-        nearest = get_close_matches(name, known, n=1)
-        hint = f"; did you mean {nearest[0]}?" if nearest else ""
-        raise HomeError(f"no option is named {name}; there are {', '.join(known)}{hint}")
+        raise HomeError(f"no option is named {name!r}; {choices(name, known)}")
     return SkillEnvOptions(**options)

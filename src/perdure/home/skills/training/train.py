@@ -12,7 +12,7 @@ from perdure.home.errors import HomeError
 from perdure.home.skills.gym import env_id
 from perdure.home.skills.gym.options import checked_options
 from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.registry import SKILLS, learned_skills
+from perdure.home.skills.registry import SKILLS, choices, learned_skills
 from perdure.horizon import Fixed
 from perdure.ppo import PPOConfig, method_config
 from perdure.ppo.training import TrainRun, train
@@ -33,7 +33,7 @@ def skill_recipe(skill: str, task: str) -> Recipe:
     """Return the recipe of a skill on a task; HomeError for a skill without one."""
     recipe = SKILLS[skill].recipe if skill in SKILLS else None
     if recipe is None:
-        raise HomeError(f"no recipe for the skill {skill!r}; there are {', '.join(learned_skills())}")
+        raise HomeError(f"no recipe for the skill {skill!r}; {choices(skill, learned_skills())}")
     return SKILLS[skill].task_recipes.get(task, recipe)
 
 

@@ -10,13 +10,13 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import Predicate
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import stage_steps
 from perdure.home.evaluate.outcomes.failure_causes import in_goal_since, release_offset, tilt
+from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.cameras import Shot
 from perdure.home.video.film import tile
@@ -29,16 +29,13 @@ from perdure.home.video.replay import Failure, Replay
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip, write_title
 
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-
 COLUMNS, SIZE = 4, (480, 320)
 """Of one sheet; width and height of a picture in pixels, without the strip below."""
 DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([12.0, 24.0, 36.0, 50.0, 65.0]))))
 """Azimuths and elevations of the camera that are tried, in [rad]."""
 USUAL_ELEVATION = np.radians(36.0)
 FAR_HAND = 1.5
-"""A hand farther from a handle than this in [m] is not looked at: it is about something else."""
+"""A hand farther from a handle than this in [m] is not shown."""
 NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
 """The camera is NEAR + ZOOM * (distance of the two things it looks at) away, FAR at most, in [m]."""
 

@@ -1,0 +1,128 @@
+"""Models of Stable-Baselines3 on the command line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from perdure.__main__ import main
+from perdure.policy import load_policy
+
+FIXTURES = Path(__file__).parents[1] / "policy" / "readers" / "fixtures"
+MODEL, STATISTICS = FIXTURES / "ppo.zip", FIXTURES / "ppo.pkl"
+FLAGS = ("--env", "Pendulum-v1", "--normalizer", STATISTICS)
+SHORT = ("--steps", 30, "--eval-seeds", 2, "--cores", 1)
+
+
+@pytest.fixture(scope="module")
+def evaluated(perdure, tmp_path_factory):
+    """A folder in which a model was evaluated, and the finished process."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    return folder, perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
+
+
+def test_a_model_is_imported_and_evaluated(evaluated):
+    folder, process = evaluated
+    assert process.returncode == 0, process.stderr
+    assert process.stderr.startswith(f"perdure: importing {MODEL}\n")
+    assert "SB3 PPO (ppo)" in process.stdout
+    assert (folder / "results" / "report.html").exists()
+    frame = pl.read_parquet(folder / "results" / "lanes.parquet")
+    assert frame["task"].unique().to_list() == ["gymnasium:Pendulum-v1"]
+    (file,) = (folder / "results" / "imported").iterdir()
+    assert len(load_policy(file).reference.lengths) == 20
+
+
+def test_the_same_command_imports_and_evaluates_nothing_again(evaluated, perdure):
+    folder, _ = evaluated
+    (file,) = (folder / "results" / "imported").iterdir()
+    before = file.stat().st_mtime_ns
+    again = perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    assert again.stderr.splitlines() == [f"perdure: importing {MODEL}"]  # no progress: every lane is there
+    assert file.stat().st_mtime_ns == before
+
+
+def test_import_writes_a_policy_file_that_extrapolate_and_inspect_take(perdure, tmp_path):
+    made = perdure("import", MODEL, *FLAGS, "--out", "made.safetensors", cwd=tmp_path)
+    assert (made.returncode, made.stdout) == (0, "made.safetensors\n"), made.stderr
+    text = perdure("inspect", "made.safetensors", cwd=tmp_path).stdout
+    for part in ("gymnasium:Pendulum-v1", "tanh", "Fixed(steps=200)", "SB3 PPO (ppo)", "20 episodes"):
+        assert part in text
+    done = perdure("extrapolate", "made.safetensors", *SHORT, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_several_models_share_the_flags_and_a_time_feature_takes_clocks(perdure, tmp_path):
+    model, copy = FIXTURES / "sac-time.zip", tmp_path / "second.zip"
+    copy.write_bytes(model.read_bytes())
+    process = perdure(
+        *("extrapolate", model, copy, "--env", "Pendulum-v1", "--time-feature", "linear", *SHORT),
+        *("--clocks", "default", "constant:200", "periodic:200"),
+        cwd=tmp_path,
+    )
+    assert process.returncode == 0, process.stderr
+    frame = pl.read_parquet(tmp_path / "extrapolation" / "lanes.parquet")
+    assert set(frame["policy"].unique()) == {"SB3 SAC (sac-time)", "SB3 SAC (second)"}
+    assert set(frame["clock"].unique()) == {"countdown(200)", "constant(200)", "periodic(200)"}
+
+
+WALLS = """
+import gymnasium
+from gymnasium.envs.classic_control import PendulumEnv
+gymnasium.register("Walled-v0", PendulumEnv, max_episode_steps=200)
+"""
+
+
+def test_a_module_named_in_env_is_imported(perdure, tmp_path, monkeypatch):
+    (tmp_path / "walls.py").write_text(WALLS)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    process = perdure("extrapolate", FIXTURES / "trpo.zip", "--env", "walls:Walled-v0", *SHORT, cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+
+
+MISTAKES = {
+    "no environment": ("--env Hopper-v5", (MODEL,)),
+    "unknown environment": ("Did you mean", (MODEL, "--env", "Pendulom-v1")),
+    "another environment": ("takes 3 numbers", (MODEL, "--env", "Hopper-v5", "--normalizer", "none")),
+    "a normalizer forgotten": ("--normalizer", (MODEL, "--env", "Pendulum-v1")),
+    "a missing normalizer": ("nowhere.pkl", (MODEL, "--env", "Pendulum-v1", "--normalizer", "nowhere.pkl")),
+    "a model as normalizer": ("ppo.zip", (MODEL, "--env", "Pendulum-v1", "--normalizer", MODEL)),
+    "a time feature that is none": ("linear:1000", (*(MODEL, *FLAGS), "--time-feature", "1000")),
+    "trust without the library": ("pip install stable-baselines3", (MODEL, *FLAGS, "--trust")),
+    "a missing model": ("gone.zip", ("gone.zip", *FLAGS)),
+    "a policy of our own": ("--env", ("Hopper-v3/geometric", "--env", "Hopper-v3")),
+    "trust in a policy of our own": ("--trust", ("Hopper-v3/geometric", "--trust")),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_ends_in_one_line(mistake, tmp_path, monkeypatch, capsys):
+    if mistake.startswith("trust without") and find_spec("stable_baselines3"):
+        pytest.skip("Stable-Baselines3 is installed")
+    named, arguments = MISTAKES[mistake]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["perdure", "extrapolate", *map(str, (*arguments, *SHORT))])
+    with pytest.raises(SystemExit) as end:
+        main()
+    output = capsys.readouterr()
+    assert (end.value.code, output.out) == (2, "")
+    *before, line = output.err.splitlines()
+    assert [each for each in before if not each.startswith("perdure: importing ")] == []
+    assert line.startswith("perdure: ")
+    assert named in line
+
+
+def test_a_time_feature_of_other_steps_than_the_environments_limit_gives_a_warning(perdure, tmp_path):
+    arguments = ("import", FIXTURES / "sac-time.zip", "--env", "Pendulum-v1", "--time-feature", "linear:50")
+    process = perdure(*arguments, cwd=tmp_path)
+    assert process.returncode == 0
+    assert process.stderr.count("\n") == 1
+    assert "counts down from 50 steps, but episodes of gymnasium:Pendulum-v1 end after 200" in process.stderr
+    assert np.isclose(load_policy(tmp_path / "policy.safetensors").protocol.embedding.steps, 50)

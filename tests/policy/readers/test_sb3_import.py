@@ -1,0 +1,131 @@
+"""What an imported policy knows beside its network, and importing into a folder."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hostile import FIXTURES, model
+
+from perdure.horizon import Countdown, Fixed, TimeFeature
+from perdure.policy import Policy, PolicyFileError, PolicyWarning, load_policy
+from perdure.policy.readers import import_once, is_sb3_zip
+from perdure.policy.readers.trusted import load_sb3
+
+ALGORITHMS = {
+    **{"ppo": "PPO", "ppo-sde": "PPO", "ppo-time": "PPO", "a2c": "A2C", "trpo": "TRPO"},
+    **{"sac": "SAC", "sac-sde": "SAC", "sac-time": "SAC", "td3": "TD3", "ddpg": "TD3", "tqc": "TQC"},
+}
+
+
+def imported(name, env="Pendulum-v1", **options):
+    options.setdefault("normalizer", "none")
+    options.setdefault("measure", False)
+    return Policy.from_sb3(FIXTURES / f"{name}.zip", env, **options)
+
+
+def test_every_model_among_the_fixtures_is_named():
+    assert {path.stem for path in FIXTURES.glob("*.zip")} == set(ALGORITHMS)
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_the_algorithm_and_the_source_are_noted(name):
+    timed = "linear" if name.endswith("-time") else None
+    provenance = imported(name, time_feature=timed).provenance
+    assert provenance["method"] == f"SB3 {ALGORITHMS[name]} ({name})"
+    assert (provenance["seed"], provenance["steps"]) == (0, 128)
+    assert provenance["source"]["stable-baselines3"] == "2.9.2"
+
+
+def test_how_time_is_treated():
+    plain = imported("ppo", normalizer=FIXTURES / "ppo.pkl")
+    assert (plain.protocol.embedding, plain.clock, plain.protocol.horizon) == (None, None, Fixed(200))
+    assert (plain.protocol.end, plain.protocol.gamma) == ("truncated", 0.99)
+    timed = imported("ppo-time", normalizer=FIXTURES / "ppo-time.pkl", time_feature="linear")
+    assert (timed.protocol.embedding, timed.clock) == (TimeFeature(200), Countdown(200.0))
+    assert timed.protocol.normalize_embedding  # VecNormalize is outside the wrapper
+    assert not imported("sac-time", time_feature="linear").protocol.normalize_embedding
+
+
+def test_a_time_feature_with_other_steps_than_the_environment_gives_a_warning_and_its_horizon():
+    with pytest.warns(PolicyWarning, match=r"from 50 steps.* end after 200"):
+        policy = imported("sac-time", time_feature="linear:50")
+    assert policy.protocol.horizon == Fixed(50)
+
+
+def test_the_statistics_are_those_that_stable_baselines3_used():
+    """Its own file says so: the mean of the pendulum's speed over 128 steps, read with pickletools."""
+    normalizer = imported("ppo", normalizer=FIXTURES / "ppo.pkl").normalizer
+    assert (normalizer.clip, normalizer.epsilon) == (1.5, 1e-8)
+    assert normalizer.mean.shape == normalizer.var.shape == (3,)
+    assert (np.abs(normalizer.mean[:2]) <= 1).all()  # cosine and sine
+    assert (normalizer.var > 0).all()
+
+
+def test_a_policy_of_raw_observations_knows_their_spread_from_its_reference_episodes():
+    blind, seeing = imported("trpo"), imported("trpo", measure=True)
+    assert blind.observation_std.tolist() == [1.0, 1.0, 1.0]
+    low, high = seeing.reference.observation_low, seeing.reference.observation_high
+    np.testing.assert_allclose(seeing.observation_std, (high - low) / 12**0.5)
+    assert seeing.observation_std[2] > 2 * seeing.observation_std[0]  # speeds up to 8, cosines up to 1
+    normalized = imported("ppo", normalizer=FIXTURES / "ppo.pkl", measure=True)
+    np.testing.assert_array_equal(normalized.observation_std, np.sqrt(normalized.normalizer.var))
+
+
+def test_raw_observations_pass_unchanged():
+    policy = imported("trpo")
+    rows = np.random.default_rng(0).normal(scale=100, size=(50, 3))
+    seen = policy.inputs(rows, policy.embed(np.zeros(50), np.ones(50)))
+    np.testing.assert_array_equal(seen, rows.astype(np.float32))
+
+
+def test_reference_episodes_are_measured_within_the_training_horizon():
+    reference = imported("sac-time", time_feature="linear", measure=True).reference
+    assert (reference.horizon, reference.lengths.tolist()) == (200, [200] * 20)
+
+
+class TestImportOnce:
+    def options(self, **changes):
+        return {"normalizer": None, "time_feature": None, "trust": False} | changes
+
+    def test_the_second_time_the_file_is_reused(self, tmp_path, monkeypatch):
+        first = import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options())
+        monkeypatch.setattr("perdure.policy.readers.import_folder.import_sb3", None)  # a call would fail
+        assert import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options()) == first
+        assert load_policy(first).reference is not None
+
+    def test_other_options_and_other_contents_make_another_file(self, tmp_path):
+        path = tmp_path / "model.zip"
+        path.write_bytes(model("trpo"))
+        made = {import_once(path, tmp_path / "out", "Pendulum-v1", **self.options())}
+        made.add(import_once(path, tmp_path / "out", "Pendulum-v1", **self.options(normalizer="none")))
+        path.write_bytes(model("a2c"))
+        statistics = str(FIXTURES / "a2c.pkl")
+        made.add(import_once(path, tmp_path / "out", "Pendulum-v1", **self.options(normalizer=statistics)))
+        assert made == set((tmp_path / "out").iterdir())
+        assert len(made) == 3
+
+    def test_a_damaged_file_is_made_again(self, tmp_path):
+        made = import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options())
+        whole = made.read_bytes()
+        made.write_bytes(whole[:-10])
+        assert import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options()) == made
+        assert made.read_bytes() == whole
+
+
+def test_a_model_is_known_by_its_name_or_its_first_bytes(tmp_path):
+    bare, other = tmp_path / "model", tmp_path / "other"
+    bare.write_bytes(model())
+    other.write_bytes(b"safetensors")
+    assert is_sb3_zip(bare)
+    assert is_sb3_zip(tmp_path / "missing.ZIP")
+    assert not is_sb3_zip(other)
+    assert not is_sb3_zip(tmp_path)
+
+
+def test_trust_says_what_to_install(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.save_util", None)
+    with pytest.raises(PolicyFileError, match="pip install stable-baselines3 sb3-contrib"):
+        load_sb3(FIXTURES / "ppo.zip")

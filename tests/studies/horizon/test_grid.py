@@ -1,0 +1,70 @@
+"""The grid names the training runs that are committed, and splits share no start state."""
+
+import json
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from perdure.ppo import METHODS
+from perdure.studies import StudyError, find_study
+from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, make_grid
+from perdure.studies.horizon.training import train_run
+
+RESULTS = Path(__file__).parents[3] / "results" / "horizon"
+THESIS = make_grid("thesis", DEFAULT_PHASES)
+
+
+def test_every_committed_training_run_is_in_the_grid():
+    committed = {
+        path.parent.relative_to(RESULTS / "training").as_posix() for path in RESULTS.rglob("training/**/run.json")
+    }
+    assert committed == {f"{row.key}/seed-{seed}" for row in THESIS.rows for seed in row.seeds}
+
+
+@pytest.mark.parametrize("row", THESIS.rows, ids=lambda row: row.key)
+def test_the_grid_s_settings_are_those_of_the_committed_runs(row):
+    run = train_run(THESIS, row)
+    for seed in row.seeds:
+        assert json.loads((RESULTS / "training" / run.key(seed) / "run.json").read_text()) == run.identity(seed)
+
+
+def test_other_settings_would_be_noticed():
+    row = THESIS.rows[0]
+    run = train_run(make_grid("smoke", (1,)), row)
+    kept = json.loads((RESULTS / "training" / run.key(0) / "run.json").read_text())
+    assert kept != run.identity(0)
+
+
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
+def test_splits_share_no_start_state(grid):
+    seeds = [set(range(split.first_seed, split.first_seed + split.seeds)) for split in grid.splits]
+    assert all(not one & other for one, other in combinations(seeds, 2))
+
+
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
+def test_rows_are_known_methods_and_none_stands_twice(grid):
+    keys = [row.key for row in grid.rows]
+    assert len(keys) == len(set(keys))
+    assert {row.method for row in grid.rows if row.gamma is None} <= set(METHODS)
+
+
+def test_a_gamma_row_changes_gamma_alone():
+    grid = make_grid("thesis", (4,))
+    row = next(row for row in grid.rows if row.gamma == 0.95)
+    protocol = train_run(grid, row).config.protocol
+    assert (protocol.gamma, protocol.embedding, protocol.end) == (0.95, None, "truncated")
+
+
+def test_phases_without_a_row_are_refused():
+    with pytest.raises(StudyError, match="its phases are 1"):
+        make_grid("smoke", (5,))
+
+
+def test_evaluation_follows_training():
+    study = find_study("horizon")
+    steps = study.plan("smoke", Path("nowhere"), study.phases)
+    keys = [step.key for step in steps]
+    assert len(keys) == len(set(keys))
+    for place, step in enumerate(steps):
+        assert set(step.after) <= set(keys[:place])

@@ -1,0 +1,130 @@
+"""A study that is killed, or carried out by two commands at once, gives the same files byte for byte."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from tiny_study import write_training
+
+PROGRAM = Path(__file__).with_name("tiny_study.py")
+HIDDEN = (".working", ".locks", ".progress", ".failures")
+
+
+def command(out, *options):
+    return [sys.executable, str(PROGRAM), "study", "horizon", "--out", str(out), *options]
+
+
+def run(out, *options):
+    done = subprocess.run(command(out, *options), capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def files(out):
+    """Bytes of every table, figure and page; groups of lanes differ in how they were cut, as their names say."""
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in sorted(Path(out).rglob("*"))
+        if path.is_file() and not {"groups", "training", *HIDDEN} & set(path.parts) and path.name != "unit.json"
+    }
+
+
+def kill_and_go_on(out, kills, seed, *options):
+    """Kill the command at random times, then let it finish. Return how many kills hit it at work."""
+    rng, hits = random.Random(seed), 0
+    for _ in range(kills):
+        process = subprocess.Popen(command(out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        before = len(list(out.rglob("unit.json")))
+        end = time.monotonic() + 120
+        while process.poll() is None and len(list(out.rglob("unit.json"))) <= before and time.monotonic() < end:
+            time.sleep(0.02)
+        time.sleep(rng.uniform(0.0, 0.5))
+        hits += process.poll() is None
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    run(out, *options)
+    return hits
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The study, carried out without interruption."""
+    out = tmp_path_factory.mktemp("whole") / "study"
+    write_training(out)
+    run(out, "--on", "here")
+    return out
+
+
+def test_a_killed_study_goes_on_to_the_same_files(whole, tmp_path):
+    out = tmp_path / "study"
+    write_training(out)
+    assert kill_and_go_on(out, 2, 0, "--on", "here") > 0
+    assert files(out) == files(whole)
+
+
+def test_two_commands_at_once_give_the_same_files(whole, tmp_path):
+    out = tmp_path / "study"
+    write_training(out)
+    options = command(out, "--on", "here")
+    both = [subprocess.Popen(options, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    errors = [each.communicate(timeout=600)[1] for each in both]
+    assert [each.returncode for each in both] == [0, 0], errors
+    assert files(out) == files(whole)
+
+
+def test_status_counts_what_is_in_the_stores(whole, tmp_path):
+    shown = run(whole, "--status")
+    assert "evaluation test          20 of 20 units done (100% of the work)" in shown
+    write_training(tmp_path)
+    begun = run(tmp_path, "--status")
+    assert "training                 4 of 4 units done" in begun
+    assert "evaluation test          0 of 20 units done (0% of the work)" in begun
+
+
+def test_the_analysis_alone_writes_the_same_files_again(whole):
+    before = files(whole)
+    for name in ("tables", "figures"):
+        for path in (whole / name).iterdir():
+            path.unlink()
+    (whole / "claims.md").unlink()
+    run(whole, "--analyze-only")
+    assert files(whole) == before
+
+
+def test_a_table_that_was_not_kept_is_put_together_from_its_groups(whole):
+    before = files(whole)
+    tables = [path for path in whole.rglob("lanes.parquet") if "groups" not in path.parts]
+    assert len(tables) == 4
+    for path in tables:
+        path.unlink()
+    run(whole, "--analyze-only")
+    assert files(whole) == before
+
+
+@pytest.mark.verify
+def test_another_number_of_cores_gives_the_same_files(whole, tmp_path):
+    out = tmp_path / "study"
+    write_training(out)
+    run(out, "--cores", "2")
+    assert files(out) == files(whole)
+
+
+def test_a_change_would_be_seen(whole):
+    page = whole / "claims.md"
+    before, text = files(whole), page.read_text()
+    page.write_text(text + " ")
+    assert files(whole) != before
+    page.write_text(text)
+
+
+@pytest.mark.verify
+def test_twenty_kills(whole, tmp_path):
+    out = tmp_path / "study"
+    write_training(out)
+    assert kill_and_go_on(out, 20, 1) > 5
+    assert files(out) == files(whole)

@@ -1,0 +1,71 @@
+"""Measures of lanes and training runs, against tables whose lanes were written down by hand."""
+
+import polars as pl
+import pytest
+from known_results import HORIZON, lanes, make_results
+
+from perdure.report.schema import COLUMNS
+from perdure.studies.horizon.grid import ZOO, Row
+from perdure.studies.horizon.tables import RowTable, failure_places, lane_measures, name_clocks
+
+ROW = Row("Hopper-v3", "geometric", ZOO, (0, 1), 1)
+
+
+def frame(*parts, **changes):
+    rows = [{**row, **changes} for part in parts for row in part]
+    return name_clocks(pl.DataFrame(rows, schema=COLUMNS))
+
+
+def measured(*parts, **changes):
+    return lane_measures(frame(*parts, **changes)).to_dicts()[0]
+
+
+def test_a_lane_that_holds():
+    found = measured(lanes(ROW, "constant:500", 0, 2000, 3000.0))
+    assert found["return"] == found["return within"] == 3000.0
+    assert found["reward late"] == pytest.approx(3.0)  # 300 in the last 100 steps
+    assert (found["failed share"], found["ended share"], found["hold share"]) == (0.0, 0.0, 1.0)
+    assert (found["hold"], found["steps to failure"], found["verdict"]) == (1.0, HORIZON, "holds")
+    assert found["level"] == pytest.approx(0.5)  # 1.5 a step, idle 0, published policy 3
+
+
+def test_a_lane_that_falls():
+    found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0, falls=True))
+    assert (found["return"], found["reward late"]) == (30.0, 0.0)
+    assert (found["failed share"], found["ended share"], found["hold share"], found["hold"]) == (1.0, 1.0, 0.0, 0.0)
+    assert (found["steps to failure"], found["verdict"]) == (10, "falls")
+
+
+def test_a_policy_that_never_worked_has_failed_from_the_start():
+    found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown")
+    assert (found["verdict"], found["failed share"], found["ended share"]) == ("never worked", 1.0, 0.0)
+    assert (found["hold"], found["steps to failure"]) == (0.0, 0)
+
+
+def test_a_silent_failure_does_not_end_the_lane():
+    found = measured(lanes(ROW, "none", 0, 2000, 30.0), outcome="fails silently", failed_step=400, end_hold=0.1)
+    assert (found["failed share"], found["ended share"], found["steps to failure"]) == (1.0, 0.0, 400)
+    assert found["hold"] == 0.1
+
+
+def test_clocks_are_named_as_on_a_command_line():
+    clocks = ("none", "constant:500", "periodic:300", "countdown", "countdown:200")
+    names = frame(*(lanes(ROW, clock, 0, 2000, 1.0) for clock in clocks))["clock"].unique(maintain_order=True)
+    assert names.to_list() == list(clocks)
+
+
+def test_lanes_are_averaged_within_training_runs():
+    parts = [lanes(ROW, "constant:500", seed, 2000 + k, 100.0 * seed + k) for seed in (0, 1) for k in range(4)]
+    runs = RowTable(ROW, frame(*parts)).runs
+    assert runs.select("train_seed", "episodes", "return").rows() == [(0, 4, 1.5), (1, 4, 101.5)]
+
+
+def test_start_states_of_other_splits_are_left_out(tmp_path):
+    results = make_results(tmp_path, {("geometric", "constant:500"): {0: 1.0, 1: 2.0}})
+    assert set(results.test["Hopper-v3/geometric"].frame["eval_seed"]) == {2000, 2001}
+    assert set(results.validation["Hopper-v3/geometric"].frame["eval_seed"]) == {1000}
+
+
+def test_failures_are_counted_by_what_left_its_training_range_first(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): {0: None, 1: 5.0}})
+    assert failure_places(results.test).rows() == [("Hopper-v3", "ppo", "falls", "observation[1]", 2)]

@@ -1,0 +1,87 @@
+"""The page keeps what others wrote, tables are rounded, and every figure has data that agree with the tables."""
+
+import polars as pl
+import pytest
+from known_results import HORIZON, make_results
+
+from perdure.studies.csv_files import write_csv
+from perdure.studies.horizon.analyze import make_figures
+from perdure.studies.horizon.page import BEGIN, END, write_page
+from perdure.studies.horizon.summaries import choice_table, condition_table
+
+RUNS = {
+    ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
+    ("ppo-short", "none"): {0: None, 1: None, 2: None},
+    ("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0},
+    ("geometric", "constant:500"): {0: None, 1: 10.0, 2: 20.0},
+    ("geometric", "countdown"): {0: 1.0, 1: 2.0, 2: 3.0},
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return make_results(tmp_path_factory.mktemp("results"), RUNS)
+
+
+def test_the_page_keeps_what_stands_around_the_markers(results, tmp_path):
+    page = tmp_path / "README.md"
+    page.write_text(f"# Mine\n\nBefore.\n\n{BEGIN}\nold\n{END}\n\nAfter.\n")
+    write_page(page, results, (), ())
+    text = page.read_text()
+    assert text.startswith("# Mine\n\nBefore.\n")
+    assert text.endswith("\nAfter.\n")
+    assert "old" not in text
+    write_page(page, results, (), ())
+    assert page.read_text() == text
+
+
+def test_a_page_without_markers_gets_them_at_its_end(results, tmp_path):
+    page = tmp_path / "README.md"
+    page.write_text("# Mine\n\nBefore.\n")
+    write_page(page, results, (), ())
+    assert page.read_text().startswith(f"# Mine\n\nBefore.\n\n{BEGIN}")
+
+
+def test_the_page_shows_means_of_training_runs(results, tmp_path):
+    text = write_page(tmp_path / "README.md", results, (), ()).read_text()
+    assert "| Hopper-v3 | 200.0 (0 %; 3) | \u2013 | \u2013 | 500.0 (0 %; 3) |" in text
+
+
+def test_conditions_hold_means_and_intervals(results):
+    row = condition_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    half = 4.302653 * 100.0 / 3**0.5  # Student's t for 2 degrees of freedom
+    assert (row["return"], row["upper"] - row["return"]) == pytest.approx((200.0, half))
+
+
+def test_the_choice_names_its_clocks(results):
+    (row,) = choice_table(results).filter(pl.col("method") == "geometric").to_dicts()
+    assert (row["chosen"], row["optimistic clock"], row["bias"]) == ("constant:100", "constant:100", 0.0)
+
+
+def test_tables_have_six_digits_and_empty_cells(tmp_path):
+    path = write_csv(tmp_path / "x.csv", pl.DataFrame({"a": [1.23456789, float("nan"), None], "b": [1, 2, 3]}))
+    assert path.read_text() == "a,b\n1.23457,1\n,2\n,3\n"
+
+
+def test_figures_show_what_the_tables_say(results):
+    figures = {figure.name: figure for figure in make_figures(results)}
+    assert {"figure-3-1-hopper-v3", "figure-3-2", "figure-a-2-hopper-v3", "survival-hopper-v3"} <= set(figures)
+    shown = [
+        row for row in values(figures["figure-3-2"].spec) if row.get("label") == "PPO, tuned discount" and "low" in row
+    ]
+    assert shown
+    assert [row["x"] for row in shown] == pytest.approx([200.0 / (3.0 * HORIZON)] * len(shown), rel=1e-5)
+    bars = {row["method"]: row for row in values(figures["verdicts-hopper-v3"].spec) if row["verdict"] == "holds"}
+    assert bars["PPO, tuned discount"]["share"] == 1.0
+
+
+def test_notes_name_the_number_of_training_runs(results):
+    for figure in make_figures(results):
+        assert "training runs" in figure.note or "Training runs" in figure.note
+
+
+def values(spec):
+    """Every row of data in a specification, whichever part of it holds them."""
+    held = [spec.get("data", {}), *(layer.get("data", {}) for layer in spec["layer"])]
+    sets = spec.get("datasets", {})
+    return [row for each in held for row in each.get("values", sets.get(each.get("name"), []))]
