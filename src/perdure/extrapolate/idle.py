@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.runs import Unit, Work, config_digest, write_whole
-from perdure.schema import Real, SchemaError, Table, read_json
+from perdure.schema import Flag, Real, SchemaError, Table, read_json
 
 EPISODES = 20
 """Episodes of each of the two; also start states."""
@@ -33,7 +33,7 @@ FIRST_SEED = 500_000
 FILE = "idle.json"
 MOST_CONSTANT = 16
 """Constant discrete actions that are tried: all, or as many of them evenly spread."""
-RATES = Table({"zero": Real(), "random": Real()})
+RATES = Table({"zero": Real(), "random": Real()}, optional={"discrete": Flag()})
 """What the file holds."""
 WITHOUT_BOUND = 1.0
 """Random actions stay within +-this where the action box has no bound."""
