@@ -44,9 +44,6 @@ class Group:
     """Shape (lanes, steps)."""
     alive: BoolArray
     """Shape (lanes, steps)."""
-    end_steps: IntArray
-    """Shape (lanes,)."""
-    end_reasons: tuple[str, ...]
     end_details: tuple[str, ...]
     verdicts: tuple[str, ...]
     """Of each lane: its outcome, or what its policy was already within its training horizon."""
@@ -69,11 +66,6 @@ class Group:
     def lanes(self) -> int:
         """Number of lanes."""
         return len(self.runs)
-
-    @property
-    def num_runs(self) -> int:
-        """Number of training runs."""
-        return len(np.unique(self.runs))
 
     @property
     def label(self) -> str:
@@ -186,8 +178,6 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         runs=part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
         returns=lanes.returns[rows],
         alive=lanes.alive[rows],
-        end_steps=part["end_step"].to_numpy(),
-        end_reasons=tuple(part["end_reason"]),
         end_details=tuple(part["end_detail"]),
         verdicts=tuple(part.select(_VERDICT).to_series()),
         notes=tuple(part["policy_note"]),

@@ -64,9 +64,6 @@ class Style:
     shape: str = "circle"
 
 
-BASELINE = Style(INK, (2, 2), "diamond")
-
-
 def style(index: int) -> Style:
     """Return the style of the `index`-th unordered thing; they repeat after eight."""
     place = index % len(_CATEGORIES)
