@@ -5,10 +5,12 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+import cli_page
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -220,3 +222,33 @@ def test_a_lost_name_is_found():
         "perdure.horizon.Gone",
         "perdure.gone",
     ]
+
+
+@cache
+def known_flags():
+    return {name: cli_page.flags(module) for name, module in cli_page.commands().items()}
+
+
+def unknown_flags(text):
+    """Commands of the package in a text, in blocks and in sentences, with an unknown name or flag."""
+    known = known_flags()
+    joined = re.sub(r"\\\n", " ", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+    for line in re.findall(r"\bperdure (?=[a-z-])([^`#\n]*)", joined):
+        words = line.split()
+        command = " ".join(words[: 2 if words[0] == "home" and len(words) > 1 else 1])
+        flags = re.findall(r"(?<!\S)--[a-z][\w.-]*", line)
+        if flags and command not in known:
+            yield f"perdure {command}"
+        for flag in flags:
+            if flag not in known.get(command, {flag}) and not flag.startswith("--ppo.") and flag != "--help":
+                yield f"perdure {command} {flag}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_flags_that_a_page_writes_exist(page):
+    assert list(unknown_flags(page.read_text())) == []
+
+
+def test_an_unknown_flag_is_found():
+    text = "perdure train Hopper-v3 --seed 1\n`perdure home run set_table --place ik --arm x`\nperdure go --far\n"
+    assert list(unknown_flags(text)) == ["perdure train --seed", "perdure home run --arm", "perdure go"]

@@ -44,6 +44,12 @@ def section(command: str, module: str) -> str:
     return "\n".join([*lines, ""])
 
 
+def flags(module: str) -> set[str]:
+    """Return every flag of a command's module, with both forms of a switch (`--x`, `--no-x`)."""
+    parser = _parser(_flags(import_module(f"perdure.cli.{module}")))
+    return {option for action in parser._actions for option in action.option_strings}
+
+
 def _flags(module: Any) -> Any:
     """Return the dataclass that holds a command's flags: the one that its module defines."""
     (kind,) = [
