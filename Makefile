@@ -1,9 +1,9 @@
 # Everything runs in .venv, which `make setup` creates here. Needs make and Python 3.11 or newer.
 
 # The demonstration: how long each robot is asked to last, from how many starts, and what it is told about time.
-DEMO_STEPS  ?= 100000
-DEMO_SEEDS  ?= 3
-DEMO_CLOCKS ?= constant:0 constant:500
+DEMO_STEPS  ?= 20000
+DEMO_SEEDS  ?= 10
+DEMO_CLOCKS ?= constant:500
 DEMO_OUT    ?= demo
 
 # And at home: how many episodes of SetTable, the ways to let go of what is placed, and what stops an apple that rolls
@@ -23,7 +23,7 @@ SHIPPED   := src/perdure/policy/shipped
 ONE_THREAD = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format verify docs bench clean
+.PHONY: help setup demo picture test check format verify docs bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1|/p' $(MAKEFILE_LIST) | while IFS='|' read -r target text; do \
@@ -72,6 +72,9 @@ demo: setup ## Carry the shipped policies far beyond their horizon, set the tabl
 	{ set +x; } 2>/dev/null; \
 	echo; echo "The reports, to be opened in a browser:"; \
 	for task in $$tasks set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
+
+picture: ## Put the demonstration's figure of Hopper into README.md
+	@cp $(DEMO_OUT)/Hopper-v3/hopper-v3-working.png docs/images/demo.png
 
 test: check ## Check format, lint and types, then run every test but the long ones
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)

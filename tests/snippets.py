@@ -93,6 +93,11 @@ def faults(block):
             yield f"{block.where}: {old!r} is not in the block"
 
 
+def indented_commands(text):
+    """Commands in indented code, which no mark can stand for."""
+    return re.findall(r"^ {4,}((?:perdure|pip|python|make|\$) .*)$", FENCE.sub("", text), re.MULTILINE)
+
+
 def commands(block):
     """The commands of a shell block; in a console block those after a prompt."""
     if block.language not in ("console", "pycon"):

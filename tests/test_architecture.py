@@ -1,7 +1,8 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
-cli -> studies -> extrapolate, home -> ppo -> policy -> envs -> horizon
-report, runs: nothing of ours, but that report writes files with runs.write_whole
+cli -> studies, film -> extrapolate, home -> ppo -> policy -> envs -> horizon
+report, runs: nothing of ours but schema, and report writes files with runs.write_whole
+schema: nothing of ours; everything may use it
 """
 
 import ast
@@ -15,18 +16,22 @@ import perdure
 ROOT = Path(perdure.__file__).parent
 
 ALLOWED = {
-    "horizon": set(),
-    "runs": set(),
-    "report": {"runs"},
-    "envs": {"horizon"},
-    "policy": {"horizon", "envs", "runs"},
-    "ppo": {"horizon", "envs", "policy", "runs"},
-    "extrapolate": {"horizon", "envs", "policy", "ppo", "report", "runs"},
-    "home": {"horizon", "envs", "policy", "ppo", "report", "runs"},
-    "studies": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
-    "cli": {"horizon", "envs", "policy", "ppo", "extrapolate", "home", "studies", "report", "runs"},
+    "schema": set(),
+    "horizon": {"schema"},
+    "runs": {"schema"},
+    "report": {"schema", "runs"},
+    "envs": {"schema", "horizon"},
+    "policy": {"schema", "horizon", "envs", "runs"},
+    "ppo": {"schema", "horizon", "envs", "policy", "runs"},
+    "extrapolate": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
+    "home": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
+    "film": {"horizon", "envs", "policy", "extrapolate"},
+    "studies": {"schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
+    "cli": {
+        *("schema", "horizon", "envs", "policy", "ppo", "extrapolate", "film", "home", "studies", "report", "runs"),
+    },
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
-    "__main__": {"cli"},
+    "__main__": {"cli", "schema"},
 }
 """Package to the packages it may import, at run time and for type checking alike."""
 

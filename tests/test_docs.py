@@ -1,5 +1,6 @@
 """The documentation site builds without network, warning or dead link, and works as local files."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -127,8 +128,6 @@ def test_the_site_has_no_dead_link_and_loads_nothing_from_the_network(site):
 
 def test_every_public_name_is_documented_once(site):
     """Counted in the built pages: each documented object has an anchor with its full name."""
-    import importlib
-
     from test_imports import PACKAGES
 
     found = [
@@ -168,8 +167,8 @@ def test_dead_links_of_a_site_are_found(tmp_path):
 
 
 def lost_files(text):
-    """Source files that a page names in code and that are not there."""
-    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`", text)
+    """Source files that a page names in code and that are not there; a name before a block is the block's own."""
+    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`(?!:\n)", text)
     ours = {path.name for folder in (ROOT, ROOT / "src" / "perdure") for path in folder.iterdir()}
     named = [each for each in named if each.split("/")[0] in ours]  # others are files of other projects
     return [each for each in named if not any((ROOT / base / each).exists() for base in ("", "src", "src/perdure"))]
@@ -181,4 +180,43 @@ def test_source_files_that_a_page_names_exist(page):
 
 
 def test_a_lost_source_file_is_found():
-    assert lost_files("`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py`") == ["ppo/gone.py"]
+    text = "`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py` `other/gone.py`; in `ppo/new.py`:\n\n```python\n"
+    assert lost_files(text) == ["ppo/gone.py"]
+
+
+SCHEMAS = {"perdure.home.episodes", "perdure.home.episodes.log", "perdure.extrapolation", "perdure.policy"}
+"""Names of file formats."""
+
+
+def lost_names(text):
+    """Dotted names of the package that a page writes in code and that do not exist."""
+    named = re.findall(r"`(perdure(?:\.\w+)+)", text)
+    return [each for each in named if each not in SCHEMAS and not exists(each)]
+
+
+def exists(dotted):
+    """Whether a dotted name is a module, or an attribute of one."""
+    parts = dotted.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_names_of_the_package_that_a_page_writes_exist(page):
+    assert lost_names(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)) == []
+
+
+def test_a_lost_name_is_found():
+    assert lost_names("`perdure.horizon.Constant` `perdure.horizon.Gone` `perdure.gone`") == [
+        "perdure.horizon.Gone",
+        "perdure.gone",
+    ]

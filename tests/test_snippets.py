@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from snippets import ROOT, Block, blocks, commands, faults, pages
+from snippets import ROOT, Block, blocks, commands, faults, indented_commands, pages
 
 import perdure
 
@@ -66,6 +66,11 @@ def test_every_block_says_how_it_is_tested(name):
     assert [fault for block in PAGES[name] for fault in faults(block)] == []
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_no_command_hides_in_indented_code(name):
+    assert indented_commands((ROOT / name).read_text()) == []
+
+
 @pytest.mark.parametrize("name", names("run"))
 def test_quick_blocks_run(name, folder):
     if left_out := session(PAGES[name], folder, {"run"}):
@@ -94,6 +99,11 @@ PLANTED = {
 def test_a_planted_fault_is_found(text):
     (block,) = blocks(text, "page.md")
     assert len(list(faults(block))) == 1
+
+
+def test_a_planted_indented_command_is_found():
+    text = "1. Look:\n\n       perdure inspect x\n\n```sh\n    perdure list\n```\n    hold = rate / idle\n"
+    assert indented_commands(text) == ["perdure inspect x"]
 
 
 def test_a_sound_page_runs_in_order_with_its_replacements(folder):

@@ -24,7 +24,7 @@ written as `100000`, `100_000` or `1e5`. A wrong flag or value ends with one lin
 def commands() -> dict[str, str]:
     """Return every command, such as "home run", with the module that carries it out."""
     outer = {name: module for name, module in COMMANDS.items() if name != "home"}
-    return outer | {f"home {name}": module for name, module in home.COMMANDS.items()}
+    return outer | {f"home {name}": f"home.{name}" for name in home.COMMANDS}
 
 
 def section(command: str, module: str) -> str:
@@ -40,10 +40,7 @@ def section(command: str, module: str) -> str:
             "",
         ]
     if rows:
-        lines += ["| argument | value | default | meaning |", "|---|---|---|---|"]
-        lines += [
-            f"| {_code(name)} | {_code(value)} | {_code(default)} | {text} |" for name, _, value, default, text in rows
-        ]
+        lines += ["| argument | meaning |", "|---|---|", *(_table_row(*row) for row in rows)]
     return "\n".join([*lines, ""])
 
 
@@ -69,8 +66,14 @@ def _row(action: Any) -> tuple[str, bool, str, str, str]:
     text = text if text else re.sub(r"\((required|fixed to:.*)\)$", "", action.help or "")
     is_flag = bool(action.option_strings)
     name = action.option_strings[0] if is_flag else action.dest.upper().replace("-", "_")
-    value = (action.metavar or "").replace("{None}|", "")
-    return name, is_flag, value, "" if default == "None" else default, _text(text)
+    value = re.sub(r"^\[+(\w+) \[\1 \.\.\.\]\]+$", r"\1 ...", (action.metavar or "").replace("{None}|", ""))
+    return name, is_flag, value, "" if default == "None" or not value else default, _text(text)
+
+
+def _table_row(name: str, is_flag: bool, value: str, default: str, text: str) -> str:
+    shown = f"{name} {value}".strip() if is_flag else name
+    end = f" Default: {_code(default)}." if default else ""
+    return f"| {_code(shown)} | {text}{'' if text.endswith('.') else '.'}{end} |"
 
 
 def _text(text: str) -> str:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Any
+
+from perdure.schema import printable
 
 
 def main() -> None:
@@ -16,7 +19,9 @@ def main() -> None:
     What a user can cause ends in one line and exit code 2, Ctrl-C in 130 and SIGTERM in 143, with all workers ended.
     """
     from perdure.cli import run
+    from perdure.cli.terminal import prepare_terminal
 
+    prepare_terminal()
     signal.signal(signal.SIGTERM, _terminate)
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
@@ -44,7 +49,7 @@ def _terminate(number: int, frame: object) -> None:
 def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:
     """Ours are one line for a user; where in the code they were raised is for everybody else's."""
     if category.__module__.startswith("perdure."):
-        print(f"perdure: {message}", file=sys.stderr)
+        print(f"perdure: {printable(str(message))}", file=sys.stderr)
     else:
         others(message, category, *where)
 
@@ -55,9 +60,10 @@ def _is_users(error: ValueError | OSError) -> bool:
 
 
 def _sentence(error: ValueError | OSError) -> str:
+    text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return " ".join(str(error).split())
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return printable(os.fsencode(text).decode("utf-8", "backslashreplace"))
 
 
 if __name__ == "__main__":

@@ -96,6 +96,19 @@ def bonus(at_start: float, rewards: Rewards) -> Rewards:
     return lambda step, rng: rewards(step, rng) + at_start * (step == 1)
 
 
+def work_and_pause(period: int, size: float, share: float) -> Rewards:
+    """Pays in the first part of each period, from the start on."""
+    return lambda step, rng: size * ((step - 1) % period < share * period) + 0.05 * rng.standard_normal(len(step))
+
+
+def penalties(every: float, size: float, rewards: Rewards) -> Rewards:
+    return lambda step, rng: rewards(step, rng) - size * (rng.random(len(step)) < 1.0 / every)
+
+
+def glitch(at: int, size: float, rewards: Rewards) -> Rewards:
+    return lambda step, rng: rewards(step, rng) + size * (step == at)
+
+
 def bouts(share: float, length: int, rewards: Rewards, other: Rewards) -> Rewards:
     """Stretches of `length` steps of which a share is spent otherwise."""
 
@@ -117,6 +130,19 @@ CHOSEN_ON = (
     Case("cost task, lost", "fails silently", steady(-1.0), switch(9000, steady(-1.0), steady(-6.5)), idle=-6.0),
     Case("stands", "never worked", steady(1.0, 0.001), idle=0.97, task=3.1),
     Case("falls", "falls", steady(2.0), ends=3700, reason="terminated"),
+    # pauses, single odd rewards, few windows
+    Case("bonus, then half", "decays", bonus(3000.0, steady(3.0)), bonus(3000.0, steady(1.5))),
+    Case("recovers late", "decays", steady(3.0), switch(4000, steady(3.0), switch(17_500, steady(0.0), steady(3.0)))),
+    Case("pauses half of the time, and at the end", "decays", steady(3.0), work_and_pause(5000, 3.0, 0.5)),
+    Case(
+        "pauses half of the time, not at the end", "decays", steady(3.0), work_and_pause(5000, 3.0, 0.5), steps=22_500
+    ),
+    Case("pauses a fifth of the time", "holds", steady(3.0), work_and_pause(4000, 3.0, 0.8)),
+    Case("period of 3,000, seen in pieces", "holds", periodic(3000, 2.0), steps=100_000),
+    Case("0.9 to 0.7", "decays", steady(3.0), drift(2.7, 2.1, 18_000)),
+    Case("stands still near the end", "decays", steady(3.0), switch(18_900, steady(3.0), steady(0.0))),
+    Case("one odd reward while it stands still", "fails silently", steady(3.0), glitch(19_500, 3000.0, steady(0.0))),
+    Case("heavy tails", "holds", lambda step, rng: 1.0 + rng.standard_t(2, len(step))),
 )
 
 SLIDES_BACK = steady(-0.7)
@@ -150,6 +176,18 @@ LABELED = (
     Case("last window incomplete", "holds", steady(2.5), steps=12_345),
     Case("a quarter of the time idle, as in training", "holds", bouts(0.25, 50, steady(3.0), steady(0.0))),
     Case("healthy for a million steps", "holds", steady(3.0), steps=1_000_000),
+    Case("pauses 600 of 3,000 steps", "holds", steady(2.0), work_and_pause(3000, 2.2, 0.8)),
+    Case("period of 2,400, seen in pieces", "holds", periodic(2400, 3.0), steps=100_000),
+    Case("1.1 to 0.82", "holds", steady(5.0), drift(5.5, 4.1, 17_000)),
+    Case(
+        "stumbles near the end",
+        "holds",
+        steady(2.0),
+        switch(19_000, steady(2.0), switch(19_300, steady(0.0), steady(2.0))),
+    ),
+    Case("penalties, as in training", "holds", penalties(250, 100.0, steady(2.0)), idle=-1.0),
+    Case("only falls cost, and it never falls", "holds", steady(0.0, 0.0), idle=-2.0),
+    Case("a first step worth the whole episode", "holds", bonus(3000.0, steady(3.0))),
     # silent failures
     Case("on its back from the start", "fails silently", steady(3.5), LIES, idle=1.0, task=4.1),
     Case(
@@ -164,7 +202,36 @@ LABELED = (
     Case("offset, stops", "fails silently", steady(-97.0), switch(5000, steady(-97.0), steady(-100.0)), idle=-100.0),
     Case("bonus at the start, then nothing", "fails silently", bonus(500.0, steady(1.5)), bonus(500.0, steady(0.0))),
     Case("drifts to nothing", "fails silently", steady(3.0), drift(3.0, 0.0, 14_000)),
+    Case("bonus, then on its back", "fails silently", bonus(2000.0, steady(2.0)), bonus(2000.0, LIES), idle=1.0),
+    Case(
+        "slides back, last window incomplete",
+        "fails silently",
+        steady(2.0),
+        switch(11_000, steady(2.0), SLIDES_BACK),
+        steps=17_777,
+    ),
+    Case("stops at step 40", "fails silently", steady(3.5), switch(40, steady(3.5), LIES), idle=1.0),
+    Case("one odd reward while on its back", "fails silently", steady(4.0), glitch(18_300, 5000.0, LIES), idle=1.0),
+    Case(
+        "on its back after an early stumble",
+        "fails silently",
+        steady(3.0),
+        switch(2000, steady(3.0), switch(2800, LIES, switch(9000, steady(3.0), LIES))),
+        idle=1.0,
+    ),
     # decay
+    Case("works a third of the time", "decays", steady(2.0), work_and_pause(6000, 2.0, 1 / 3)),
+    Case(
+        "idle in the middle", "decays", steady(2.0), switch(3000, steady(2.0), switch(13_000, steady(0.0), steady(2.0)))
+    ),
+    Case("1.0 to 0.68", "decays", steady(5.0), drift(5.0, 3.4, 17_000)),
+    Case(
+        "cost with an offset, half lost",
+        "decays",
+        steady(-27.0),
+        switch(7000, steady(-27.0), steady(-28.6)),
+        idle=-30.0,
+    ),
     Case("loses a half", "decays", steady(6.0), drift(6.0, 3.0, 10_000)),
     Case("loses two thirds at once", "decays", steady(3.0), switch(5000, steady(3.0), steady(1.0))),
     Case("works half of the time", "decays", steady(4.0), bouts(0.5, 100, steady(4.0), steady(0.0))),

@@ -13,12 +13,13 @@ from scripted import policy_for
 
 from perdure.envs import make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
+from perdure.extrapolate.idle import read_idle
 from perdure.extrapolate.lanes import split
-from perdure.extrapolate.run import evaluate_group
+from perdure.extrapolate.run import _finished, _versions, evaluate_group
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
 from perdure.policy import TaskInfo, save_policy
-from perdure.report import read_table
-from perdure.runs import OtherSourceWarning, RunError, Store, Work
+from perdure.report import SCHEMA_VERSION, read_table
+from perdure.runs import OtherSourceWarning, RunError, Store, StoreError, Work
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 FIVE_HUNDRED = Constant(500.0)
@@ -128,6 +129,32 @@ def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whol
         assert not (tmp_path / "lanes.parquet").exists()
     second.join()
     assert read_table(tmp_path / "lanes.parquet")[0].equals(read_table(whole.path)[0])
+
+
+def test_one_policy_under_two_names_is_refused(policies, tmp_path):
+    copy = tmp_path / "copy.safetensors"
+    copy.write_bytes(policies[0].read_bytes())
+    with pytest.raises(ExtrapolationError, match="hold the same policy"):
+        extrapolate(Extrapolation((policies[0], copy), steps=5), tmp_path / "out", cores=1)
+
+
+@pytest.mark.parametrize("lane", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]])
+def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
+    store = Store(tmp_path)
+    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions(), "lanes": [lane]}
+    with store.workspace("groups/a", config):
+        pass
+    with pytest.raises(StoreError, match="groups/a"):
+        _finished(store, 5)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{}", '{"zero": NaN, "random": 0}', '{"zero": "0", "random": 0}'])
+def test_a_damaged_measurement_of_an_idle_robot_is_named(tmp_path, text):
+    (tmp_path / "idle.json").write_text('{"zero": 1, "random": 0.5}')
+    assert read_idle(tmp_path).rate == 1
+    (tmp_path / "idle.json").write_text(text)
+    with pytest.raises(ExtrapolationError, match=r"idle\.json"):
+        read_idle(tmp_path)
 
 
 def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_path):

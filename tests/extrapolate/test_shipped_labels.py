@@ -14,6 +14,7 @@ EXPECTED = {
     ("Hopper-v3/geometric", "constant(0)"): "falls",
     ("Hopper-v3/geometric", "constant(500)"): "holds",
     ("Hopper-v3/geometric-zoo", "constant(500)"): "never worked",
+    ("Hopper-v3/linear-random", "constant(500)"): "fails silently",
     ("Hopper-v3/ppo", "none"): "falls",
     ("Hopper-v3/ppo-zoo", "none"): "never worked",
     ("Walker2d-v3/geometric", "constant(500)"): "holds",

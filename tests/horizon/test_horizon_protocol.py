@@ -93,7 +93,7 @@ def test_a_contradiction_is_refused_with_a_sentence(change, sentence):
         ({"embedding": "linear"}, "unknown Embedding 'linear'"),
         ({"embedding": {"name": ["linear"]}}, "unknown Embedding"),
         ({"embedding": {"size": 5}}, "unknown Embedding None"),
-        ({"embedding": {"name": "geometric", "size": 10.5}}, "whole number of components"),
+        ({"embedding": {"name": "geometric", "size": 10.5}}, "size must be a whole number"),
         ({"embedding": {"name": "geometric", "color": 1}}, "Embedding 'geometric' cannot be built from"),
         (
             {"horizon": {"name": "poisson"}},

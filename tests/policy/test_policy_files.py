@@ -198,7 +198,87 @@ def test_the_forger_of_these_tests_can_make_a_file_that_loads(saved):
     assert load_policy(path).provenance["seed"] == 7
 
 
+def forged_array(whole, name, change):
+    """The file with the numbers of one of its arrays changed and its checksum made to fit."""
+    import hashlib
+
+    (size,) = struct.unpack("<Q", whole[:8])
+    header, body = json.loads(whole[8 : 8 + size]), bytearray(whole[8 + size :])
+    dtypes = {"F32": "<f4", "F64": "<f8", "I64": "<i8", "BOOL": "|b1"}
+    begin, end = header[name]["data_offsets"]
+    numbers = np.frombuffer(bytes(body[begin:end]), dtypes[header[name]["dtype"]]).copy()
+    change(numbers)
+    body[begin:end] = numbers.tobytes()
+    digest = hashlib.sha256(header["__metadata__"]["perdure.policy"].encode())
+    for each in sorted(set(header) - {"__metadata__"}):
+        entry = header[each]
+        part = body[slice(*entry["data_offsets"])]
+        digest.update(f"{each} {dtypes[entry['dtype']]} {tuple(entry['shape'])}".encode() + part)
+    header["__metadata__"]["sha256"] = digest.hexdigest()
+    return _header(json.dumps(header).encode(), bytes(body))
+
+
+def put(value, every=False):
+    def change(numbers):
+        numbers[: None if every else 1] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("policy.0.weight", put(np.nan)),
+        ("policy.0.weight", put(np.inf)),
+        ("policy.1.bias", put(-np.inf)),
+        ("value.0.weight", put(np.nan)),
+        ("policy.0.weight", put(3e38, every=True)),
+        ("log_std", put(np.nan)),
+        ("normalizer.mean", put(np.nan)),
+        ("normalizer.var", put(-1.0)),
+        ("normalizer.var", put(np.inf)),
+    ],
+)
+def test_numbers_that_no_policy_can_act_with_are_refused_though_the_checksum_fits(saved, name, change):
+    whole, path = saved
+    path.write_bytes(forged_array(whole, name, lambda numbers: None))
+    load_policy(path)
+    refused(path, forged_array(whole, name, change))
+
+
+def deep(levels):
+    value = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
 FORGERIES = {
+    "no version": lambda d: d.pop("version"),
+    "text as version": lambda d: d.update(version="1"),
+    "clip of zero": lambda d: d["normalizer"].update(clip=0.0),
+    "negative clip": lambda d: d["normalizer"].update(clip=-10.0),
+    "infinite clip": lambda d: d["normalizer"].update(clip=np.inf),
+    "epsilon of zero": lambda d: d["normalizer"].update(epsilon=0.0),
+    "low above high": lambda d: d["task"].update(action_low=[2.0] * 3),
+    "nan as a bound": lambda d: d["task"].update(action_high=[np.nan] * 3),
+    "text as bounds": lambda d: d["task"].update(action_low=["-1"] * 3),
+    "a number as task": lambda d: d["task"].update(name=3),
+    "an escape in the task": lambda d: d["task"].update(name="Hopper\x1b[2J"),
+    "a long task": lambda d: d["task"].update(name="H" * 10_000),
+    "a lone surrogate": lambda d: d["task"].update(name="\ud800"),
+    "null as seed": lambda d: d["provenance"].update(seed=None),
+    "text as seed": lambda d: d["provenance"].update(seed="zero"),
+    "a huge seed": lambda d: d["provenance"].update(seed=10**30),
+    "a number as method": lambda d: d["provenance"].update(method=1),
+    "deep provenance": lambda d: d["provenance"].update(deep=deep(900)),
+    "a huge horizon": lambda d: d["protocol"].update(horizon={"name": "fixed", "steps": 10**400}),
+    "true as horizon": lambda d: d["protocol"].update(horizon={"name": "fixed", "steps": True}),
+    "text as clock": lambda d: d["clock"].update(steps="500"),
+    "a list as embedding": lambda d: d["protocol"].update(embedding=["geometric"]),
+    "a number as activation": lambda d: d.update(activation=["tanh"]),
+    "negative return scale": lambda d: d.update(return_scale=-1.0),
+    "a reference that is not there": lambda d: d.update(reference={"horizon": 1000}),
     "version": lambda d: d.update(version=4),
     "activation": lambda d: d.update(activation="cosine"),
     "missing": lambda d: d.pop("task"),
@@ -217,6 +297,21 @@ FORGERIES = {
 def test_a_file_whose_description_makes_no_sense_is_refused_though_its_checksum_fits(saved, change):
     whole, path = saved
     refused(path, forged(whole, change))
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path):
+    odd = random_policy(provenance={"method": "a\x1b[31m", "seed": 0})
+    with pytest.raises(PolicyFileError, match=r"provenance\.method"):
+        save_policy(odd, tmp_path / "p")
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_pipe_is_refused_without_waiting_for_it(tmp_path):
+    import os
+
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(PolicyFileError, match="no regular file"):
+        load_policy(tmp_path / "pipe")
 
 
 class TestPartsThatDoNotFit:

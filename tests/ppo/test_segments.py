@@ -14,6 +14,7 @@ import jax
 import numpy as np
 import polars as pl
 import pytest
+from safetensors.numpy import load_file, save_file
 
 from perdure.envs import make_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
@@ -197,6 +198,36 @@ class TestCheckpointFiles:
             path.write_bytes(whole[:length])
             with pytest.raises(CheckpointError, match=r"checkpoint\.safetensors"):
                 load_checkpoint(path, chain[0])
+
+    @pytest.mark.parametrize(
+        "header",
+        [
+            "[" * 100_000,
+            "null",
+            '{"version": "2", "seed": 0}',
+            '{"version": "2", "seed": null, "segment": 1}',
+            '{"version": "2", "seed": 0, "segment": -1}',
+            '{"version": "2", "seed": 0, "segment": "1"}',
+        ],
+        ids=lambda text: text[:50],
+    )
+    def test_a_checkpoint_with_another_header_is_refused_by_name(self, chain, tmp_path, header):
+        path = tmp_path / "checkpoint.safetensors"
+        save_checkpoint(chain[1], path)
+        save_file(load_file(path), path, {"perdure.checkpoint": header})
+        with pytest.raises(CheckpointError, match=r"checkpoint\.safetensors"):
+            load_checkpoint(path, chain[0])
+
+    @pytest.mark.parametrize("change", [lambda a: a[..., :1], lambda a: a.astype(np.float16)], ids=["shape", "type"])
+    def test_a_checkpoint_with_another_array_is_refused_by_name(self, chain, tmp_path, change):
+        path = tmp_path / "checkpoint.safetensors"
+        save_checkpoint(chain[1], path)
+        arrays = load_file(path)
+        name = "params/policy.0.weight"
+        arrays[name] = np.ascontiguousarray(change(arrays[name]))
+        save_file(arrays, path, {"perdure.checkpoint": '{"version": "2", "seed": 0, "segment": 1}'})
+        with pytest.raises(CheckpointError, match=name):
+            load_checkpoint(path, chain[0])
 
 
 SCRIPT = """

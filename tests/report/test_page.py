@@ -34,9 +34,9 @@ def half_fall(synthetic, **more):
 class TestWhatItSays:
     def test_each_policy_and_clock_gets_a_verdict_with_its_evidence(self, synthetic):
         lines = summary_text(half_fall(synthetic)).splitlines()
-        assert lines[0] == "Hopper-v3: geometric, always 500 steps to go: falls"
+        assert lines[0] == "Hopper-v3: geometric, always 500 steps to go: falls in 4 of 8 episodes"
         assert lines[1].strip() == (
-            "geometric, always 500 steps to go: falls (4 of 8 episodes); since step 500 (median)."
+            "geometric, always 500 steps to go: falls in 4 of 8 episodes; since step 500 (median)."
         )
 
     def test_the_table_gives_the_mean_return_and_the_verdicts(self, synthetic):
@@ -48,20 +48,41 @@ class TestWhatItSays:
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])
         lines = summary_text(silent).splitlines()
         assert lines[0].endswith("fails silently")
-        assert "8 of 8 episodes that still run" in lines[1]
-        assert "since step 90,000 (median); the robot does not move" in lines[1]
+        assert "fails silently in 8 of 8 episodes; since step 90,000 (median); nearly motionless." in lines[1]
+
+    @pytest.mark.parametrize(
+        ("first", "last", "doing"),
+        [
+            (0.3, 0.3, "moving as much as before"),
+            (0.3, 0.1, "moving less than before"),
+            (0.3, 0.9, "moving more than before"),
+            (0.3, 0.01, "nearly motionless"),
+        ],
+    )
+    def test_what_a_robot_does_instead_is_said(self, synthetic, first, last, doing):
+        silent = synthetic([{"rate": 2.0, "last_rate": -1.0, "movement_first": first, "movement_last": last}])
+        assert f"; {doing}; earning less than an idle robot." in summary_text(silent)
+
+    def test_a_robot_that_failed_at_once_is_not_compared_with_before(self, synthetic):
+        silent = synthetic([{"rate": 2.0, "last_rate": 0.0, "failed_step": 0}])
+        assert "from the start; moving." in summary_text(silent)
+
+    def test_pauses_of_episodes_that_hold_are_said(self, synthetic):
+        assert "8 of them earned no more than an idle robot for a while" in summary_text(
+            synthetic([{"rate": 2.0, "ever_idle": True}])
+        )
 
     def test_a_policy_that_holds_is_said_to_with_its_interval(self, synthetic):
         lines = summary_text(synthetic([{"rate": 2.0}])).splitlines()
         assert lines[0].endswith("holds for 100,000 steps")
         assert "8 of 8 episodes (95 % interval 68 % to 100 %)" in lines[1]  # Wilson
-        assert "100 % of that in training" in lines[1]
+        assert "gain over an idle robot at the end: 100 % of that in training." in lines[1]
 
     def test_where_nothing_beats_an_idle_robot_this_is_said_first(self, synthetic):
         stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_hold": math.nan}
         text = summary_text(synthetic([stands, stands | {"clock": "constant(100)"}]))
         assert text.startswith("Hopper-v3: no policy does better than an idle robot")
-        assert "never worked (8 of 8 episodes); within its training horizon it earns more" in text
+        assert "never worked in 8 of 8 episodes; within its training horizon it earns more" in text
 
     def test_the_asked_policy_is_judged_and_not_the_best_number(self, synthetic):
         frame = synthetic(
@@ -72,13 +93,13 @@ class TestWhatItSays:
         )
 
     def test_many_policies_are_counted_by_verdict(self, synthetic):
-        holds = [{"clock": f"constant({c})", "rate": 2.0} for c in range(4)]
+        holds = [{"clock": f"constant({c})", "rate": 2.0} for c in range(6)]
         falls = [{"clock": f"periodic({c})", "rate": 2.0, "ends": [90] * 8} for c in range(2)]
-        assert summary_text(synthetic(holds + falls)).startswith("Hopper-v3: 6 policies and clocks: holds 4, falls 2")
+        assert summary_text(synthetic(holds + falls)).startswith("Hopper-v3: 8 policies and clocks: holds 6, falls 2")
 
     def test_seven_of_eight_is_not_holding(self, synthetic):
         frame = synthetic([{"rate": 2.0, "ends": [math.inf] * 7 + [900]}])
-        assert summary_text(frame).splitlines()[0].endswith(": falls")
+        assert summary_text(frame).splitlines()[0].endswith(": falls in 1 of 8 episodes")
 
     def test_clocks_are_compared_on_common_start_states(self, synthetic, tmp_path):
         groups = [{"clock": "constant(100)", "rate": 1.0}, {"clock": "constant(900)", "rate": 3.0}]

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 
 from perdure.runs import Store, StoreError, config_digest
+from perdure.runs.unit import read_progress
 
 KEY = "Hopper-v3/geometric/seed-0"
 CONFIG = {"gamma": 1.0, "protocol": {"horizon": [200, 1000]}, "seed": 0}
@@ -194,6 +195,45 @@ def test_a_unit_cannot_lie_inside_another_or_swallow_one(tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(StoreError, match="in the way"):
         put(store, "file")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"key": 3},
+        {"key": None},
+        {"config": [1]},
+        {"config": {"a": float("nan")}},
+        {"sources": 7},
+        {"sources": [1]},
+        {"sources": None},
+        {"sha256": None},
+        {"more": 1},
+    ],
+    ids=str,
+)
+def test_a_record_that_is_none_is_refused(tmp_path, change):
+    store = Store(tmp_path)
+    with store.workspace("unit", {"a": 1}):
+        pass
+    path = store.get("unit") / "unit.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(StoreError, match=r"unit\.json"):
+        store.config("unit")
+    path.write_text("[" * 100_000)
+    with pytest.raises(StoreError, match=r"unit\.json is damaged"):
+        store.config("unit")
+
+
+def test_a_report_that_cannot_be_read_is_none(tmp_path):
+    store = Store(tmp_path)
+    path = store.note_path("progress", "unit")
+    path.parent.mkdir()
+    for text in ("[" * 100_000, "{}", '{"done": "1", "total": 1, "facts": {}}', "1" * 10_000):
+        path.write_text(text)
+        assert read_progress(store, "unit") == (0.0, 1.0, {})
+    path.write_text('{"done": 1, "total": 4, "facts": {"return": 2}}')
+    assert read_progress(store, "unit") == (1.0, 4.0, {"return": 2})
 
 
 def test_an_edited_or_damaged_record_is_refused(tmp_path):

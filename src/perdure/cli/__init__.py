@@ -13,6 +13,8 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
   perdure import MODEL.zip --env ID          make a policy file of a Stable-Baselines3 model
   perdure export POLICY policy.onnx          write a policy as an ONNX model
   perdure report TABLE                       make the report of an evaluation again
+  perdure watch POLICY --until-failure       film the moment at which a policy fails
+  perdure card POLICY --table TABLE          write a policy's model card
   perdure list tasks|methods|policies        what there is
   perdure inspect POLICY                     what is in a policy file
   perdure study NAME                         repeat a study of many runs, or extend it
@@ -27,6 +29,8 @@ COMMANDS = {
     "import": "importing",
     "export": "export",
     "report": "report",
+    "watch": "watch",
+    "card": "card",
     "list": "listing",
     "inspect": "inspect",
     "study": "study",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import tyro
 from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
 from perdure.cli.parse import parse
 from perdure.cli.report import write_and_show
+from perdure.cli.terminal import command_line
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Extrapolate:
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(Extrapolate, args, "extrapolate")
-    command = shlex.join(["perdure", "extrapolate", *args])
+    command = command_line("perdure", "extrapolate", *args)
     if any(name.endswith(".onnx") for name in flags.policies):
         _one_model(flags, command)
         return
@@ -74,7 +74,7 @@ def main(args: list[str]) -> None:
         modules=(*flags.modules, *options.modules),
     )
     with show_progress("extrapolate", "steps") as observe:
-        result = evaluate(
+        table = evaluate(
             evaluation,
             flags.out,
             cores=flags.cores,
@@ -82,8 +82,9 @@ def main(args: list[str]) -> None:
             command=command,
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {flags.out}", file=sys.stderr),
-        )
-    write_and_show(result.path or flags.out, flags.out)
+        ).path  # the table itself is not kept: the report needs the memory
+    assert table is not None
+    write_and_show(table, flags.out)
 
 
 def _one_model(flags: Extrapolate, command: str) -> None:

@@ -32,8 +32,10 @@ def main(args: list[str]) -> None:
 
 def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:
     """Writes the report of a table into ``out``; prints the summary and where the report is."""
-    from perdure.report import read_table, summary_text, write_report
+    from perdure.report import estimate_table, read_lanes, summary_text, write_report
 
-    frame, notes = read_table(table)
-    print(summary_text(frame))
-    print(f"\nReport: {write_report(frame, out, notes.get('command', ''), formats).resolve()}")
+    lanes, notes = read_lanes(table)
+    estimates = estimate_table(lanes)
+    del lanes  # of a large table
+    print(summary_text(estimates))
+    print(f"\nReport: {write_report(estimates, out, notes.get('command', ''), formats).resolve()}")

@@ -13,6 +13,7 @@ This package can be called: ``perdure.extrapolate(...)`` is ``perdure.extrapolat
 | `run.py` | groups of lanes over the cores, resumable |
 | `in_process.py`, `measured.py` | one policy of any origin in this process |
 | `table.py`, `result.py` | the Parquet table, the typed result |
+| `card.py` | the model card of a policy |
 | `errors.py` | `ExtrapolationError` |
 """
 

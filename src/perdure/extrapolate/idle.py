@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.runs import Unit, Work, config_digest, write_whole
+from perdure.schema import Flag, Real, SchemaError, Table, read_json
 
 EPISODES = 20
 """Episodes of each of the two; also start states."""
@@ -32,6 +33,8 @@ FIRST_SEED = 500_000
 FILE = "idle.json"
 MOST_CONSTANT = 16
 """Constant discrete actions that are tried: all, or as many of them evenly spread."""
+RATES = Table({"zero": Real(), "random": Real()}, optional={"discrete": Flag()})
+"""What the file holds."""
 WITHOUT_BOUND = 1.0
 """Random actions stay within +-this where the action box has no bound."""
 
@@ -153,5 +156,10 @@ def run_idle(work: Work, *, task: str) -> None:
 
 
 def read_idle(folder: Path) -> Idle:
-    """Return what `run_idle` left."""
-    return Idle(**json.loads((folder / FILE).read_text()))
+    """Return what `run_idle` left; ExtrapolationError if its file is damaged."""
+    try:
+        values = read_json((folder / FILE).read_bytes())
+        RATES.check(values)
+    except SchemaError as error:
+        raise ExtrapolationError(f"{folder / FILE} cannot be read: {error}; remove {folder}") from error
+    return Idle(**values)

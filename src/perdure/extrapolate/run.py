@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -17,10 +18,22 @@ from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, 
 from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
-from perdure.horizon import clock_from_json
+from perdure.horizon import HorizonError, clock_from_json
 from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
-from perdure.runs import Observer, Store, StoreError, Unit, Work, config_digest, core_count, make_workers, run_units
+from perdure.runs import (
+    Observer,
+    Store,
+    StoreError,
+    Unit,
+    Work,
+    config_digest,
+    core_count,
+    make_workers,
+    run_units,
+    write_result,
+)
+from perdure.schema import Anything, Items, SchemaError, Table, Text, Whole, printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,6 +41,8 @@ if TYPE_CHECKING:
 MEASURED = "policy.safetensors"
 REFERENCES = "references"
 """Folder of the store that keeps reference episodes of policies whose files hold none."""
+GROUP = Table({"lanes": Items(Items(Anything(3), 3, 3))}, others=Anything(3))
+"""What the record of a group says; a lane is the SHA-256 of its policy file, a clock or null, an evaluation seed."""
 GROUPS = "groups"
 """Folder of the store that keeps finished groups of lanes."""
 
@@ -70,6 +85,10 @@ def extrapolate(
     Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
     lanes = _plan(evaluation, policies)
     digests = [_digest(path) for path in evaluation.policies]
+    for number, (path, digest) in enumerate(zip(evaluation.policies, digests, strict=True)):
+        if digest in digests[:number]:
+            first = evaluation.policies[digests.index(digest)]
+            raise ExtrapolationError(f"{first} and {path} hold the same policy: name one of them")
     store = Store(out)
     with store.exclusive("extrapolate", waiting):
         finished = _finished(store, evaluation.steps)
@@ -93,12 +112,12 @@ def extrapolate(
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
     """Return a short name for each policy: its method and preset, and what else tells it from the others."""
-    labels = [_method_label(policy, path.stem) for path, policy in zip(paths, policies, strict=True)]
+    labels = [_method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
     seeds = [policy.provenance.get("seed") for policy in policies]
     by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
     if len(by_run) == len(labels):
         return labels
-    return [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
+    return [printable(f"{label} ({path.parent.name}/{path.stem})") for label, path in zip(labels, paths, strict=True)]
 
 
 def _method_label(policy: Policy, default: str) -> str:
@@ -175,8 +194,14 @@ def _finished(store: Store, steps: int) -> dict[Identity, str]:
         config = store.config(key)
         if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, _versions()):
             continue
-        for digest, clock, seed in config["lanes"]:
-            found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+        try:
+            GROUP.check(config)
+            for digest, clock, seed in config["lanes"]:
+                Text(64).check(digest, "lanes")
+                Whole().check(seed, "lanes")
+                found[digest, "none" if clock is None else clock_from_json(clock).label, seed] = key
+        except (SchemaError, HorizonError) as error:
+            raise StoreError(f"the group of lanes {key} in {store.root} cannot be read: {error}") from error
     return found
 
 
@@ -216,6 +241,8 @@ def _score_scales(store: Store, policies: Sequence[Policy], digests: Sequence[st
 
 def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[Sequence[Any]], steps: int) -> None:
     """Evaluate a group of lanes and leave its table in the work folder; the function of an evaluation's units."""
+    if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
+        return
     used = list(dict.fromkeys(digest for digest, _, _ in lanes))
     for digest in used:
         if _digest(Path(policies[digest])) != digest:
@@ -230,7 +257,9 @@ def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[S
         work.report(step * living + steps * (len(specs) - living), steps * len(specs))  # ended lanes need no more steps
 
     records = evaluate_lanes(loaded, specs, steps, progress)
-    lane_table(used, loaded, specs, records, steps).write_parquet(work.folder / TABLE)
+    buffer = io.BytesIO()
+    lane_table(used, loaded, specs, records, steps).write_parquet(buffer)
+    write_result(work.folder / TABLE, buffer.getvalue())
 
 
 def _collect(
@@ -239,17 +268,21 @@ def _collect(
     """Return the rows of these lanes in their order, policies by their labels."""
     import polars as pl
 
-    columns = list(zip(*(_identity(lane, digests) for lane in lanes), strict=True))
-    wanted = pl.DataFrame(
-        {
-            **dict(zip(("policy", "clock", "eval_seed"), columns, strict=True)),
-            "label": [labels[lane.policy] for lane in lanes],
-            "lane": range(len(lanes)),
-        }
-    )
-    frame = pl.concat([pl.read_parquet(store.get(key) / TABLE) for key in keys])
-    names = frame.columns
-    frame = frame.join(wanted, on=["policy", "clock", "eval_seed"], maintain_order="left")
-    if frame["lane"].n_unique() < len(lanes):
+    told, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
+    wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
+    wanted = wanted.with_columns(told[[lane.policy for lane in lanes]]).with_row_index("lane")
+    files = [store.get(key) / TABLE for key in keys]
+    try:
+        found = pl.read_parquet(files, columns=[*identity, "step"])
+    except pl.exceptions.PolarsError as error:
+        raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}") from error
+    found = found.join(wanted, identity, "left", maintain_order="left")
+    order = found.select(pl.arg_sort_by("lane", "step", nulls_last=True)).to_series()
+    order = order[: len(found) - found["lane"].null_count()]
+    if found["lane"].n_unique() - (len(order) < len(found)) < len(lanes):
         raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}")
-    return frame.sort("lane", "step").with_columns(policy=pl.col("label")).select(names)
+    policies = found["label"].gather(order).alias("policy")
+    del found
+    # Column by column: a table of a million rows is never held twice.
+    names = [name for name in pl.read_parquet_schema(files[0]) if name != "policy"]
+    return pl.DataFrame([policies, *(pl.read_parquet(files, columns=[name])[name].gather(order) for name in names)])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
 from perdure.extrapolate.score import ScoreScale
-from perdure.extrapolate.verdict import LaneVerdict, judge_lane
+from perdure.extrapolate.verdict import judge_lane
 from perdure.policy import Actor
 
 if TYPE_CHECKING:
@@ -81,22 +82,17 @@ def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.D
     """
     import polars as pl
 
+    each = frame["step"].n_unique()
+    lanes = frame.select("end_step", "end_reason").gather_every(each, each - 1)
+    grid = frame["step"][:each].to_numpy()
     steps = window_steps(int(frame["test_horizon"][0]))
-    windows = frame.filter(pl.col("step").is_in(steps.tolist()))
-    returns = windows["return"].to_numpy().reshape(-1, len(steps))
-    lanes = windows.filter(pl.col("step") == int(steps[-1]))
-    verdicts = [
-        judge_lane(steps, earned, row["end_step"], row["end_reason"], measure)
-        for earned, row, measure in zip(returns, lanes.iter_rows(named=True), score_scales, strict=True)
-    ]
-    each = len(frame) // len(lanes)
-    measures = [measure for measure in score_scales for _ in range(each)]
-    columns: dict[str, object] = {
-        name: [getattr(measure, field) for measure in measures] for name, field in YARDSTICK.items()
-    }
-    for name in LaneVerdict.__dataclass_fields__:
-        columns[name] = [getattr(verdict, name) for verdict in verdicts for _ in range(each)]
-    return frame.hstack(pl.DataFrame(columns))
+    returns = frame["return"].to_numpy().reshape(-1, each)[:, np.isin(grid, steps)]
+    rows = []
+    for earned, (end_step, end_reason), scale in zip(returns, lanes.iter_rows(), score_scales, strict=True):
+        verdict = judge_lane(steps, earned, end_step, end_reason, scale)
+        rows.append({name: getattr(scale, field) for name, field in YARDSTICK.items()} | asdict(verdict))
+    added = pl.DataFrame(rows)
+    return frame.hstack(added[np.repeat(np.arange(len(rows)), each)])
 
 
 YARDSTICK = {

@@ -16,7 +16,15 @@ Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "cut
 MOSTLY = 0.9
 """A failure began with the first window from which on at least this share of windows is bad."""
 LAST = 0.1
-"""Share of the windows, at the end, whose mean score is the score at the end."""
+"""Share of the windows, at the end and FEWEST_WINDOWS at least, whose mean score is the score at the end."""
+MEMORY = 5
+"""A pause that a robot recovered from counts until it has worked four times as long: MEMORY pauses are averaged."""
+SURE = 2
+"""A robot that paused before has failed for good once it is idle for SURE times its longest pause."""
+ONE_SIDED = 1.645
+"""Standard errors below HOLDS_FROM at which a mean is below it by more than chance (normal, 95 %)."""
+MOST = 2.0
+"""What one window counts at most, so that a single odd reward does not hide an idle robot."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +56,25 @@ def judge_lane(
     ended: dict[str, Outcome] = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
     if score_scale.state != "worked":
         return LaneVerdict(ended.get(end_reason, "unknown"), end_step, float("nan"), False)
+    count = min(len(scores), max(FEWEST_WINDOWS, round(LAST * len(scores))))
+    last = float(scores[-count:].mean()) if count else float("nan")
     idle = scores < IDLE_BELOW
     ever = bool((idle[1:] & idle[:-1]).any())
-    last = float(scores[-max(1, round(LAST * len(scores))) :].mean()) if len(scores) else float("nan")
-    silent = _since(idle, begins) if len(scores) and last < IDLE_BELOW else None
+    silent = _since(scores, IDLE_BELOW) if last < IDLE_BELOW else len(scores)
     if end_reason in ended:
-        return LaneVerdict(ended[end_reason], end_step if silent is None else silent, last, ever)
+        failed = int(begins[silent]) if silent < len(scores) else end_step
+        return LaneVerdict(ended[end_reason], failed, last, ever)
     if len(scores) < FEWEST_WINDOWS:
         return LaneVerdict("unknown", end_step, last, ever)
-    if last < IDLE_BELOW:
-        return LaneVerdict("fails silently", silent if silent is not None else int(begins[-1]), last, ever)
-    if last < HOLDS_FROM:
-        since = _since(scores < HOLDS_FROM, begins)
-        return LaneVerdict("decays", since if since is not None else int(begins[-1]), last, ever)
+    pause = _longest(idle[:silent])
+    span = scores[-max(count, MEMORY * pause) :]
+    if last < IDLE_BELOW and (len(scores) - silent >= SURE * pause or span.mean() < IDLE_BELOW):
+        return LaneVerdict("fails silently", int(begins[silent]), last, ever)
+    decayed = _decayed(scores, len(span))
+    if decayed is None:
+        return LaneVerdict("unknown", end_step, last, ever)
+    if decayed:
+        return LaneVerdict("decays", int(begins[_since(scores, HOLDS_FROM)]), last, ever)
     return LaneVerdict("holds", end_step, last, ever)
 
 
@@ -81,11 +95,40 @@ def window_scores(
     stride = max(1, -(-score_scale.window // spacing))
     marks = np.arange(len(steps) - 1, -1, -stride)[::-1]
     width = np.diff(steps[marks])
-    return steps[marks][:-1], score_scale.hold(np.diff(returns[marks]) / width)
+    return steps[marks][:-1], np.minimum(score_scale.hold(np.diff(returns[marks]) / width), MOST)
 
 
-def _since(bad: NDArray[np.bool_], begins: NDArray[np.int64]) -> int | None:
-    """Return where the first bad window begins from which on windows are mostly bad; None if there is none."""
-    share = np.cumsum(bad[::-1])[::-1] / np.arange(len(bad), 0, -1)
-    found = np.flatnonzero(bad & (share >= MOSTLY))
-    return int(begins[found[0]]) if len(found) else None
+def _since(scores: NDArray[np.float64], bound: float) -> int:
+    """Return the first window below a bound from which on windows mostly are, or else are on average."""
+    bad, left = scores < bound, np.arange(len(scores), 0, -1)
+    mostly = bad & (np.cumsum(bad[::-1])[::-1] / left >= MOSTLY)
+    if not mostly.any():
+        mostly = bad & (np.cumsum(scores[::-1])[::-1] / left < bound)
+    found = np.flatnonzero(mostly)
+    return int(found[0]) if len(found) else len(scores) - 1
+
+
+def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
+    """Whether the last windows are below HOLDS_FROM by more than chance; None if even all of them are too few to tell.
+
+    Args:
+        scores: Of a lane.
+        count: Windows to begin with; doubled until it can be told.
+    """
+    while True:
+        part = scores[-count:]
+        mean, error = float(part.mean()), float(part.std(ddof=1)) / len(part) ** 0.5
+        if mean >= HOLDS_FROM:
+            return False
+        if mean + ONE_SIDED * error < HOLDS_FROM:
+            return True
+        if count >= len(scores):
+            return None
+        count *= 2
+
+
+def _longest(idle: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of idle windows that another window follows."""
+    edges = np.diff(np.concatenate([[0], idle]))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return int(np.max(ends - begins[: len(ends)], initial=0))

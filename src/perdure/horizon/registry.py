@@ -10,11 +10,15 @@ import dataclasses
 import difflib
 import inspect
 import math
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 from perdure.horizon.errors import HorizonError
+from perdure.schema import Anything, Kind, Real, SchemaError, Table, Whole
 
 T = TypeVar("T")
+
+LARGEST_COUNT = 100_000_000
+"""Of steps or of components, in files."""
 
 
 def to_json(thing: Any) -> dict[str, Any]:
@@ -40,15 +44,30 @@ def from_json(base: type[T], values: Any) -> T:
     kinds = known(base)
     name = values.get("name") if isinstance(values, dict) else values
     if not (isinstance(values, dict) and isinstance(name, str) and name in kinds):
-        nearest = difflib.get_close_matches(str(name), kinds, n=1)
+        nearest = difflib.get_close_matches(str(name)[:80], kinds, n=1)
         hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
         valid = ", ".join(sorted(kinds))
-        raise HorizonError(f"unknown {base.__name__} {name!r}; the known ones are {valid}{hint}")
+        raise HorizonError(f"unknown {base.__name__} {repr(name)[:80]}; the known ones are {valid}{hint}")
     fields = {key: math.inf if value == "inf" else value for key, value in values.items() if key != "name"}
     try:
+        _declared(kinds[name]).check(fields)
         return kinds[name](**fields)
-    except TypeError as error:
-        raise HorizonError(f"{base.__name__} {name!r} cannot be built from {fields}: {error}") from None
+    except (SchemaError, TypeError) as error:
+        raise HorizonError(f"{base.__name__} {name!r} cannot be built from {str(fields)[:200]}: {error}") from None
+
+
+def _declared(kind: type) -> Table:
+    """Return what a file may say of a class: its fields, by their types; its own rules it checks itself."""
+    types = get_type_hints(kind)
+    fields = {each.name: _KINDS.get(types[each.name], Anything()) for each in dataclasses.fields(kind)}
+    needed = {each.name for each in dataclasses.fields(kind) if each.default is each.default_factory}
+    return Table(
+        {name: each for name, each in fields.items() if name in needed},
+        optional={name: each for name, each in fields.items() if name not in needed},
+    )
+
+
+_KINDS: dict[Any, Kind] = {int: Whole(-LARGEST_COUNT, LARGEST_COUNT), float: Real(infinite=True)}
 
 
 def known(base: type[T]) -> dict[str, type[T]]:

@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.reference import Reference
+from perdure.policy.schema import DESCRIPTION, VERSIONS, check_arrays
 from perdure.policy.shipped import find_policy
 from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, read_json
 
 FORMAT = "perdure.policy"
-VERSION = 3
+VERSION = VERSIONS[-1]
 """Of policies with a squashed output, which older readers would clip. All others are written as version 2. Version 1,
 which is still read, had neither the scale of the returns nor reference episodes."""
 MAX_HEADER = 10_000_000
@@ -38,7 +40,12 @@ Tensors = dict[str, NDArray[Any]]
 
 
 def save_policy(policy: Policy, path: str | Path) -> Path:
-    """Writes the policy, whole or not at all. The same policy gives the same bytes."""
+    """Write the policy, whole or not at all. The same policy gives the same bytes.
+
+    Raises:
+        PolicyFileError: If the policy holds what no file may hold, such as a weight that is not finite.
+        OSError: If the file cannot be written; an old one is untouched.
+    """
     from safetensors.numpy import save
 
     tensors: Tensors = {name: np.ascontiguousarray(policy.weights[name]) for name in sorted(policy.weights)}
@@ -47,33 +54,41 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
     if policy.reference is not None:
         tensors |= {f"reference.{name}": np.ascontiguousarray(getattr(policy.reference, name)) for name in _MEASURED}
     description = _describe(policy)
+    try:
+        DESCRIPTION.check(json.loads(description))
+        check_arrays(tensors)
+    except SchemaError as error:
+        raise PolicyFileError(f"{path} cannot be written: {error}") from None
     metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
     write_whole(Path(path), _stable_header(save(tensors, metadata)))
     return Path(path)
 
 
 def load_policy(path: str | Path) -> Policy:
-    """Return the policy in a file, or a shipped policy by its name, such as "Hopper-v3/geometric".
+    """Return the policy in a file or a folder, or a shipped policy by its name, such as "Hopper-v3/geometric".
+
+    Args:
+        path: As `perdure.policy.find_policy` takes it.
 
     Raises:
-        PolicyFileError: If there is no such file or shipped policy, or the file is not a policy, is damaged or was
+        PolicyFileError: If there is no such policy, or the file is not a policy, is damaged or was
             changed, with what is wrong.
     """
     path = find_policy(path)
-    if path.is_dir():
-        raise PolicyFileError(f"{path} is a folder, not a policy file")
+    if not path.is_file():
+        raise PolicyFileError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
     description, checksum, data = _read(path)
     tensors = _tensors(path, data)
     if checksum != _digest(description, tensors):
         raise PolicyFileError(f"{path} was changed after it was written: its contents do not match its checksum")
     try:
-        return _build(json.loads(description), tensors)
-    except (KeyError, TypeError, ValueError) as error:
+        return _build(read_json(description), tensors)
+    except (SchemaError, HorizonError, PolicyError) as error:
         raise PolicyFileError(f"{path} cannot be read as a policy: {error}") from error
 
 
 def _read(path: Path) -> tuple[str, str | None, bytes]:
-    """Description, checksum and the whole file. Nothing but the header is read of a file that is no policy."""
+    """Return description, checksum and the whole file. Nothing but the header is read of a file that is no policy."""
     foreign = f"{path} is not a perdure policy (a safetensors file is expected), or its end is missing"
     with path.open("rb") as file:
         start = file.read(8)
@@ -87,14 +102,14 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
             raise PolicyFileError(foreign)
         text = file.read(size)
         try:
-            metadata = json.loads(text)["__metadata__"]
-            description, checksum = metadata[FORMAT], metadata.get("sha256")
-        except (ValueError, RecursionError, AttributeError):
+            header = read_json(text)
+        except SchemaError:
             raise PolicyFileError(foreign) from None
-        except (KeyError, TypeError):
-            raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy") from None
-        if not isinstance(description, str):
+        metadata = header.get("__metadata__") if isinstance(header, dict) else None
+        description = metadata.get(FORMAT) if isinstance(metadata, dict) else None
+        if not isinstance(metadata, dict) or not isinstance(description, str):
             raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy")
+        checksum = metadata.get("sha256")
         return description, checksum, start + text + file.read()
 
 
@@ -104,7 +119,8 @@ def _tensors(path: Path, data: bytes) -> Tensors:
 
     try:
         return load(data)
-    except (SafetensorError, KeyError, ValueError) as error:  # the last two: types and shapes that NumPy does not have
+    except (SafetensorError, KeyError, ValueError, TypeError, OverflowError, MemoryError) as error:
+        # All but the first: types and shapes that NumPy does not have.
         raise PolicyFileError(f"{path} is damaged, perhaps its end is missing: {error}") from None
 
 
@@ -131,12 +147,16 @@ def _describe(policy: Policy) -> str:
     return json.dumps(description, sort_keys=True, indent=1)
 
 
-def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
-    if not isinstance(description["provenance"], dict):
-        raise PolicyError("its provenance is not a table")
-    if description["version"] not in (1, 2, VERSION):
-        raise PolicyError(f"its format is version {description['version']}; this perdure reads versions 1 to {VERSION}")
+def _build(description: Any, tensors: Tensors) -> Policy:
+    version = description.get("version") if isinstance(description, dict) else None
+    if type(version) is int and version not in VERSIONS:
+        raise PolicyError(f"its format is version {version}; this perdure reads versions 1 to {VERSION}")
+    DESCRIPTION.check(description)
     reference = description.get("reference")
+    wanted = ["normalizer.mean", "normalizer.var", *(f"reference.{name}" for name in _MEASURED if reference)]
+    if missing := [name for name in wanted if name not in tensors]:
+        raise PolicyError(f"it has no array {missing[0]}")
+    check_arrays(tensors)
     measured = None
     if reference is not None:
         arrays = {name: tensors.pop(f"reference.{name}") for name in _MEASURED}
@@ -159,7 +179,7 @@ def _build(description: dict[str, Any], tensors: Tensors) -> Policy:
 
 
 def _digest(description: str, tensors: Tensors) -> str:
-    digest = hashlib.sha256(description.encode())
+    digest = hashlib.sha256(description.encode(errors="surrogatepass"))
     for name in sorted(tensors):
         array = np.ascontiguousarray(tensors[name])
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
@@ -168,7 +188,7 @@ def _digest(description: str, tensors: Tensors) -> str:
 
 
 def _stable_header(data: bytes) -> bytes:
-    """The same file with its metadata in sorted order: safetensors writes it in the order of a hash table."""
+    """Return the same file with its metadata in sorted order: safetensors writes it in the order of a hash table."""
     (size,) = struct.unpack("<Q", data[:8])
     header = json.loads(data[8 : 8 + size])
     text = json.dumps({"__metadata__": dict(sorted(header.pop("__metadata__").items())), **header}).encode()

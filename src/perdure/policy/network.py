@@ -22,8 +22,13 @@ from perdure.policy.one_thread import one_thread
 TILES = (16, 8, 4, 2, 1)
 """Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
 more on the last few lanes, and not all of them treat every row alike."""
+LARGEST_PROBE = 10.0
+"""No random row holds a larger number, nor does the hyperbolic tangent."""
 PROBES = 4
 """Random rows that a tile is tried with."""
+
+LARGEST_INPUT = 1e6
+"""Inputs whose size is at most this never make a network overflow."""
 
 Float32Array = NDArray[np.float32]
 Weights = Mapping[str, NDArray[np.floating[Any]]]
@@ -52,7 +57,7 @@ class Perceptron:
         self._layers = [(np.asarray(weight, np.float32), np.asarray(bias, np.float32)) for weight, bias in layers]
         if activation not in ACTIVATIONS:
             raise PolicyError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
-        self._activate = ACTIVATIONS[activation]
+        self._activate, self._bounded = ACTIVATIONS[activation], activation in ("tanh", "sigmoid")
         self._check(name)
         with one_thread():
             self._tiles = [_largest_fair_tile(weight) for weight, _ in self._layers]
@@ -69,6 +74,26 @@ class Perceptron:
                     f"{bias.shape}, which fit neither each other nor the layer before"
                 )
             given = weight.shape[1]
+        if not all(size for weight, _ in self._layers for size in weight.shape):
+            raise PolicyError(f"the {name} network has a layer without a neuron")
+        if not self._largest_output() < float(np.finfo(np.float32).max):
+            raise PolicyError(
+                f"the {name} network has weights that are not finite, or so large that a sum could overflow"
+            )
+
+    def _largest_output(self) -> float:
+        """Return a bound on the size of every sum in the network, over all inputs up to LARGEST_INPUT.
+
+        It is infinite or nan if a weight is.
+        """
+        bound = largest = LARGEST_INPUT
+        for weight, bias in self._layers:
+            sums = bound * np.abs(weight).sum(axis=0, dtype=np.float64) + np.abs(bias, dtype=np.float64)
+            bound = float(sums.max())
+            largest = float(np.maximum(largest, bound))
+            # No other activation of `ACTIVATIONS` exceeds 2 |x| + 2.
+            bound = LARGEST_PROBE if self._bounded else 2.0 * bound + 2.0
+        return largest
 
     @property
     def input_size(self) -> int:

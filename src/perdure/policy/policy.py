@@ -141,6 +141,20 @@ class Policy:
 
         return import_sb3(path, env, normalizer=normalizer, time_feature=time_feature, trust=trust, measure=measure)
 
+    @classmethod
+    def from_cleanrl(
+        cls,
+        path: str | Path,
+        env: str,
+        *,
+        normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+        measure: bool = True,
+    ) -> Policy:
+        """Return the policy in a CleanRL model; see `perdure.policy.readers.import_cleanrl`."""
+        from perdure.policy.readers import import_cleanrl
+
+        return import_cleanrl(path, env, normalizer=normalizer, measure=measure)
+
     @cached_property
     def _actor(self) -> Perceptron:
         return Perceptron(self.weights, "policy", self.activation)

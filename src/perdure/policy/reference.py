@@ -41,7 +41,7 @@ class Reference:
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
-        episodes, bins = len(self.lengths), math.ceil(self.horizon / BIN_STEPS)
+        episodes, bins = self.lengths.size, math.ceil(self.horizon / BIN_STEPS)
         low, high = self.observation_low, self.observation_high
         fits = (
             self.horizon >= 1
@@ -53,8 +53,9 @@ class Reference:
         )
         if not fits or self.lengths.min() < 1 or self.lengths.max() > self.horizon:
             raise PolicyError(f"the reference episodes over {self.horizon} steps do not fit together")
-        if not np.isfinite(self.rewards).all() or not (low <= high).all():
-            raise PolicyError("the reference episodes hold rewards that are not finite or an empty observation range")
+        finite = all(np.isfinite(each).all() for each in (self.rewards, low, high))
+        if not finite or not (low <= high).all():
+            raise PolicyError("the reference episodes hold numbers that are not finite or an empty observation range")
 
     @property
     def returns(self) -> NDArray[np.float64]:

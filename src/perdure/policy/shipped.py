@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from perdure.policy.errors import PolicyFileError
+from perdure.policy.hub import policy_in_cache, policy_in_folder
 
 SHIPPED = Path(__file__).parent / "shipped"
 """`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
@@ -23,6 +24,7 @@ LABELS = {
     "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
     "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
     "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
     "Hopper-v3/ppo": "falls, half of its episodes by step 4,000",
     "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
     "Walker2d-v3/geometric": "holds under constant:500",
@@ -34,16 +36,22 @@ are examples, no comparison of methods."""
 
 
 def find_policy(name: str | Path) -> Path:
-    """Return the file of that path, or the shipped policy of that name.
+    """Return a policy's file.
+
+    Args:
+        name: A file; a folder that holds one policy; a shipped policy, such as "Hopper-v3/geometric"; or a model
+            "ORG/NAME" that Hugging Face's tools have downloaded (see `perdure.policy.hub`).
 
     Raises:
-        PolicyFileError: If there is neither; the message offers the nearest names.
+        PolicyFileError: If there is none; the message offers the nearest names.
     """
     if Path(name).exists():
-        return Path(name)
+        return policy_in_folder(Path(name)) if Path(name).is_dir() else Path(name)
     shipped = shipped_policies()
     if str(name) in shipped:
         return shipped[str(name)]
+    if downloaded := policy_in_cache(str(name)):
+        return downloaded
     nearest = get_close_matches(str(name), shipped, n=2, cutoff=0.5)
     hint = f"did you mean {' or '.join(nearest)}? " if nearest else ""
     raise PolicyFileError(

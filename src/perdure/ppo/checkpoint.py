@@ -18,11 +18,15 @@ import numpy as np
 from perdure.ppo.errors import CheckpointError
 from perdure.ppo.state import SeedState
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, Table, Text, Whole, read_json
 
 FORMAT = "perdure.checkpoint"
 VERSION = "2"
 HEADER = ("seed", "segment")
 """Fields of the state that are plain numbers."""
+HEADER_KIND = Table({"version": Text(20), **dict.fromkeys(HEADER, Whole(0))})
+CURVES = ("episodes", "iterations")
+"""Fields of the state that are tables with a row for each episode or iteration so far."""
 
 
 def save_checkpoint(state: SeedState, path: Path) -> None:
@@ -49,9 +53,11 @@ def load_checkpoint(path: Path, start: SeedState) -> SeedState:
 
     try:
         with safe_open(path, framework="numpy") as file:
-            header = json.loads((file.metadata() or {})[FORMAT])
+            header = read_json((file.metadata() or {}).get(FORMAT, ""))
+            HEADER_KIND.check(header)
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no dictionary
-    except (SafetensorError, KeyError, json.JSONDecodeError) as error:
+    except (SafetensorError, SchemaError, KeyError, ValueError, TypeError, OverflowError, MemoryError) as error:
+        # All but the first two: types and shapes that NumPy does not have.
         raise CheckpointError(f"{path} is not a readable checkpoint ({error}); remove it to start afresh") from error
     if header["version"] != VERSION:
         raise CheckpointError(
@@ -62,6 +68,12 @@ def load_checkpoint(path: Path, start: SeedState) -> SeedState:
     if sorted(names) != sorted(arrays):
         odd = ", ".join(sorted(set(names) ^ set(arrays)))
         raise CheckpointError(f"{path} is the checkpoint of another run (differs in {odd}); remove it to start afresh")
+    for name, (_, leaf) in zip(names, leaves, strict=True):
+        if not _alike(arrays[name], leaf, name):
+            raise CheckpointError(
+                f"{path} is the checkpoint of another run ({name} has type {arrays[name].dtype} and shape "
+                f"{arrays[name].shape}); remove it to start afresh"
+            )
     with jax.enable_x64(True):
         read = [
             arrays[name] if isinstance(leaf, np.ndarray) else jnp.asarray(arrays[name])
@@ -69,6 +81,15 @@ def load_checkpoint(path: Path, start: SeedState) -> SeedState:
         ]
     numbers = {name: header[name] for name in HEADER}
     return dataclasses.replace(start, **numbers, **jax.tree_util.tree_unflatten(structure, read))
+
+
+def _alike(read: Any, start: Any, name: str) -> bool:
+    """Say whether an array can take the place of one of the first state; curves grow by rows."""
+    known = np.asarray(start)
+    grows = name in CURVES and read.ndim == known.ndim == 2
+    return bool(
+        read.dtype == known.dtype and (grows or read.shape == known.shape) and read.shape[1:] == known.shape[1:]
+    )
 
 
 def _tree(state: SeedState) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Tables in, figures and a page out: reads extrapolation tables, never simulates.
 
     schema.py           the Parquet table: columns, version, read_table, write_table
+    lanes.py            a table without repetition: one row for each lane, curves as matrices
     statistics.py       estimates with intervals: training runs are the units
     groups.py           the lanes of a table that share policy, clock and task
     theme.py            colors, dash patterns, shapes, fonts, sizes
@@ -17,7 +18,7 @@
 
 Charts are Altair's; vl-convert draws them. `theme` and the three modules after it know nothing of tables.
 
-Of perdure the package imports only `store.write_whole`. Its parts are loaded when they are first used.
+Of perdure the package imports only `runs.write_whole`. Its parts are loaded when they are first used.
 """
 
 from importlib import import_module
@@ -26,8 +27,16 @@ from typing import TYPE_CHECKING, Any
 from perdure.report.errors import ReportError
 
 if TYPE_CHECKING:
-    from perdure.report.page import summary_text, write_report
-    from perdure.report.schema import COLUMNS, SCHEMA_NAME, SCHEMA_VERSION, check_table, read_table, write_table
+    from perdure.report.page import estimate_table, summary_text, write_report
+    from perdure.report.schema import (
+        COLUMNS,
+        SCHEMA_NAME,
+        SCHEMA_VERSION,
+        check_table,
+        read_lanes,
+        read_table,
+        write_table,
+    )
     from perdure.report.statistics import (
         Bootstrap,
         Interval,
@@ -53,8 +62,10 @@ __all__ = [
     "check_table",
     "difference_interval",
     "estimate_interval",
+    "estimate_table",
     "make_units",
     "mean_interval",
+    "read_lanes",
     "read_table",
     "summary_text",
     "survival_interval",
@@ -64,8 +75,8 @@ __all__ = [
 ]
 
 _NAMES = {
-    "page": ("summary_text", "write_report"),
-    "schema": ("COLUMNS", "SCHEMA_NAME", "SCHEMA_VERSION", "check_table", "read_table", "write_table"),
+    "page": ("estimate_table", "summary_text", "write_report"),
+    "schema": ("COLUMNS", "SCHEMA_NAME", "SCHEMA_VERSION", "check_table", "read_lanes", "read_table", "write_table"),
     "statistics": (
         *("Bootstrap", "Interval", "Units", "bootstrap_interval"),
         *("difference_interval", "estimate_interval", "make_units", "mean_interval"),

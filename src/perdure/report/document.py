@@ -14,6 +14,7 @@ from pathlib import Path
 
 from perdure.report.render import Figure, javascript, script_json
 from perdure.report.theme import DARK
+from perdure.schema import printable
 
 _STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 _SCRIPT = (Path(__file__).parent / "page.js").read_text(encoding="utf-8")
@@ -27,7 +28,7 @@ def page(title: str, parts: Sequence[str], command: str) -> str:
         parts: HTML, one after the other.
         command: What made it; shown last so that a reader can repeat it. "": not recorded.
     """
-    shown = html.escape(command) if command else "not recorded"
+    shown = html.escape(printable(command, lines=True)) if command else "not recorded"
     scripts = [text.replace("</script", "<\\/script") for text in (javascript(), _SCRIPT)]
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'

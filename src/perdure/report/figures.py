@@ -20,6 +20,8 @@ from perdure.report.theme import Style
 
 MOST_CURVES = 8
 """Curves one figure shows without a color scale; sweeps of C get figures of their own."""
+MOST_ROWS = 40
+"""Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
 
 
@@ -150,7 +152,9 @@ def _working_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
         steps=True,
     )
     shown = ": ".join(filter(None, ("Episodes that have not failed", title)))
-    note = "A failure: a fall, a divergence, or less than three quarters of the reward rate of training until the end. "
+    note = (
+        "A failure: a fall, a divergence, or a gain over an idle robot below three quarters of training's, to the end. "
+    )
     return Figure(slug("working", title), shown, chart, note + _notes(chosen, "working", _AT_THE_END))
 
 
@@ -239,8 +243,9 @@ def _bounds(interval: Interval) -> tuple[float, float]:
 
 
 def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
-    """Hold score at the end, where it is known of any policy."""
-    known = [item for item in estimates if np.isfinite(float(item.final_hold.estimate))]
+    """Hold score at the end, where it is known of any policy; of the first figures' groups where there are too many."""
+    shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
+    known = [item for item in shown if np.isfinite(float(item.final_hold.estimate))]
     if not known:
         return []
     intervals = [item.final_hold for item in known]
@@ -256,4 +261,4 @@ def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     note = (
         f"{_notes(known, 'final_hold', 'Bars:')} Mean of the last tenth of the steps; an episode that ended counts 0."
     )
-    return [Figure("hold", "Reward rate at the end beside that in training", chart, note, wide=wide)]
+    return [Figure("hold", "Gain over an idle robot at the end, beside that in training", chart, note, wide=wide)]

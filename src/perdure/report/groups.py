@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.report import wording
+from perdure.report.lanes import Lanes
+from perdure.report.schema import table_lanes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -56,8 +58,10 @@ class Group:
     """Hold score at the end or before the lane ended, shape (lanes,); nan where it is not known."""
     ever_idle: BoolArray
     """Whether the lane was ever no better than idle for a while, shape (lanes,)."""
+    movement_first: FloatArray
+    """Movement per step in the first tenth of the steps, in training standard deviations, shape (lanes,)."""
     movement_last: FloatArray
-    """Movement per step in the last tenth, shape (lanes,)."""
+    """Likewise in the last tenth; nan for lanes that ended before."""
     level: FloatArray
     """Level of each lane's policy within its training horizon, shape (lanes,); nan: no level is known."""
 
@@ -115,8 +119,9 @@ class Group:
         times = np.where(never, 0, self.failed_steps)
         event = self.failed | never
         at: IntArray = np.unique(times[event]).astype(np.int64)
-        kept = [1.0 - int((event & (times == time)).sum()) / int((times >= time).sum()) for time in at]
-        shares: FloatArray = np.cumprod(kept, dtype=np.float64)
+        watched = len(times) - np.searchsorted(np.sort(times), at, side="left")
+        failures = np.unique(times[event], return_counts=True)[1]
+        shares: FloatArray = np.cumprod(1.0 - failures / watched, dtype=np.float64)
         return at, shares
 
     @cached_property
@@ -126,16 +131,23 @@ class Group:
         return np.where(ended & np.isfinite(self.end_hold), 0.0, self.end_hold)
 
 
-def make_groups(frame: pl.DataFrame) -> tuple[Group, ...]:
-    """Split an extrapolation table into its groups.
+def make_groups(table: pl.DataFrame | Sequence[Lanes]) -> tuple[Group, ...]:
+    """Split an extrapolation table, or its lanes, into groups.
 
     Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
     constant, periodic, each by its number of steps.
+
+    Raises:
+        ReportError: The frame does not fit the schema.
     """
-    frame = _name_lines(frame).sort("policy", "train_seed", "eval_seed", "step")
-    groups = [_make_group(part) for part in frame.partition_by("task", "line", "clock")]
-    order = {key: index for index, key in enumerate(_first_seen(frame))}
-    return tuple(sorted(groups, key=lambda group: (order[group.task, group.line], *_clock_order(group))))
+    tasks = table_lanes(table, "The table") if isinstance(table, pl.DataFrame) else table
+    groups = []
+    for lanes in tasks:
+        facts = _name_lines(lanes.facts.with_row_index("row")).sort("policy", "train_seed", "eval_seed")
+        order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
+        mine = [_make_group(lanes, part) for part in facts.partition_by("line", "clock")]
+        groups += sorted(mine, key=lambda group: (order[group.line], *_clock_order(group)))
+    return tuple(groups)
 
 
 def tasks_of(groups: tuple[Group, ...]) -> tuple[str, ...]:
@@ -143,14 +155,12 @@ def tasks_of(groups: tuple[Group, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(group.task for group in groups))
 
 
-def _name_lines(frame: pl.DataFrame) -> pl.DataFrame:
-    """Add the column `line`, and `place`: the row at which the table first names it."""
-    kind = ["task", "method", "train_horizon"]
-    pooled = pl.col("policy").n_unique().over(kind) == 1
-    ambiguous = pl.col("train_horizon").n_unique().over("task", "method") > 1
+def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
+    """Add the column `line`."""
+    pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
+    ambiguous = pl.col("train_horizon").n_unique().over("method") > 1
     method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", _horizon_text())).otherwise(pl.lit(""))
-    named = frame.with_row_index("place").with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
-    return named.with_columns(place=pl.col("place").min().over("task", "line"))
+    return facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
 
 
 def _horizon_text() -> pl.Expr:
@@ -160,41 +170,33 @@ def _horizon_text() -> pl.Expr:
     return pl.when(whole).then(number).when(horizon.is_nan()).then(pl.lit("?")).otherwise(pl.lit("\u221e"))
 
 
-def _first_seen(frame: pl.DataFrame) -> Iterator[tuple[str, str]]:
-    seen = frame.select("task", "line", "place").unique()
-    first = seen.with_columns(task_place=pl.col("place").min().over("task")).sort("task_place", "place", "line")
-    yield from first.select("task", "line").iter_rows()
-
-
 def _clock_order(group: Group) -> tuple[int, str, float, str]:
     kind = group.clock_kind
     place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
     return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
 
 
-def _make_group(part: pl.DataFrame) -> Group:
-    steps = part["step"].unique().sort().to_numpy()
-    lanes = len(part) // len(steps)
-    last = part.filter(pl.col("step") == steps[-1])
-    head = last.row(0, named=True)
+def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
+    head, rows = part.row(0, named=True), part["row"].to_numpy()
     return Group(
         **{name: head[name] for name in ("task", "line", "clock", "clock_kind", "clock_steps")},
         train_horizon=head["train_horizon"],
         test_horizon=head["test_horizon"],
-        steps=steps,
-        runs=last.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
-        returns=part["return"].to_numpy().reshape(lanes, len(steps)),
-        alive=part["alive"].to_numpy().reshape(lanes, len(steps)),
-        end_steps=last["end_step"].to_numpy(),
-        end_reasons=tuple(last["end_reason"]),
-        end_details=tuple(last["end_detail"]),
-        verdicts=tuple(last.select(_VERDICT).to_series()),
-        notes=tuple(last["policy_note"]),
-        failed_steps=last["failed_step"].to_numpy(),
-        end_hold=last["end_hold"].to_numpy(),
-        ever_idle=last["ever_idle"].to_numpy(),
-        movement_last=last["movement_last"].to_numpy(),
-        level=last.select(_level(pl.col("reference_rate"))).to_series().to_numpy(),
+        steps=lanes.steps,
+        runs=part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
+        returns=lanes.returns[rows],
+        alive=lanes.alive[rows],
+        end_steps=part["end_step"].to_numpy(),
+        end_reasons=tuple(part["end_reason"]),
+        end_details=tuple(part["end_detail"]),
+        verdicts=tuple(part.select(_VERDICT).to_series()),
+        notes=tuple(part["policy_note"]),
+        failed_steps=part["failed_step"].to_numpy(),
+        end_hold=part["end_hold"].to_numpy(),
+        ever_idle=part["ever_idle"].to_numpy(),
+        movement_first=part["movement_first"].to_numpy(),
+        movement_last=part["movement_last"].to_numpy(),
+        level=part.select(_level(pl.col("reference_rate"))).to_series().to_numpy(),
     )
 
 

@@ -14,8 +14,9 @@ from perdure.report.comparisons import CLOCK_HEADINGS, compare_clocks
 from perdure.report.estimates import Estimate, estimate_group
 from perdure.report.figures import make_figures
 from perdure.report.groups import make_groups, tasks_of
-from perdure.report.render import Figure, Format, save, unique
-from perdure.report.schema import check_table, read_table
+from perdure.report.lanes import Lanes
+from perdure.report.render import Figure, Format, javascript, save, unique
+from perdure.report.schema import read_lanes
 from perdure.report.table import HEADINGS, make_rows
 from perdure.report.verdict import headline
 from perdure.runs import write_whole
@@ -28,35 +29,57 @@ SEED = 0
 METHOD = """Every policy ran closed loop under every clock from the same start states. The episodes of one training
 run are averaged first; training runs are the units of the 95 % intervals. With one training run its episodes are the
 units, and the interval is labeled “evaluation seeds only”: it says nothing about training again. Fewer than ten units
-give Student's t interval, more a percentile bootstrap (2,000 resamples); a share of the episodes of one training run
-gives Wilson's score interval. <em>Clock</em>: what the policy was told about time; constant(C): always C steps to go;
-countdown(T): the steps to go until T; periodic(C): a countdown from C, again and again. <em>Running</em>: not ended by
-the environment. <em>Hold score</em>: (rate - idle) / (reference - idle), where rate is the reward per step, reference
-the rate of the policy itself within its training horizon, and idle the better of zero and random actions, measured.
-<em>Level</em>: the same with a published policy of the task as reference. An episode <em>holds</em> if it runs to the
-end with a mean hold score of at least 0.75 in the last tenth of the steps; it <em>decays</em> below that and <em>fails
-silently</em> below 0.25. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the simulation blows
-up. A policy <em>never worked</em> if it does no better than idle within its own training horizon. A policy holds if
-at least nine in ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever idle</em>: episodes
-in which two windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier curve."""
+give Student's t interval, which covers the mean of normal scores in 95 of 100 cases whatever their number. Ten or more
+give a percentile bootstrap (2,000 resamples), which covers it in about 90 (ten units) to 93 (24 units). A share of the
+episodes of one training run gives Wilson's score interval. <em>Clock</em>: what the policy was told about time;
+constant(C): always C steps to go; countdown(T): the steps to go until T; periodic(C): a countdown from C, again and
+again. <em>Running</em>: not ended by the environment. <em>Hold score</em>: (rate - idle) / (reference - idle), where
+rate is the reward per step, reference the rate of the policy itself within its training horizon, and idle the better
+of zero and random actions, measured. Rates are per step before the end, so an early fall does not lower a score; falls
+are counted as falls, an ended episode earns nothing more of its return, and it counts 0 in the mean hold score.
+<em>Level</em>: the same score with a published policy of the task as reference. An episode <em>holds</em> if it runs
+to the end with a mean hold score of at least 0.75 in the last tenth of the steps. It <em>decays</em> below that, unless
+chance explains it, and <em>fails silently</em> below 0.25. After a pause in which it earned no more than an idle
+robot, five times that pause is averaged. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the
+simulation blows up. A policy <em>never worked</em> if it does no better than idle within its own training horizon. A
+policy holds if at least nine in ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever
+idle</em>: episodes in which two windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier
+curve."""
 
 
-def estimate_table(frame: pl.DataFrame) -> dict[str, list[Estimate]]:
-    """Every group's estimates by task, in the table's order; the generator is seeded with SEED."""
+Estimates = dict[str, list[Estimate]]
+"""Every group's estimates by task, in the table's order."""
+Table = pl.DataFrame | str | os.PathLike[str]
+
+
+def estimate_table(table: pl.DataFrame | Sequence[Lanes]) -> Estimates:
+    """Estimate every group of a table, or of its lanes; the generator is seeded with SEED.
+
+    Raises:
+        ReportError: The table does not fit the schema.
+    """
     rng = np.random.default_rng(SEED)
-    groups = make_groups(frame)
+    groups = make_groups(table)
     return {task: [estimate_group(group, rng) for group in groups if group.task == task] for task in tasks_of(groups)}
 
 
-def summary_text(frame: pl.DataFrame) -> str:
-    """The verdict and the table as plain text, for a terminal.
+def _estimates(table: Table | Estimates) -> Estimates:
+    if isinstance(table, dict):
+        return table
+    return estimate_table(table if isinstance(table, pl.DataFrame) else read_lanes(table)[0])
+
+
+def summary_text(table: Table | Estimates) -> str:
+    """Return the verdicts and the table of numbers as plain text, for a terminal.
+
+    Args:
+        table: An extrapolation table, its file, or what `estimate_table` made of it.
 
     Raises:
-        ReportError: The frame does not fit the schema.
+        ReportError: The table does not fit the schema.
     """
-    check_table(frame, "The table")
     parts = []
-    for estimates in estimate_table(frame).values():
+    for estimates in _estimates(table).values():
         rows = [HEADINGS, *(row.cells for row in make_rows(estimates))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
@@ -70,7 +93,7 @@ def _headline(estimates: Sequence[Estimate]) -> str:
 
 
 def write_report(
-    table: pl.DataFrame | str | os.PathLike[str],
+    table: Table | Estimates,
     out: str | os.PathLike[str],
     command: str,
     formats: Sequence[Format] = ("png",),
@@ -78,7 +101,7 @@ def write_report(
     """Write the page, and each figure as a file beside it.
 
     Args:
-        table: An extrapolation table, or its file.
+        table: An extrapolation table, its file, or what `estimate_table` made of it.
         out: A folder; made if it is missing.
         command: What made the table; shown so that a reader can repeat it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
@@ -90,14 +113,13 @@ def write_report(
         ReportError: The table does not fit the schema, or a format is unknown.
         OSError: The folder cannot be written.
     """
-    if not isinstance(table, pl.DataFrame):
-        table, _ = read_table(table)
-    check_table(table, "The table to report")
+    by_task = _estimates(table)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
+    javascript()  # bundled before figures are drawn: the other way round takes 60 MB more
     sections: list[str] = []
     taken: set[str] = set()
-    for task, estimates in estimate_table(table).items():
+    for task, estimates in by_task.items():
         figures = unique(make_figures(estimates), taken)
         save(figures, folder, formats)
         sections.append(_section(task, estimates, figures))

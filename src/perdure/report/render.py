@@ -13,7 +13,7 @@ import textwrap
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -122,6 +122,7 @@ def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:
     return found
 
 
+@cache
 def javascript() -> str:
     """Return Vega, Vega-Lite and Vega-Embed as one script that needs no network."""
     import vl_convert

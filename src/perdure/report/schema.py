@@ -43,13 +43,19 @@ import hashlib
 import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import polars as pl
 
 from perdure.report.errors import ReportError
+from perdure.report.fields import NOTES, ROW
+from perdure.report.lanes import CURVES, Columns, Lanes, split_lanes
 from perdure.runs import write_whole
+from perdure.schema import SchemaError, check_columns, read_columns, read_notes, read_parquet
+
+T = TypeVar("T")
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "2"
@@ -89,11 +95,6 @@ _COLUMNS_1: dict[str, type[pl.DataType]] = {
     "first_tenth": pl.Float64,
     "last_tenth": pl.Float64,
 }
-LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
-END_REASONS = ("survived", "terminated", "truncated", "diverged")
-POLICY_STATES = ("worked", "never worked", "cannot tell")
-OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
-VALUES = {"end_reason": END_REASONS, "policy_state": POLICY_STATES, "outcome": OUTCOMES}
 _RESERVED = ("schema", "version", "sha256", "seal")
 _SEAL = b"perdure-seal-"
 _UNSEALED = _SEAL + 64 * b"0"
@@ -124,7 +125,9 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
     ordered = frame.select(list(COLUMNS))
     notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
     buffer = io.BytesIO()
-    ordered.write_parquet(buffer, metadata={**notes, "sha256": _digest(ordered, notes), "seal": _UNSEALED.decode()})
+    ordered.write_parquet(
+        buffer, metadata={**notes, "sha256": _digest(ordered.get_column, notes), "seal": _UNSEALED.decode()}
+    )
     return write_whole(path, _sealed(buffer.getvalue()))
 
 
@@ -137,23 +140,28 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
     Raises:
         ReportError: The file is missing, foreign, of another version, or damaged. One sentence says which.
     """
-    frame, notes = _read_parquet(Path(path))
-    if notes.get("schema") != SCHEMA_NAME:
-        raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
-    version = notes.get("version")
-    if version not in ("1", SCHEMA_VERSION):
-        raise ReportError(
-            f"{path} has version {version} of {SCHEMA_NAME}; this release reads versions 1 and {SCHEMA_VERSION}."
-        )
-    notes.pop("seal", None)
-    columns = _COLUMNS_1 if version == "1" else COLUMNS
-    _check_columns(frame, columns, str(path))
-    if notes.pop("sha256", None) != _digest(frame, notes, columns):
-        raise ReportError(f"{path} is damaged: its content does not fit the SHA-256 it was written with.")
-    if version == "1":
+    file = _File(Path(path))
+    frame = file.frame(list(file.columns))
+    if file.columns is _COLUMNS_1:
         frame = _from_version_1(frame)
     check_table(frame, str(path))
-    return frame, {name: value for name, value in notes.items() if name not in _RESERVED}
+    return frame, file.metadata
+
+
+def read_lanes(path: str | os.PathLike[str]) -> tuple[tuple[Lanes, ...], dict[str, str]]:
+    """Read an extrapolation table as its lanes, with little memory: see `Lanes`.
+
+    Returns:
+        (lanes of each task, metadata without the reserved names).
+
+    Raises:
+        ReportError: As `read_table`.
+    """
+    file = _File(Path(path))
+    if file.columns is _COLUMNS_1:
+        frame, metadata = read_table(path)
+        return table_lanes(frame, str(path)), metadata
+    return _lanes(file.column, str(path)), file.metadata
 
 
 def check_table(frame: pl.DataFrame, name: str) -> None:
@@ -162,21 +170,34 @@ def check_table(frame: pl.DataFrame, name: str) -> None:
     Raises:
         ReportError: With a sentence that begins with `name`.
     """
-    _check_columns(frame, COLUMNS, name)
-    if frame.is_empty():
+    table_lanes(frame, name)
+
+
+def table_lanes(frame: pl.DataFrame, name: str) -> tuple[Lanes, ...]:
+    """Return the lanes of a table, tasks in the order in which it names them.
+
+    Raises:
+        ReportError: The frame does not fit the schema; the sentence begins with `name`.
+    """
+    _check_columns(frame.schema, COLUMNS, name)
+    return _lanes(frame.get_column, name)
+
+
+def _lanes(column: Columns, name: str) -> tuple[Lanes, ...]:
+    if column("step").is_empty():
         raise ReportError(f"{name} has no rows.")
-    _check_values(frame, name)
-    _check_lanes(frame, name)
+    _check_values(column, name)
+    return split_lanes(column, [each for each in COLUMNS if each not in CURVES], name)
 
 
-def _check_columns(frame: pl.DataFrame, columns: Mapping[str, type[pl.DataType]], name: str) -> None:
-    missing = [column for column in columns if column not in frame.columns]
-    unknown = [column for column in frame.columns if column not in columns]
+def _check_columns(found: Mapping[str, object], columns: Mapping[str, type[pl.DataType]], name: str) -> None:
+    missing = [column for column in columns if column not in found]
+    unknown = [column for column in found if column not in columns]
     if missing or unknown:
         raise ReportError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
     for column, kind in columns.items():
-        if frame.schema[column] != kind:
-            raise ReportError(f"{name}: column {column!r} is {frame.schema[column]}, not {kind.__name__}.")
+        if found[column] != kind:
+            raise ReportError(f"{name}: column {column!r} is {found[column]}, not {kind.__name__}.")
 
 
 def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
@@ -198,52 +219,62 @@ def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
     ).select(list(COLUMNS))
 
 
-def _check_values(frame: pl.DataFrame, name: str) -> None:
-    empty = [column for column in COLUMNS if frame[column].null_count()]
-    if empty:
-        raise ReportError(f"{name} has missing values in {empty}.")
-    for column, known in VALUES.items():
-        odd = sorted(set(frame[column].unique()) - set(known))
-        if odd:
-            raise ReportError(f"{name} has {odd} in column {column!r}; known are {', '.join(known)}.")
-    beyond = frame.filter((pl.col("step") < 1) | (pl.col("step") > pl.col("test_horizon")))
-    if not beyond.is_empty():
-        step, last = beyond["step"][0], beyond["test_horizon"][0]
-        raise ReportError(f"{name} has the checkpoint step {step}; steps are between 1 and the test horizon {last}.")
-
-
-def _check_lanes(frame: pl.DataFrame, name: str) -> None:
-    doubled = frame.select([*LANE, "step"]).is_duplicated()
-    if doubled.any():
-        first = frame.filter(doubled).select([*LANE, "step"]).row(0)
-        raise ReportError(f"{name} has the lane {first[:-1]} twice at step {first[-1]}.")
-    shape = frame.group_by("task", maintain_order=True).agg(
-        steps=pl.col("step").n_unique(),
-        lanes=pl.struct(LANE).n_unique(),
-        rows=pl.len(),
-        horizons=pl.col("test_horizon").n_unique(),
-    )
-    ragged = shape.filter((pl.col("steps") * pl.col("lanes") != pl.col("rows")) | (pl.col("horizons") > 1))
-    if not ragged.is_empty():
-        task = ragged["task"][0]
-        raise ReportError(f"{name}: the lanes on {task} do not share their checkpoint steps and test horizon.")
-
-
-def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
-    if not path.is_file():
-        raise ReportError(f"{path} does not exist." if not path.exists() else f"{path} is not a file.")
-    content = path.read_bytes()
-    if content[:4] != b"PAR1":
-        raise ReportError(f"{path} is not a Parquet file.")
-    if _SEAL in content and _sealed(content) != content:
-        raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
+def _check_values(column: Columns, name: str) -> None:
     try:
-        notes = pl.read_parquet_metadata(io.BytesIO(content))
-        frame = pl.read_parquet(io.BytesIO(content))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ReportError(f"{path} is a damaged Parquet file: {reason}") from error
-    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+        check_columns(column, ROW)
+    except SchemaError as error:
+        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
+
+
+class _File:
+    """A Parquet file that holds a table, checked before a value of it is used."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        if not path.is_file():
+            raise ReportError(f"{path} does not exist." if not path.exists() else f"{path} is not a file.")
+        self._content = path.read_bytes()
+        if self._content[:4] != b"PAR1":
+            raise ReportError(f"{path} is not a Parquet file.")
+        sealed = _SEAL in self._content
+        if sealed and _sealed(self._content) != self._content:
+            raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
+        notes = self._read(_checked_notes)
+        if notes.get("schema") != SCHEMA_NAME:
+            raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
+        version = notes.get("version")
+        if version not in ("1", SCHEMA_VERSION):
+            raise ReportError(
+                f"{path} has version {version} of {SCHEMA_NAME}; this release reads versions 1 and {SCHEMA_VERSION}."
+            )
+        self.columns = _COLUMNS_1 if version == "1" else COLUMNS
+        self.metadata = {name: text for name, text in notes.items() if name not in _RESERVED}
+        _check_columns(self._read(read_columns), self.columns, str(path))
+        notes.pop("seal", None)
+        expected = notes.pop("sha256", None)
+        # A seal that fits stands for the content.
+        if not sealed and expected != _digest(self.column, notes, self.columns):
+            raise ReportError(f"{path} is damaged: its content does not fit the SHA-256 it was written with.")
+
+    def frame(self, names: list[str]) -> pl.DataFrame:
+        """Return columns of the file."""
+        return self._read(lambda content: read_parquet(content, names))
+
+    def column(self, name: str) -> pl.Series:
+        """Return one column of the file."""
+        return self.frame([name]).get_column(name)
+
+    def _read(self, read: Callable[[bytes], T]) -> T:
+        try:
+            return read(self._content)
+        except SchemaError as error:
+            raise ReportError(f"{self._path} is a damaged Parquet file: {error}.") from None
+
+
+def _checked_notes(content: bytes) -> dict[str, str]:
+    notes = read_notes(content)
+    NOTES.check(notes)
+    return notes
 
 
 def _sealed(content: bytes) -> bytes:
@@ -257,15 +288,15 @@ def _sealed(content: bytes) -> bytes:
     return before + _SEAL + digest.encode() + after
 
 
-def _digest(frame: pl.DataFrame, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
+def _digest(column: Columns, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
     """SHA-256 of metadata and content. Parquet's own page checks let most flipped bits through (measured: 98 %)."""
     digest = hashlib.sha256(repr(sorted(notes.items())).encode())
-    for column, kind in columns.items():
-        series = frame[column]
+    for name, kind in columns.items():
+        series = column(name)
         if kind is pl.String:
             runs = series.rle().struct.unnest()  # labels repeat over thousands of rows
             digest.update(runs["len"].cast(pl.Int64).to_numpy().tobytes())
-            digest.update("\0".join(runs["value"].to_list()).encode())
+            digest.update("\0".join(map(str, runs["value"].to_list())).encode())
         else:
             digest.update(series.to_numpy().tobytes())
     return digest.hexdigest()

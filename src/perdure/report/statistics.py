@@ -54,7 +54,7 @@ _STATISTICS: dict[str, Callable[..., Any]] = {"mean": _mean, "iqm": _middle_mean
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """How intervals are made (`scipy.stats.bootstrap`)."""
+    """How bootstrap intervals are made."""
 
     statistic: Statistic = "mean"
     """"mean", or "iqm": the mean of the middle half (a quarter of the units is cut at each end)."""
@@ -314,16 +314,40 @@ def _resample(
     data: tuple[FloatArray, ...], statistic: Callable[..., FloatArray], rng: np.random.Generator, how: Bootstrap
 ) -> tuple[FloatArray, FloatArray]:
     """Bounds for each column of `data`; every array is (count, columns)."""
-    from scipy.stats import bootstrap
+    if how.method == "BCa":
+        return _bca(data, statistic, rng, how)
+    batch, found = _batch(data, how), []
+    for done in range(0, how.resamples, batch):
+        drawn = []
+        for array in data:
+            rows = rng.integers(0, len(array), (min(batch, how.resamples - done), len(array)))
+            drawn.append(array.T[..., rows])
+        found.append(statistic(*drawn, axis=-1))
+    return _quantiles(np.concatenate(found, axis=-1), how)
 
-    size = max(array.size for array in data)
+
+def _batch(data: tuple[FloatArray, ...], how: Bootstrap) -> int:
+    return max(1, min(how.resamples, _BATCH_ELEMENTS // max(array.size for array in data)))
+
+
+def _quantiles(distribution: FloatArray, how: Bootstrap) -> tuple[FloatArray, FloatArray]:
+    tail = 0.5 - how.confidence / 2.0
+    low, high = np.quantile(distribution, (tail, 1.0 - tail), axis=-1)
+    return low, high
+
+
+def _bca(
+    data: tuple[FloatArray, ...], statistic: Callable[..., FloatArray], rng: np.random.Generator, how: Bootstrap
+) -> tuple[FloatArray, FloatArray]:
+    from scipy.stats import bootstrap  # slow to import
+
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         result = bootstrap(
             data,
             statistic,
             n_resamples=how.resamples,
-            batch=max(1, min(how.resamples, _BATCH_ELEMENTS // size)),
+            batch=_batch(data, how),
             vectorized=True,
             axis=0,
             confidence_level=how.confidence,
@@ -332,9 +356,8 @@ def _resample(
         )
     low, high = result.confidence_interval
     # BCa is 0/0 where leaving out any one unit changes nothing; the percentiles are still there.
-    tail = 0.5 - how.confidence / 2.0
-    fallback_low, fallback_high = np.quantile(result.bootstrap_distribution, (tail, 1.0 - tail), axis=-1)
-    return np.where(np.isnan(low), fallback_low, low), np.where(np.isnan(high), fallback_high, high)
+    percentiles = _quantiles(result.bootstrap_distribution, how)
+    return np.where(np.isnan(low), percentiles[0], low), np.where(np.isnan(high), percentiles[1], high)
 
 
 @cache

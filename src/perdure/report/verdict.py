@@ -1,7 +1,7 @@
 """The verdict on each policy and clock, and the words for it on top of the page.
 
-Each episode has a verdict of its own in the table. A group of episodes gets the commonest one; it *holds* only if at
-least HOLDING_SHARE of its episodes do.
+Each episode has a verdict of its own in the table. A group of episodes *holds* if at least HOLDING_SHARE of
+its episodes do; otherwise it gets the commonest failure.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from perdure.report import wording
-from perdure.report.groups import Group
+from perdure.report.groups import BoolArray, Group
 from perdure.report.statistics import DEFAULT, Bootstrap, Interval, survival_interval
 
 HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.02
-"""Movement per step, in training standard deviations, below which a robot is said to be motionless."""
+"""Movement per step, in training standard deviations, below which a robot is said to be nearly motionless."""
+MUCH = 2.0
+"""Movement in the last tenth of the steps differs from that in the first if it is this many times as much, or less."""
 FAILURES = ("falls", "fails silently", "decays", "diverges", "never worked", "cannot tell")
 """Verdicts other than "holds"; the earlier one wins where two are equally common."""
-_MOST_NAMED = 4
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -41,21 +43,23 @@ class Verdict:
 
     @property
     def short(self) -> str:
-        """Who, and the verdict: "ppo falls"."""
-        after = f" for {wording.whole(float(self.group.test_horizon))} steps" if self.label == "holds" else ""
-        return f"{self.group.label}: {self.label}{after}"
+        """Who, and the verdict: "ppo: falls in 4 of 10 episodes"."""
+        group = self.group
+        if self.label == "holds":
+            return f"{group.label}: holds for {wording.whole(float(group.test_horizon))} steps"
+        counted = "" if self.count == group.lanes else f" in {self.count} of {wording.count(group.lanes, 'episode')}"
+        return f"{group.label}: {self.label}{counted}"
 
     @property
     def sentence(self) -> str:
         """Who, the verdict, how many episodes, and the evidence."""
-        group = self.group
         low, high = float(self.share.lower), float(self.share.upper)
-        counted = f"{self.count} of {wording.count(group.lanes, 'episode')}"
+        counted = ""
+        if self.label == "holds" or self.count == self.group.lanes:
+            counted = f" in {self.count} of {wording.count(self.group.lanes, 'episode')}"
         if self.label == "holds" and np.isfinite(low):
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label in ("fails silently", "decays"):
-            counted += " that still run" if self.label == "fails silently" else " that still earn something"
-        return f"{self.short} ({counted})" + (f"; {self.evidence}." if self.evidence else ".")
+        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".")
 
 
 def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Verdict:
@@ -94,15 +98,14 @@ def _evidence(group: Group, label: str) -> str:
         notes = Counter(note for note, chosen in zip(group.notes, mine, strict=True) if chosen and note)
         return notes.most_common(1)[0][0] if notes else "too few steps, or the environment ended the episodes"
     if label == "holds":
-        return f"reward rate at the end {wording.share(float(group.end_hold[mine].mean()))} of that in training"
+        rate = wording.share(float(group.end_hold[mine].mean()))
+        paused = int(group.ever_idle[mine].sum())
+        pauses = f"; {paused} of them earned no more than an idle robot for a while" if paused else ""
+        return f"gain over an idle robot at the end: {rate} of that in training{pauses}"
     middle = float(np.median(group.failed_steps[mine]))
     parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]
     if label == "fails silently":
-        moved = group.movement_last[mine]
-        still = float((moved < MOTIONLESS).mean()) if np.isfinite(moved).any() else 0.0
-        worse = float((group.end_hold[mine] < -0.05).mean())
-        doing = "does not move" if still > 0.5 else "does worse than idle" if worse > 0.5 else "moves for nothing"
-        parts.append(f"the robot {doing}")
+        parts += _instead(group, mine)
     details = Counter(
         detail.split(" left ")[0] for detail, chosen in zip(group.end_details, mine, strict=True) if chosen
     )
@@ -112,3 +115,20 @@ def _evidence(group: Group, label: str) -> str:
     elif label == "diverges" and detail:
         parts.append(detail.split(";")[0])
     return "; ".join(parts)
+
+
+def _instead(group: Group, failed: BoolArray) -> list[str]:
+    """Say what robots do that fail silently, and how many of them."""
+    last, first = group.movement_last[failed], group.movement_first[failed]
+    early = group.failed_steps[failed] < 0.1 * group.test_horizon
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = last / first
+    kinds = np.select(
+        [np.isnan(last), last < MOTIONLESS, early, ratio < 1 / MUCH, ratio > MUCH],
+        ["", "nearly motionless", "moving", "moving less than before", "moving more than before"],
+        "moving as much as before",
+    )
+    kind, number = Counter(kinds.tolist()).most_common(1)[0]
+    worse = int((group.end_hold[failed] < -0.05).sum())
+    parts = [(kind, number)] * bool(kind) + [("earning less than an idle robot", worse)] * bool(worse)
+    return [what if count == len(last) else f"{what} in {count} of {len(last)}" for what, count in parts]

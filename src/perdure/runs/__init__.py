@@ -10,14 +10,16 @@
     identity.py   the SHA-256 of a config, and a unit's record
     source.py     which source code made a unit
     whole.py      write_whole: one file, either the old or the new, never half of it
+    rescue.py     write_result: a finished result is kept elsewhere where its disk takes nothing
     lock.py       advisory locks that the kernel releases when a process dies
     errors.py     StoreError, UnitBusyError, RunError, OtherSourceWarning
 
-The package imports nothing else of perdure.
+Of perdure the package imports only `schema`.
 """
 
 from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError
 from perdure.runs.identity import config_digest
+from perdure.runs.rescue import write_result
 from perdure.runs.run import Observer, Progress, Status, read_status, run_units
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, Work, attempt
@@ -44,5 +46,6 @@ __all__ = [
     "make_workers",
     "read_status",
     "run_units",
+    "write_result",
     "write_whole",
 ]

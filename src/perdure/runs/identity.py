@@ -14,9 +14,16 @@ from typing import Any
 from perdure.runs.errors import StoreError
 from perdure.runs.source import source_digest
 from perdure.runs.whole import write_whole
+from perdure.schema import Anything, Items, SchemaError, Table, Text, read_json
 
 RECORD = "unit.json"
 """The file inside every unit that says what the unit is."""
+
+UNIT = Table(
+    {"key": Text(1000, shortest=1), "sha256": Text(64), "config": Table({}, others=Anything())},
+    optional={"sources": Items(Text(64), longest=10_000)},
+)
+"""What the record holds."""
 
 _PART = re.compile(r"[A-Za-z0-9_(][A-Za-z0-9._+=,@()-]*")
 _LONGEST_KEY = 200
@@ -62,12 +69,13 @@ class Identity:
         """
         path = folder / RECORD
         try:
-            record = json.loads(path.read_bytes())
+            record = read_json(path.read_bytes())
+            UNIT.check(record)
             identity = cls.of(record["key"], record["config"])
-            identity = replace(identity, sources=tuple(map(str, record.get("sources", ()))))
-        except (ValueError, KeyError, TypeError) as error:
-            raise StoreError(f"{path} is damaged: {error!r}.") from error
-        if identity.digest != record.get("sha256"):
+            identity = replace(identity, sources=tuple(record.get("sources", ())))
+        except (SchemaError, StoreError) as error:
+            raise StoreError(f"{path} is damaged: {error}") from error
+        if identity.digest != record["sha256"]:
             raise StoreError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
         return identity
 

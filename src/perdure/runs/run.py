@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -14,10 +15,14 @@ from perdure.runs.store import Store
 from perdure.runs.unit import Unit, attempt, read_progress
 from perdure.runs.whole import write_whole
 from perdure.runs.workers import Ended, Workers, one_line
+from perdure.schema import SchemaError, Table, Text, printable, read_json
 
 POLL_SECONDS = 0.25
 BUSY_SECONDS = 1.0
 """A unit that another command is at work on is tried again after so long."""
+
+FAILURE = Table({"error": Text(100_000, lines=True)})
+"""A failure on disk."""
 
 State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
 
@@ -89,6 +94,15 @@ def read_status(units: Sequence[Unit], root: str | Path) -> Status:
     return {key: replace(each) for key, each in _Run(units, Store(root), lambda status: None).look().items()}
 
 
+def _recorded_error(path: Path) -> str:
+    try:
+        record = read_json(path.read_bytes())
+        FAILURE.check(record)
+    except (OSError, SchemaError):
+        return f"its error cannot be read from {path}"
+    return printable(record["error"])
+
+
 class _Run:
     def __init__(self, units: Sequence[Unit], store: Store, observe: Observer) -> None:
         self._store, self._observe = store, observe
@@ -151,7 +165,7 @@ class _Run:
         for key, each in self._status.items():
             path = self._store.note_path("failures", key)
             if each.state == "waiting" and path.exists():
-                self._set(key, "failed", error=str(json.loads(path.read_text())["error"]))
+                self._set(key, "failed", error=_recorded_error(path))
 
     def raise_failures(self) -> None:
         """Raise what went wrong, the first unit's error in words."""
@@ -194,10 +208,12 @@ class _Run:
         """Note how an attempt ended."""
         note = self._store.note_path("failures", ended.key)
         if ended.outcome is None:
-            write_whole(note, json.dumps({"error": ended.error}) + "\n")
+            with suppress(OSError):  # a disk that takes no record must not hide the error itself
+                write_whole(note, json.dumps({"error": ended.error}) + "\n")
             self._set(ended.key, "failed", error=ended.error)
             return
-        note.unlink(missing_ok=True)
+        with suppress(OSError):
+            note.unlink(missing_ok=True)
         if ended.outcome == "busy":
             self._try_again[ended.key] = time.monotonic() + BUSY_SECONDS
             self._set(ended.key, "busy")
@@ -209,7 +225,8 @@ class _Run:
         state: State = "waiting"
         if ended.outcome == "finished":
             state, done = "finished", total
-            self._store.note_path("progress", ended.key).unlink(missing_ok=True)
+            with suppress(OSError):
+                self._store.note_path("progress", ended.key).unlink(missing_ok=True)
         self._status[ended.key] = replace(known, state=state, done=done, total=total, facts=facts)
 
     def _set(self, key: str, state: State, error: str = "") -> None:

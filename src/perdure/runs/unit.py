@@ -14,12 +14,21 @@ from typing import Any, Literal
 
 from perdure.runs.errors import StoreError, UnitBusyError
 from perdure.runs.store import Store
+from perdure.schema import Real, SchemaError, Table, read_json
 
 Report = Callable[..., None]
 """Called as ``report(done, total, **facts)``: work done so far and in all, in any unit; numbers to show beside it."""
 
 Outcome = Literal["finished", "unfinished", "busy"]
 
+PROGRESS = Table(
+    {
+        "done": Real(0.0),
+        "total": Real(0.0),
+        "facts": Table({}, others=Real(infinite=True, unknown=True)),
+    }
+)
+"""A report on disk."""
 REPORT_SECONDS = 0.5
 """Reports are written to disk this often at most."""
 
@@ -120,7 +129,8 @@ class _Reporter:
 
 def read_progress(store: Store, key: str) -> tuple[float, float, dict[str, float]]:
     """Return (done, total, facts) of the unit's last report, (0, 1, {}) before the first."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        record = json.loads(store.note_path("progress", key).read_text())
+    with suppress(OSError, SchemaError):
+        record = read_json(store.note_path("progress", key).read_bytes())
+        PROGRESS.check(record)
         return float(record["done"]), float(record["total"]), dict(record["facts"])
     return 0.0, 1.0, {}

@@ -20,6 +20,7 @@ from typing import Any, Protocol, Self
 from perdure.runs.cores import own_cores
 from perdure.runs.errors import RunError
 from perdure.runs.unit import Outcome, Unit, attempt
+from perdure.schema import printable
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose libraries multiply on one thread from their first import on."""
@@ -246,7 +247,7 @@ def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
 
 def one_line(error: BaseException) -> str:
     """Return an error as one line: the message alone for errors that perdure words, with its type for others."""
-    text = " ".join(str(error).split())
+    text = printable(" ".join(str(error).split()))
     worded = type(error).__module__.startswith("perdure.")
     return text if worded and text else f"{type(error).__name__}: {text}" if text else type(error).__name__
 

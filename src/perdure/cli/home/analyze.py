@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import tyro
 
 from perdure.cli.home.flags import log_files, parse_home
 from perdure.cli.parse import check_folder
+from perdure.cli.terminal import command_line
 from perdure.report.render import Format
 
 
@@ -39,7 +39,7 @@ def main(args: list[str]) -> None:
     page = None
     if flags.out is not None:
         page = write_page(
-            analysis, flags.out, shlex.join(["perdure", "home", "analyze", *args]), assignment, flags.formats
+            analysis, flags.out, command_line("perdure", "home", "analyze", *args), assignment, flags.formats
         )
     print(analysis.summary())
     if page is not None:

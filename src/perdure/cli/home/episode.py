@@ -57,7 +57,7 @@ def main(args: list[str]) -> None:
             goal = episode.goals[number]
             row[2:] = [episode.container(number) or "", row[3], goal.receptacle.split("|")[0], _point(goal.position)]
         table.add_row(str(number) if number < len(episode.goals) else "", *row)
-    Console(width=140).print(table)
+    Console(width=140, markup=False).print(table)
     if flags.render is not None:
         from perdure.home.benchmark.episodes import episode_scene
         from perdure.home.sim.world import SceneOptions, World

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -11,6 +10,7 @@ import tyro
 
 from perdure.cli.home.flags import parse_home, policies
 from perdure.cli.parse import check_folder
+from perdure.cli.terminal import command_line
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.protocol import Protocol
@@ -92,7 +92,7 @@ def main(args: list[str]) -> None:
     protocol = make_protocol(flags)
     for train_seed in range(flags.train_seeds):  # missing files are reported before a progress bar appears
         protocol.assignment(train_seed)
-    command = shlex.join(["perdure", "home", "run", *args])
+    command = command_line("perdure", "home", "run", *args)
     with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
         paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
     records, assignment = read_assignment(paths)

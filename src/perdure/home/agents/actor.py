@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from typing import Protocol
 
+from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills import Progress, Skill
@@ -34,6 +36,25 @@ class Actor(Protocol):
     def overtime(self, lane: int) -> bool:
         """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
         return False
+
+
+@dataclass
+class LaneView:
+    """One lane during a motion; `state` (one row) is updated before each action."""
+
+    state: PrivilegedState
+
+    @property
+    def base(self) -> Pose:
+        """Base pose."""
+        x, y, yaw = (float(value) for value in self.state.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def arm(self) -> FloatArray:
+        """Targets of the arm's servos in [rad]. Shape (7,)."""
+        target: FloatArray = self.state.arm_target[0]
+        return target
 
 
 class Scripted(Actor):

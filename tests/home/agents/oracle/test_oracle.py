@@ -9,8 +9,8 @@ from perdure.home.agents.oracle.motions import unwound
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched
-from perdure.home.sim.robot import gripper_pose, reach_many
-from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, TORSO_HEIGHT
+from perdure.home.sim.robot import gripper_pose
+from perdure.home.sim.robot.data import TORSO_HEIGHT
 from perdure.home.skills import get_skill
 
 
@@ -36,23 +36,6 @@ def test_it_solves_a_sample(task, split, numbers):
 def test_it_solves_95_percent_of_val(task):
     done = solve(task, "val", range(100), lanes=8)
     assert np.mean(done) >= 0.95
-
-
-def test_many_inverse_kinematics_reach_what_forward_kinematics_made():
-    rng = np.random.default_rng(1)
-    arm = np.clip(np.array(REST_ARM) + rng.uniform(-0.5, 0.5, (40, 7)), ARM_LOW, ARM_HIGH)
-    points, rotation = gripper_pose(TORSO_HEIGHT, arm)
-    found, way, turn = reach_many(points, rotation[:, :, 0], False, np.array(REST_ARM))
-    position, axes = gripper_pose(TORSO_HEIGHT, found)
-    assert np.allclose(np.linalg.norm(points - position, axis=1), way, atol=1e-9)
-    good = (way < 0.01) & (turn < 0.05)
-    assert good.mean() > 0.9
-    assert ((axes[:, :, 0] * rotation[:, :, 0]).sum(axis=1)[good] > 0.99).all()
-
-
-def test_a_point_out_of_reach_is_told_by_its_distance():
-    _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), False, np.array(REST_ARM))
-    assert way[0] > 1.0
 
 
 def test_rolls_go_the_shorter_way_round():

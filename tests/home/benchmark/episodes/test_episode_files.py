@@ -1,5 +1,6 @@
 """Episodes on disk: what is written is read, and nothing else is."""
 
+import hashlib
 import json
 
 import pytest
@@ -87,6 +88,57 @@ def test_a_file_with_a_right_hash_but_wrong_content_is_refused_by_its_name(writt
     monkeypatch.setattr("perdure.home.benchmark.episodes.files._digest", lambda content: "same")
     path.write_text(json.dumps(json.loads(path.read_text()) | {"sha256": "same", "kinds": ["024_bowl"]}))
     with pytest.raises(HomeError, match=r"set_table_val\.json does not hold what"):
+        read_episodes(path)
+
+
+def nested(levels):
+    value = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+WRONG = {
+    "a kind before the first": lambda c: c["episodes"][0]["objects"][0].__setitem__(0, -1),
+    "a receptacle behind the last": lambda c: c["episodes"][0]["objects"][0].__setitem__(8, 99),
+    "half a kind": lambda c: c["episodes"][0]["goals"][0].__setitem__(0, 0.5),
+    "nan as a coordinate": lambda c: c["episodes"][0]["objects"][0].__setitem__(1, float("nan")),
+    "null as a coordinate": lambda c: c["episodes"][0]["objects"][0].__setitem__(1, None),
+    "a coordinate of 400 digits": lambda c: c["episodes"][0]["objects"][0].__setitem__(1, 10**400),
+    "a coordinate far away": lambda c: c["episodes"][0]["objects"][0].__setitem__(1, 1e6),
+    "a quaternion of length 2": lambda c: c["episodes"][0]["objects"][0].__setitem__(4, 2.0),
+    "text as opened": lambda c: c["episodes"][0].update(opened="top_door"),
+    "null as opened": lambda c: c["episodes"][0].update(opened={"top_door": None}),
+    "infinitely open": lambda c: c["episodes"][0].update(opened={"top_door": float("inf")}),
+    "a negative index": lambda c: c["episodes"][0].update(index=-1),
+    "a huge index": lambda c: c["episodes"][0].update(index=10**30),
+    "text as apartment": lambda c: c["episodes"][0].update(apartment=["a", 1, ""]),
+    "no episode": lambda c: c.update(episodes=[]),
+    "another task": lambda c: c.update(task="clean_up"),
+    "an escape as split": lambda c: c.update(split="\x1b[2J"),
+    "numbers as notes": lambda c: c.update(made_with={"seed": 7}),
+    "deep notes": lambda c: c.update(made_with={"seed": nested(900)}),
+    "an unknown kind": lambda c: c["kinds"].__setitem__(0, "999_elephant"),
+    "another field": lambda c: c.update(more=1),
+}
+
+
+@pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
+def test_content_that_no_episode_can_have_is_refused_though_its_hash_fits(written, change):
+    path, _ = written
+    content = json.loads(path.read_text())
+    change(content)
+    content.pop("sha256")
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    path.write_text(json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()}))
+    with pytest.raises(HomeError, match=r"set_table_val\.json"):
+        read_episodes(path)
+
+
+def test_json_that_is_nested_too_deep_is_refused_by_its_name(written):
+    path, _ = written
+    path.write_text("[" * 100_000)
+    with pytest.raises(HomeError, match=r"set_table_val\.json cannot be read"):
         read_episodes(path)
 
 

@@ -169,6 +169,73 @@ def unknown_ending(runs):
     runs[0]["ending"] = "bored"
 
 
+def put(*steps_and_value):
+    """A change that puts a value at a place in nested lists and tables."""
+    *path, last, value = steps_and_value
+
+    def change(column):
+        for step in path:
+            column = column[step]
+        column[last] = value
+
+    return change
+
+
+OUT_OF_RANGE = {
+    "null skill": ("runs", put(0, "skill", None), "skill"),
+    "negative number of a run": ("runs", put(0, "number", -1), "number"),
+    "target that is not there": ("runs", put(0, "target", -1), "target"),
+    "nan in a track": ("releases", put(0, "track", "x", 1, float("nan")), "track"),
+    "null in a track": ("releases", put(0, "track", "up", 0, None), "track"),
+    "a track that is null": ("releases", put(0, "track", "z", None), "track"),
+    "held 99": ("events", put(0, "held", 99), "held"),
+    "a held target that is not there": ("events", put(0, "held", 3), "held must be a target"),
+    "in_goal that is null": ("events", put(0, "in_goal", None), "in_goal"),
+    "nan as drawer": ("events", put(0, "drawer", float("nan")), "drawer"),
+    "an infinite goal": ("targets", put(0, "goal_x", float("inf")), "goal_x"),
+    "an escape in a kind": ("targets", put(0, "kind", "\x1b[2J"), "kind"),
+    "a negative force": ("runs", put(0, "force", -1.0), "force"),
+    "null as stages": ("stages", put(0, "name", None), "name"),
+    "nan as final pose": ("final_objects", put(0, "qw", float("nan")), "qw"),
+}
+
+
+@pytest.mark.parametrize("what", OUT_OF_RANGE)
+def test_values_out_of_range_are_refused_though_the_digest_fits(path, what):
+    column, change, sentence = OUT_OF_RANGE[what]
+    frame = pl.read_parquet(path)
+    rewrite(path, changed(frame, column, change))
+    with pytest.raises(HomeError, match=rf"logs\.parquet.*{sentence}"):
+        read_logs(path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        *[("control_hz", value) for value in (float("inf"), float("nan"), -1.0, None)],
+        *[("index", value) for value in (-1, None)],
+        *[("split", value) for value in ("", "x" * 60, "a\nb", None)],
+        *[("arm", value) for value in ("", "\x1b[31m", "\u202e", None)],
+        ("train_seed", -2),
+        ("steps", 10**12),
+        ("task", "clean_up"),
+        ("targets", None),
+    ],
+)
+def test_columns_out_of_range_are_refused_though_the_digest_fits(path, column, value):
+    rows = pl.read_parquet(path).to_dicts()
+    rows[0][column] = value
+    rewrite(path, pl.DataFrame(rows, schema=columns()))
+    with pytest.raises(HomeError, match=rf"logs\.parquet.*{column}"):
+        read_logs(path)
+
+
+@pytest.mark.parametrize("note", ["[" * 100_000, "null", "[]", '{"pick": 1}', "{"])
+def test_a_note_that_is_no_table_of_names_is_refused(note):
+    with pytest.raises(HomeError, match="note policies"):
+        files.noted_policies({"policies": note})
+
+
 CONTRADICTIONS = {
     "stages": ("stages", unreached, "stages do not follow"),
     "placements": ("targets", unstable, "goal-stabilizing does not follow"),

@@ -1,6 +1,7 @@
 """The protocol: which parts, who acts, and that a second call runs nothing again."""
 
 import json
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,47 @@ def test_what_was_run_is_not_run_again(tmp_path):
     notes = read_notes(first[0])
     assert json.loads(notes["policies"])["place"] == "oracle"
     assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
+
+
+def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
+    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    calls, states, run = [], [], Executor.run
+
+    def counted(self, episodes):
+        calls.append(len(episodes))
+        return run(self, episodes)
+
+    monkeypatch.setattr(Executor, "run", counted)
+    see = states.append
+    both = [
+        threading.Thread(target=run_protocol, args=(protocol, tmp_path), kwargs={"observe": lambda s: see(_states(s))})
+        for _ in range(2)
+    ]
+    for each in both:
+        each.start()
+    for each in both:
+        each.join()
+    assert calls == [1]
+    assert {"busy", "finished"} <= set().union(*states), "the second one says that it waits"
+
+
+def _states(status):
+    return {each.state for each in status.values()}
+
+
+def test_logs_that_an_interrupted_attempt_left_are_not_run_again(tmp_path, monkeypatch):
+    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    (logs,) = run_protocol(protocol, tmp_path / "first")
+    (unit,) = protocol_units(protocol, "")
+    monkeypatch.setattr(Executor, "run", lambda *ignored: pytest.fail("its result is there"))
+    work = tmp_path / "work"
+    work.mkdir()
+    (work / logs.name).write_bytes(logs.read_bytes())
+    run_block(Work(work, 1, print), **unit.arguments)
+    assert (work / logs.name).read_bytes() == logs.read_bytes()
+    (work / logs.name).write_bytes(logs.read_bytes()[:100])  # a copy that broke off
+    with pytest.raises(pytest.fail.Exception, match="its result is there"):
+        run_block(Work(work, 1, print), **unit.arguments)
 
 
 def _say_other_source_made(unit):

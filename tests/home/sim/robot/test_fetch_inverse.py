@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, REST_POSITION, gripper_pose, reach
+from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, REST_POSITION, gripper_pose, jacobian, reach, reach_many
+from perdure.home.sim.robot.inverse import damped_inverse, damped_step
 
 M3_INITIAL = (-0.268, -1.133, 0.367, 1.081, 0.06, 2.002, 0.067)
 
@@ -130,3 +131,38 @@ def test_a_start_beyond_the_limits_is_brought_back():
 def test_wrong_questions_are_refused(arguments, message):
     with pytest.raises(HomeError, match=message):
         reach(**({"position": REST_POSITION, "start_arm": REST_ARM} | arguments))
+
+
+def test_many_poses_made_by_forward_kinematics_are_found():
+    rng = np.random.default_rng(1)
+    arm = np.clip(np.array(REST_ARM) + rng.uniform(-0.5, 0.5, (40, 7)), ARM_LOW, ARM_HIGH)
+    points, rotation = gripper_pose(0.15, arm)
+    found, way, turn = reach_many(points, rotation[:, :, 0], False, np.array(REST_ARM))
+    position, axes = gripper_pose(0.15, found)
+    assert np.allclose(np.linalg.norm(points - position, axis=1), way, atol=1e-9)
+    good = (way < 0.01) & (turn < 0.05)
+    assert good.mean() > 0.9
+    assert ((axes[:, :, 0] * rotation[:, :, 0]).sum(axis=1)[good] > 0.99).all()
+
+
+def test_a_point_out_of_reach_is_reported_by_its_distance():
+    _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), False, np.array(REST_ARM))
+    assert way[0] > 1.0
+
+
+@pytest.mark.parametrize(("sign", "angle"), [(-1.0, np.pi), (1.0, 0.0)])
+def test_an_opposite_direction_is_half_a_turn_away(sign, angle):
+    """The axis of half a turn is lost in a cross product; the angle must not be."""
+    position, rotation = gripper_pose(0.15, REST_ARM)
+    _, _, turn = reach_many(position[None], sign * rotation[None, :, 0], False, np.array(REST_ARM), iterations=0)
+    assert turn[0] == pytest.approx(angle, abs=1e-6)
+
+
+def test_a_damped_inverse_is_that_of_the_extended_least_squares_problem():
+    """min |J q - e|^2 + d^2 |q|^2, solved by stacking."""
+    matrix, error, damping = jacobian(0.15, REST_ARM)[:3], np.array([0.01, -0.02, 0.03]), 0.03
+    stacked, wanted = np.vstack([matrix, damping * np.eye(7)]), np.concatenate([error, np.zeros(7)])
+    expected = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
+    assert damped_inverse(matrix, damping) @ error == pytest.approx(expected, abs=1e-12)
+    assert damped_step(matrix, error, damping) == pytest.approx(expected, abs=1e-12)
+    assert np.linalg.pinv(matrix) @ error != pytest.approx(expected, abs=1e-6)

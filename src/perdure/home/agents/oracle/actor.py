@@ -35,7 +35,7 @@ class Oracle(Actor):
 
     def begin(self, world: World, lane: int, skill: Skill) -> None:
         """See `Actor.begin`."""
-        view = View(world, lane, world.sense(np.array([lane])), skill.base_speed)
+        view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
         self._views[lane] = view
         self._motions[lane] = self._motion(view, skill)
 

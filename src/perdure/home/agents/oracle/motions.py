@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from perdure.home.agents.actor import LaneView
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
@@ -22,7 +23,6 @@ from perdure.home.sim.world import (
     LEAVE,
     TURN,
     Lane,
-    PrivilegedState,
     World,
 )
 from perdure.home.sim.world.state import wrap
@@ -50,12 +50,11 @@ def never() -> bool:
 
 
 @dataclass
-class View:
-    """One lane of an oracle skill; `state` (one row) is updated before each action."""
+class View(LaneView):
+    """One lane of an oracle skill."""
 
     world: World
     number: int
-    state: PrivilegedState
     base_speed: float
 
     @property
@@ -67,18 +66,6 @@ class View:
     def jammed(self) -> bool:
         """Whether an obstacle keeps the arm from its servo targets."""
         return float(np.abs(self.state.arm_target[0] - self.state.arm[0]).max()) > JAMMED_RAD
-
-    @property
-    def base(self) -> Pose:
-        """Where the robot stands."""
-        x, y, yaw = (float(value) for value in self.state.base[0])
-        return Pose(x, y, yaw)
-
-    @property
-    def arm(self) -> FloatArray:
-        """Targets of the arm's servos in [rad]. Shape (7,)."""
-        target: FloatArray = self.state.arm_target[0]
-        return target
 
     def action(
         self, forward: float = 0.0, turn: float = 0.0, arm: FloatArray | None = None, grip: float = LEAVE

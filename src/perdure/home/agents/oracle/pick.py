@@ -50,7 +50,7 @@ def pick(view: View) -> Motion:
 def _can_grasp(view: View, target: int) -> bool:
     """Return whether a grasp now would take the target."""
     lane, gripper = view.lane, view.state.gripper[0]
-    middles = lane.qpos[lane.scene.object_qpos[:, None] + np.arange(3)]
+    middles = lane.qpos[lane.scene.middles]
     distance = np.linalg.norm(middles - gripper, axis=1)
     handles = Handles.of(lane.scene.apartment).at(lane.qpos[lane.scene.link_qpos])
     handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE

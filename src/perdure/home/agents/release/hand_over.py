@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor
+from perdure.home.agents.actor import Actor, LaneView
 from perdure.home.benchmark.tasks import AT
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray, IntArray
@@ -49,10 +49,9 @@ NOT_ABOVE = "not above the goal"
 
 
 @dataclass
-class Held:
-    """One lane during its hand-over; `state` (one row) is updated before each action."""
+class Held(LaneView):
+    """One lane during its hand-over."""
 
-    state: PrivilegedState
     outcome: str = "done"
     """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
@@ -60,18 +59,6 @@ class Held:
 
     def __post_init__(self) -> None:
         self.frozen = self.base
-
-    @property
-    def arm(self) -> FloatArray:
-        """Targets of the arm's servos in [rad]. Shape (7,)."""
-        target: FloatArray = self.state.arm_target[0]
-        return target
-
-    @property
-    def base(self) -> Pose:
-        """Base pose."""
-        x, y, yaw = (float(value) for value in self.state.base[0])
-        return Pose(x, y, yaw)
 
     @property
     def base_error(self) -> tuple[float, float]:

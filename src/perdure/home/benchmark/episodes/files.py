@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any, cast
 
 from perdure.home.benchmark.episodes.episode import Episode, EpisodeSet
+from perdure.home.benchmark.episodes.schema import CONTENT, VERSION
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Quaternion, Vec3
 from perdure.home.sim.objects import Placement
+from perdure.schema import SchemaError, read_json
 
-SCHEMA, VERSION = "perdure.home.episodes", 1
+SCHEMA = "perdure.home.episodes"
 DATA = Path(__file__).parent / "data"
 """Where the published episodes are."""
 
@@ -37,21 +39,30 @@ def load_episodes(task: str, split: str) -> EpisodeSet:
 
 
 def read_episodes(path: str | Path) -> EpisodeSet:
-    """Read a file of episodes; HomeError with its name when it is not one, damaged, edited or of another version."""
+    """Return the episodes in a file.
+
+    Raises:
+        HomeError: With the file's name, when it is not one of episodes, damaged, edited or of another version.
+    """
     path = Path(path)
+    if not path.is_file():
+        raise HomeError(
+            f"{path} cannot be read as a file of episodes: it {'is no file' if path.exists() else 'is missing'}"
+        )
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        content = read_json(path.read_bytes())
+    except (OSError, SchemaError) as error:
         raise HomeError(f"{path} cannot be read as a file of episodes: {error}") from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise HomeError(f"{path} is not a file of episodes: its schema is not {SCHEMA!r}")
     if content.get("version") != VERSION:
-        raise HomeError(f"{path} has version {content.get('version')}; this package reads version {VERSION}")
+        raise HomeError(f"{path} has version {str(content.get('version'))[:20]}; this package reads version {VERSION}")
     if content.pop("sha256", None) != _digest(content):
         raise HomeError(f"{path} is damaged or was edited: its content does not match its sha256")
     try:
+        CONTENT.check(content)
         return _from_json(content)
-    except (KeyError, TypeError, IndexError, ValueError) as error:
+    except (SchemaError, HomeError) as error:
         raise HomeError(f"{path} does not hold what a file of episodes must hold: {error}") from error
 
 
@@ -70,7 +81,11 @@ def write_episodes(path: str | Path, episodes: EpisodeSet) -> None:
 
 
 def _digest(content: dict[str, Any]) -> str:
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    """Return the SHA-256 of the content; "" where it holds nan or is nested too deep, which no file of ours is."""
+    try:
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except (ValueError, RecursionError):
+        return ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

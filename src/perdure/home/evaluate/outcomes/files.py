@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.evaluate.outcomes.fields import HAND_OVERS, NOTES, POLICIES, ROW
 from perdure.home.evaluate.outcomes.schema import (
     READABLE_VERSIONS,
     SCHEMA_NAME,
@@ -20,7 +20,8 @@ from perdure.home.evaluate.outcomes.schema import (
     from_frame,
     to_frame,
 )
-from perdure.runs import write_whole
+from perdure.runs import write_result
+from perdure.schema import SchemaError, Table, parquet, read_json
 
 if TYPE_CHECKING:
     import polars as pl
@@ -38,19 +39,25 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
         notes: Goes into the file's metadata, such as `policies` and `command`.
 
     Raises:
-        HomeError: If there are no logs, an episode is there twice, or a note is no text or has a reserved name.
-        OSError: If the file cannot be written; an old one is untouched.
+        HomeError: If there are no logs, an episode is there twice, a value is out of range, or a note is no text or
+            has a reserved name.
+        StoreError: If the file cannot be written; an old one is untouched, the message says where the logs are kept.
     """
     check_distinct(logs, f"the logs for {os.fspath(path)}")
     reserved = [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]
     if reserved:
         raise HomeError(f"notes say {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
     frame = to_frame(logs)
+    try:
+        for row in frame.iter_rows(named=True):
+            ROW.check(row)
+    except SchemaError as error:
+        raise HomeError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
     notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **notes}
     notes["sha256"] = _digest(frame, notes)
     # The columns' bytes do not depend on the metadata, which stands behind them: written once to know their digest.
     notes[BODY] = _body_digest(_parquet(frame, notes))
-    return write_whole(path, _parquet(frame, notes))
+    return write_result(Path(path), _parquet(frame, notes))
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
@@ -77,7 +84,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
     try:
         records = from_frame(frame)
         check_distinct(records, "it")
-    except (HomeError, TypeError, ValueError, IndexError) as error:
+    except (HomeError, SchemaError) as error:
         raise HomeError(f"{path} does not hold what a file of logs must hold: {error}") from error
     return records
 
@@ -97,15 +104,7 @@ def noted_policies(notes: Mapping[str, str]) -> dict[str, str] | None:
     Raises:
         HomeError: If it is something else.
     """
-    if "policies" not in notes:
-        return None
-    try:
-        names = json.loads(notes["policies"])
-    except ValueError:
-        names = None
-    if not isinstance(names, dict):
-        raise HomeError(f"the note policies of logs must be a JSON object, skill to name, not {notes['policies']!r}")
-    return {skill: str(name) for skill, name in names.items()}
+    return _note(notes, "policies", POLICIES) if "policies" in notes else None
 
 
 def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
@@ -114,15 +113,16 @@ def noted_hand_overs(notes: Mapping[str, str]) -> dict[str, int]:
     Raises:
         HomeError: If it is something else than a JSON object of counts.
     """
+    return _note(notes, "hand_overs", HAND_OVERS) if "hand_overs" in notes else {}
+
+
+def _note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any]:
     try:
-        counts = json.loads(notes.get("hand_overs", "{}"))
-    except ValueError:
-        counts = None
-    if not isinstance(counts, dict) or not all(type(count) is int and count >= 0 for count in counts.values()):
-        raise HomeError(
-            f"the note hand_overs of logs must be a JSON object, outcome to count, not {notes['hand_overs']!r}"
-        )
-    return {str(outcome): count for outcome, count in counts.items()}
+        value = read_json(notes[name])
+        table.check(value)
+    except SchemaError as error:
+        raise HomeError(f"the note {name} of logs cannot be read: {error}") from None
+    return dict(value)
 
 
 def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
@@ -137,24 +137,19 @@ def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
 
 
 def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
-    import polars as pl
-
     if not path.is_file():
         raise HomeError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
     content = path.read_bytes()
     if content[:4] != b"PAR1":
         raise HomeError(f"{path} is not a Parquet file")
     try:
-        notes = pl.read_parquet_metadata(io.BytesIO(content))
+        notes = parquet.read_notes(content)
+        NOTES.check(notes)
         if BODY in notes and notes[BODY] != _body_digest(content):
             raise HomeError(f"{path} is damaged: its columns do not fit the SHA-256 they were written with")
-        frame = pl.read_parquet(io.BytesIO(content))
-    except HomeError:
-        raise
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise HomeError(f"{path} is a damaged Parquet file: {reason}") from error
-    return frame, {name: value for name, value in notes.items() if name != "ARROW:schema"}
+        return parquet.read_parquet(content), notes
+    except SchemaError as error:
+        raise HomeError(f"{path} is a damaged Parquet file: {error}") from None
 
 
 def _parquet(frame: pl.DataFrame, notes: Mapping[str, str]) -> bytes:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from perdure.home.errors import HomeError
 from perdure.home.evaluate.log import EpisodeLog, FinalObject
 from perdure.home.sim.objects import KINDS, AppleShape, YcbObjects
 
@@ -77,6 +78,8 @@ def overlap_depth(first: FinalObject, second: FinalObject, apple: AppleShape = "
 
 
 def _radius(kind: str) -> float:
+    if kind not in KINDS:
+        raise HomeError(f"the shape of {kind!r} is not known; there are {', '.join(KINDS)}")
     return float(np.linalg.norm(KINDS[kind].half))
 
 

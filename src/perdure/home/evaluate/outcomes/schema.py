@@ -46,6 +46,7 @@ import numpy as np
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.log import EpisodeLog, Event, FinalObject, Release, SkillRun, Target, Track
 from perdure.home.evaluate.outcomes.counting import stabilizing, stage_steps, stages_stabilizing
+from perdure.home.evaluate.outcomes.fields import ROW
 
 if TYPE_CHECKING:
     import polars as pl
@@ -98,7 +99,12 @@ def to_frame(records: Sequence[EpisodeLog]) -> pl.DataFrame:
 
 
 def from_frame(frame: pl.DataFrame) -> list[EpisodeLog]:
-    """Return records from a table of the schema; HomeError where one contradicts itself."""
+    """Return records from a table of the schema.
+
+    Raises:
+        SchemaError: A value is out of its range, see `fields.py`.
+        HomeError: A record contradicts itself.
+    """
     return [_from_row(row) for row in frame.iter_rows(named=True)]
 
 
@@ -146,6 +152,7 @@ def _release_row(release: Release) -> dict[str, Any]:
 
 
 def _from_row(row: Mapping[str, Any]) -> EpisodeLog:
+    ROW.check(row)
     record = EpisodeLog(
         **{name: row[column] for column, name in _PLAIN.items()},
         diverged=row["diverged"],
@@ -156,7 +163,7 @@ def _from_row(row: Mapping[str, Any]) -> EpisodeLog:
         runs=tuple(SkillRun(**run) for run in row["runs"]),
         events=tuple(Event(**{**event, "in_goal": tuple(event["in_goal"])}) for event in row["events"]),
         releases=tuple(_release(release) for release in row["releases"]),
-        final_objects=tuple(_final_object(each) for each in row.get("final_objects", ())),
+        final_objects=tuple(_final_object(each) for each in (row.get("final_objects") or ())),
     )
     if row["stages"] != _stages(record):
         raise HomeError(f"{record.name}: its stages do not follow from its events")

@@ -10,7 +10,9 @@ from pathlib import Path
 
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes import noted_hand_overs, noted_policies, read_logs, read_notes
+from perdure.home.evaluate.outcomes.fields import POLICIES
 from perdure.runs import Store, StoreError
+from perdure.schema import SchemaError, printable
 
 Group = tuple[str, str, str]
 """Task, split, strategy."""
@@ -49,14 +51,14 @@ def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Episo
     for path in paths:
         read, notes = read_logs(path), read_notes(path)
         records += read
-        commands |= {notes["command"]: None} if notes.get("command") else {}
+        commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         policies = noted_policies(notes)
         policies = _beside(Path(path)) if policies is None else policies
         for group in {(record.task, record.split, record.strategy) for record in read}:
             if counts := noted_hand_overs(notes):
-                hand_overs.setdefault(group, Counter()).update(counts)
+                hand_overs.setdefault(group, Counter()).update({printable(name): n for name, n in counts.items()})
             for skill, name in policies.items():
-                acting.setdefault(group, {}).setdefault(skill, {})[name] = None
+                acting.setdefault(group, {}).setdefault(printable(skill), {})[printable(name)] = None
     assignment = {group: {skill: tuple(names) for skill, names in skills.items()} for group, skills in acting.items()}
     return records, PolicyAssignment(assignment, tuple(commands), hand_overs)
 
@@ -66,6 +68,7 @@ def _beside(path: Path) -> dict[str, str]:
     folder = path.resolve().parent
     try:
         policies = Store(folder.parent).config(folder.name).get("policies", {})
-    except StoreError:
+        POLICIES.check(policies)
+    except (StoreError, SchemaError):
         return {}
     return {skill: ORACLE if name == ORACLE else f"learned, SHA-256 {name[:8]}" for skill, name in policies.items()}

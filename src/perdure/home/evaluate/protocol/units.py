@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from perdure.home.agents import Actor
@@ -17,7 +18,7 @@ from perdure.home.benchmark.tasks import SkillName
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.evaluate.outcomes import write_logs
+from perdure.home.evaluate.outcomes import read_logs, write_logs
 from perdure.home.evaluate.protocol.policies import SkillPolicy, make_actors, read_policy
 from perdure.home.evaluate.protocol.protocol import Protocol
 from perdure.runs import Unit, Work
@@ -94,6 +95,8 @@ def run_block(
     Raises:
         HomeError: If a policy file has changed since the unit was made.
     """
+    if _is_written(work.folder / LOGS):
+        return
     acting = {skill: read_policy(source) for skill, source in policies.items()}
     for skill, digest in _digests(acting).items():
         if digests[skill] != digest:
@@ -117,6 +120,14 @@ def run_block(
         **_hand_overs(actors["place"]),
     }
     write_logs(work.folder / LOGS, logs, notes)
+
+
+def _is_written(path: Path) -> bool:
+    """Return whether an attempt that was interrupted between its last two steps has left its logs."""
+    try:
+        return path.is_file() and bool(read_logs(path))
+    except HomeError:
+        return False
 
 
 def _config(protocol: Protocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:

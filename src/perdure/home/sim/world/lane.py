@@ -125,7 +125,7 @@ class Lane:
                 self.hold_link(nearest, rotation.T @ (handles[nearest] - gripper), handles[nearest])
                 return
         if len(self.scene.placements):
-            middles = self.qpos[self.scene.object_qpos[:, None] + np.arange(3)]
+            middles = self.qpos[self.scene.middles]
             distance = np.sqrt(((middles - gripper) ** 2).sum(axis=1))
             nearest = int(distance.argmin())
             if distance[nearest] <= GRASP_RADIUS:

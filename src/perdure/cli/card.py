@@ -1,0 +1,30 @@
+"""``perdure card``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class Card:
+    """Write the model card of a policy, in the format of Hugging Face: README.md beside its file."""
+
+    policy: tyro.conf.Positional[str]
+    """A policy file, a folder that holds one, or the name of a shipped policy."""
+    table: Path
+    """The table of `perdure extrapolate` that holds the policy's episodes (lanes.parquet)."""
+    out: Path | None = None
+    """The file to write; README.md in the policy's folder by default."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure card``."""
+    flags = parse(Card, args, "card")
+    from perdure.extrapolate.card import write_card
+
+    print(write_card(flags.policy, flags.table, flags.out))

@@ -1,0 +1,60 @@
+"""``perdure watch``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from perdure.cli.parse import parse
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Film a policy at the moment at which it fails, found by the verdict. Needs the extra perdure[film].
+
+    EnvPool cannot render: the film is of Gymnasium's environment of the same name, on another build of MuJoCo, and the
+    failure is looked for there.
+    """
+
+    policy: tyro.conf.Positional[str]
+    """A policy file, or the name of a shipped policy."""
+    clock: str | None = None
+    """What the policy is told about time, such as constant:0; its own clock by default."""
+    until_failure: bool = False
+    """Film the first failure: 5 s before it and 1 s after. Else the first 6 s."""
+    beside: str | None = None
+    """A second clock, such as constant:500, from the same start state: two films side by side."""
+    out: Path = Path("film.mp4")
+    """The film, an .mp4."""
+    steps: int = 10_000
+    """How long each episode is asked to last."""
+    eval_seeds: int = 10
+    """Start states among which a failure is looked for."""
+    first_eval_seed: int = 0
+    """The first of them."""
+
+
+def main(args: list[str]) -> None:
+    """``perdure watch``."""
+    flags = parse(Watch, args, "watch")
+    from perdure.film import watch
+    from perdure.horizon import parse_clock
+    from perdure.policy import load_policy
+
+    clock, beside = (None if text is None else parse_clock(text) for text in (flags.clock, flags.beside))
+    film = watch(
+        load_policy(flags.policy),
+        flags.out,
+        clock=clock,
+        beside=beside,
+        until_failure=flags.until_failure,
+        steps=flags.steps,
+        eval_seeds=flags.eval_seeds,
+        first_eval_seed=flags.first_eval_seed,
+    )
+    print(
+        "\n".join([*film.sentences, f"Filmed in {film.world}; a policy of EnvPool was trained on another build.", ""])
+    )
+    print(f"Film: {film.path.resolve()}")

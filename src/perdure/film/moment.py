@@ -1,0 +1,84 @@
+"""Episodes judged in the environment that is filmed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from perdure.envs import OpenEnv
+from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.extrapolate.lanes import FIRST_EVAL_SEED
+from perdure.extrapolate.measured import idle_of, measured_actor
+from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
+from perdure.extrapolate.table import judge_table, lane_table
+from perdure.film.errors import FilmError
+from perdure.horizon import Clock
+from perdure.policy import Policy
+
+FAILURES = ("falls", "fails silently", "decays", "diverges")
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedLane:
+    """One episode and what became of it."""
+
+    clock: Clock | None
+    eval_seed: int
+    outcome: str
+    """As in the table: "holds", "falls", ..."""
+    failed_step: int
+    """Steps completed before the failure began; without one, the steps it was watched."""
+    end_step: int
+    total: float
+    """Its return."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it falls, diverges, decays or fails silently."""
+        return self.outcome in FAILURES
+
+
+class Judge:
+    """Judges episodes of one policy: what it does within its training horizon is measured here, too."""
+
+    def __init__(self, policy: Policy, source: OpenEnv, steps: int) -> None:
+        """Measures idle robots and the policy itself.
+
+        Args:
+            policy: Who acts.
+            source: The environment.
+            steps: How long each episode is asked to last.
+        """
+        # The stored reference may be of another engine.
+        measured = measured_actor(replace(policy, reference=None), source)
+        assert isinstance(measured, Policy)
+        assert measured.reference is not None
+        self.policy, self._source, self._steps = measured, source, steps
+        self.scale: ScoreScale = make_score_scale(measured.reference, idle_of(source), task_rate(policy.task.name))
+
+    def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedLane]:
+        """Run one episode from each start state."""
+        lanes = [LaneSpec(0, clock, seed) for seed in eval_seeds]
+        world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
+        records = evaluate_lanes([self.policy], lanes, self._steps, world=world)
+        frame = judge_table(
+            lane_table(["policy"], [self.policy], lanes, records, self._steps), [self.scale] * len(lanes)
+        )
+        return [
+            JudgedLane(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
+            for row in frame.filter(frame["step"] == self._steps).iter_rows(named=True)
+        ]
+
+    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int]) -> JudgedLane:
+        """Return the first of these episodes that fails.
+
+        Raises:
+            FilmError: If none does.
+        """
+        for lane in self.judge(clock, eval_seeds):
+            if lane.failed:
+                return lane
+        raise FilmError(
+            f"none of {len(eval_seeds)} episodes of {self._steps:,} steps fails under "
+            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, or another --clock"
+        )

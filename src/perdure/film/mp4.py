@@ -1,0 +1,66 @@
+"""A film as a file, whole or not at all: H.264 by the ffmpeg that imageio-ffmpeg brings along."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterable
+from importlib.util import find_spec
+from pathlib import Path
+
+from perdure.film.camera import Picture
+from perdure.film.errors import FilmError
+
+SUFFIX = ".mp4"
+
+
+def check_film(path: Path) -> None:
+    """Refuse a name that is no film's, and a machine that cannot write one, before anything is simulated.
+
+    Raises:
+        FilmError: If the name does not end in .mp4, or imageio-ffmpeg or Pillow is missing.
+    """
+    if path.suffix.lower() != SUFFIX:
+        raise FilmError(f"a film is written as {SUFFIX}, not as {path.name}")
+    missing = [
+        name for module, name in (("imageio_ffmpeg", "imageio-ffmpeg"), ("PIL", "pillow")) if not find_spec(module)
+    ]
+    if missing:
+        raise FilmError(f"films need {' and '.join(missing)}: pip install 'perdure[film]'")
+
+
+def write_film(pictures: Iterable[Picture], path: Path, rate: float) -> int:
+    """Write pictures of one even size; return how many.
+
+    Args:
+        pictures: At least one.
+        path: The file.
+        rate: Pictures per second.
+    """
+    import imageio_ffmpeg
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{SUFFIX}")
+    temporary.touch()  # a folder that may not be written is found out before the first picture
+    writer, count = None, 0
+    try:
+        for picture in pictures:
+            if writer is None:
+                height, width = picture.shape[:2]
+                options = {"quality": None, "macro_block_size": 2, "ffmpeg_log_level": "error"}
+                encoder = ["-crf", "20", "-movflags", "+faststart", "-threads", "1"]
+                writer = imageio_ffmpeg.write_frames(
+                    str(temporary), (width, height), fps=rate, output_params=encoder, **options
+                )
+                writer.send(None)
+            writer.send(picture)
+            count += 1
+        if writer is None:
+            raise FilmError("a film needs at least one picture")
+        writer.close()
+        os.replace(temporary, path)
+    finally:
+        if writer is not None:
+            writer.close()
+        temporary.unlink(missing_ok=True)
+    return count

@@ -1,0 +1,147 @@
+"""A model of CleanRL's `ppo_continuous_action` becomes a policy of this library.
+
+CleanRL saves the state dict of its Agent: actor and critic, each a chain of linear layers with tanh between them, and
+the logarithm of the standard deviation. Gymnasium's wrappers normalize what the Agent sees (`NormalizeObservation`, cut
+to +-10) and cut what it does (`ClipAction`); their statistics are not in the file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.envs import TaskSpec, make_world, task_of_environment
+from perdure.horizon import Fixed, HorizonProtocol
+from perdure.policy.errors import PolicyError, PolicyFileError
+from perdure.policy.measure import measure_reference
+from perdure.policy.policy import Normalizer, Policy
+from perdure.policy.readers.torch_state import TorchState
+from perdure.policy.task import TaskInfo
+
+NO_NORMALIZER = "none"
+"""Says that the model saw raw observations."""
+CLIP = 10.0
+"""CleanRL cuts normalized observations to +-CLIP."""
+GAMMA = 0.99
+"""CleanRL's default; the file does not hold it, and acting does not depend on it."""
+MAX_BYTES = 500_000_000
+_NETWORKS = {"policy": "actor_mean", "value": "critic"}
+"""Name of a network here, and in the file."""
+
+
+def import_cleanrl(
+    path: str | Path,
+    env: str,
+    *,
+    normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+    measure: bool = True,
+) -> Policy:
+    """Return the policy of a CleanRL model, acting with its mean.
+
+    Args:
+        path: The `.cleanrl_model` that `ppo_continuous_action` (or a variant with the same Agent) saved.
+        env: The environment it was trained in, see `perdure.envs.task_of_environment`.
+        normalizer: Statistics of `NormalizeObservation`: (mean, variance), or an .npz file that holds them as `mean`
+            and `var`. In training they are ``envs.envs[0].get_wrapper_attr("obs_rms")``. "none": no such wrapper.
+        measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
+
+    Raises:
+        PolicyFileError: If a file is damaged or is no such model.
+        PolicyError: If the statistics are missing, or model, statistics and environment do not fit together.
+        WorldError: If the environment cannot be made.
+        OSError: If a file cannot be read.
+    """
+    task, path = task_of_environment(env), Path(path)
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    if path.stat().st_size > MAX_BYTES:
+        raise PolicyFileError(f"{path} is larger than {MAX_BYTES:,} bytes")
+    state = TorchState(path.read_bytes(), str(path))
+    weights = {
+        name: array for ours, theirs in _NETWORKS.items() for name, array in _layers(state, ours, theirs, str(path))
+    }
+    _check_sizes(weights, spec, str(path))
+    protocol = HorizonProtocol(None, Fixed(spec.default_horizon), "terminated", GAMMA, GAMMA)
+    policy = Policy(
+        task=TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high)),
+        weights={**weights, "log_std": state.array("actor_logstd").reshape(-1)},
+        activation="tanh",
+        normalizer=_normalizer(normalizer, spec, str(path)),
+        protocol=protocol,
+        provenance=_provenance(path, env),
+    )
+    return replace(policy, reference=measure_reference(policy)) if measure else policy
+
+
+def _layers(state: TorchState, ours: str, theirs: str, what: str) -> list[tuple[str, NDArray[np.float32]]]:
+    """Weights (in, out) and biases of one network under our names, in the order of its layers."""
+    found = [re.fullmatch(rf"{theirs}\.(\d+)\.weight", name) for name in state.names]
+    numbers = sorted(int(match[1]) for match in found if match)
+    if not numbers or "actor_logstd" not in state.names:
+        raise PolicyFileError(
+            f"{what} is no model of CleanRL's ppo_continuous_action: it holds {', '.join(state.names[:8])}"
+        )
+    if numbers != list(range(0, 2 * len(numbers), 2)):
+        raise PolicyFileError(f"{what}: {theirs} must have its linear layers at 0, 2, 4, ..., it has them at {numbers}")
+    layers = []
+    for layer, number in enumerate(numbers):
+        weight = np.ascontiguousarray(state.array(f"{theirs}.{number}.weight").T)
+        layers += [(f"{ours}.{layer}.weight", weight), (f"{ours}.{layer}.bias", state.array(f"{theirs}.{number}.bias"))]
+    return layers
+
+
+def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: str) -> None:
+    biases = [weights[name] for name in weights if name.startswith("policy.") and name.endswith(".bias")]
+    sizes, needed = (len(weights["policy.0.weight"]), len(biases[-1])), (spec.observation_size, spec.action_size)
+    if sizes != needed or spec.discrete_actions:
+        kind = "discrete" if spec.discrete_actions else "continuous"
+        raise PolicyError(
+            f"{what}: its network takes {sizes[0]} numbers and gives {sizes[1]}, but {spec.name} gives {needed[0]} and "
+            f"takes {needed[1]} ({kind})"
+        )
+
+
+def _normalizer(given: str | Path | tuple[ArrayLike, ArrayLike] | None, spec: TaskSpec, what: str) -> Normalizer:
+    if given is None:
+        raise PolicyError(
+            f"{what} does not hold the statistics by which CleanRL normalizes observations: give "
+            'normalizer=(mean, variance) of the wrapper, envs.envs[0].get_wrapper_attr("obs_rms"), an .npz file with '
+            f'mean and var, or "{NO_NORMALIZER}" if there was no such wrapper'
+        )
+    if given == NO_NORMALIZER:
+        return Normalizer.identity(spec.observation_size)
+    mean, var = _read_statistics(Path(given)) if isinstance(given, str | Path) else given
+    arrays = [np.array(each, np.float64) for each in (mean, var)]
+    legal = all(each.shape == (spec.observation_size,) and np.isfinite(each).all() for each in arrays)
+    if not legal or (arrays[1] < 0).any():
+        raise PolicyError(
+            f"{what}: mean and variance must be {spec.observation_size} finite numbers each, variances not negative; "
+            f"their shapes are {arrays[0].shape} and {arrays[1].shape}"
+        )
+    return Normalizer(arrays[0], arrays[1], clip=CLIP)
+
+
+def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return np.array(arrays["mean"], np.float64), np.array(arrays["var"], np.float64)
+    except OSError:
+        raise
+    except Exception as error:  # NumPy and zipfile raise many kinds for damaged files
+        raise PolicyFileError(f"{path} must be an .npz file with the arrays mean and var: {error}") from None
+
+
+def _provenance(path: Path, env: str) -> dict[str, object]:
+    from hashlib import sha256
+
+    return {
+        "method": f"CleanRL PPO ({path.stem})",
+        "source": {"file": path.name, "sha256": sha256(path.read_bytes()).hexdigest(), "env": env},
+        "versions": {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")},
+    }

@@ -1,0 +1,41 @@
+"""What files may hold, declared once for each kind of file and checked where the file is read.
+
+    kinds.py      kinds of values: Text, Whole, Real, Flag, Choice, Items, Maybe, Table, Anything
+    columns.py    the same kinds checked over the columns of a Polars table
+    strict.py     JSON whose every fault is a SchemaError
+    parquet.py    Parquet decoded by Polars, whose every fault is a SchemaError
+    text.py       text for a terminal: without control characters
+    errors.py     SchemaError
+
+A reader declares a `Table` and turns a SchemaError into its own error, with the file's name. The package imports
+nothing else of perdure.
+"""
+
+from perdure.schema.columns import check_columns
+from perdure.schema.errors import SchemaError
+from perdure.schema.kinds import LARGEST, Anything, Choice, Flag, Items, Kind, Maybe, Real, Rule, Table, Text, Whole
+from perdure.schema.parquet import read_columns, read_notes, read_parquet
+from perdure.schema.strict import read_json
+from perdure.schema.text import printable
+
+__all__ = [
+    "LARGEST",
+    "Anything",
+    "Choice",
+    "Flag",
+    "Items",
+    "Kind",
+    "Maybe",
+    "Real",
+    "Rule",
+    "SchemaError",
+    "Table",
+    "Text",
+    "Whole",
+    "check_columns",
+    "printable",
+    "read_columns",
+    "read_json",
+    "read_notes",
+    "read_parquet",
+]

@@ -1,0 +1,98 @@
+"""Model cards: their numbers are those of the table, their front matter is YAML that a parser reads."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from scripted import policy_for
+
+import perdure
+from perdure.extrapolate import Extrapolation, ExtrapolationError
+from perdure.extrapolate.card import write_card
+from perdure.policy import TaskInfo, save_policy
+from perdure.report import write_table
+
+HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
+STEPS = 100
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A policy's file, its table and its card."""
+    folder = tmp_path_factory.mktemp("card")
+    policy = save_policy(policy_for(HOPPER, seed=2, phi=True, method="true"), folder / "policy.safetensors")
+    other = save_policy(policy_for(HOPPER, seed=3, method="other"), folder / "elsewhere" / "other.safetensors")
+    asked = Extrapolation((policy, other), STEPS, ("constant:500", "constant:0"), eval_seeds=6)
+    result = perdure.extrapolate(asked, folder / "out", cores=1, command="perdure extrapolate policy.safetensors")
+    card = write_card(policy, result.path)
+    return policy, result, card
+
+
+def front_matter(card):
+    return yaml.safe_load(re.match(r"---\n(.*?)\n---\n", card.read_text(), re.DOTALL)[1])
+
+
+def test_it_lies_beside_the_policy_and_has_what_hugging_face_reads(made):
+    policy, _, card = made
+    assert card == policy.parent / "README.md"
+    found = front_matter(card)
+    assert (found["library_name"], found["pipeline_tag"]) == ("perdure", "reinforcement-learning")
+    assert {"reinforcement-learning", "Hopper-v3"} <= set(found["tags"])
+    (model,) = found["model-index"]
+    assert model["name"] == "true on Hopper-v3"
+    assert model["results"][0]["dataset"] == {"name": "Hopper-v3", "type": "Hopper-v3"}
+
+
+def test_its_metrics_are_those_of_the_table(made):
+    _, result, card = made
+    metrics = front_matter(card)["model-index"][0]["results"][0]["metrics"]
+    assert len(metrics) == 4
+    for clock in ("constant(500)", "constant(0)"):
+        lanes = result.final().filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
+        share, mean = (each for each in metrics if each["name"].endswith(f"{STEPS} steps, clock {clock}"))
+        assert share["value"] == pytest.approx((lanes["outcome"] == "holds").mean(), abs=1e-4)
+        assert (share["args"]["n"], share["args"]["interval_method"]) == (6, "Wilson score")
+        assert mean["value"] == pytest.approx(lanes["return"].mean(), abs=1e-3)
+        low, high = mean["args"]["interval"]
+        margin = 2.5706 * lanes["return"].std() / np.sqrt(6)  # Student's t, 5 degrees of freedom
+        assert (high - low) / 2 == pytest.approx(margin, rel=1e-3)
+    assert "other" not in card.read_text().split("## Limits")[0]
+
+
+def test_it_has_every_section_and_its_example_runs(made):
+    policy, _, card = made
+    text = card.read_text()
+    for heading in ("Does it hold?", "Training", "Limits", "How to use it", "How the verdict was made"):
+        assert f"\n## {heading}\n" in text
+    example = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    done = subprocess.run(
+        [sys.executable, "-c", example + "\nprint(actions.shape)"], cwd=policy.parent, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "(1, 3)", done.stderr
+
+
+def test_a_card_is_written_again_but_another_readme_is_left_alone(made, tmp_path):
+    policy, result, card = made
+    before = card.read_bytes()
+    assert write_card(policy.parent / "policy.safetensors", result.path).read_bytes() == before
+    strange = tmp_path / "README.md"
+    for text in ("# My project\nlibrary_name: perdure\n", "---\nlibrary_name: theirs\n---\nlibrary_name: perdure\n"):
+        strange.write_text(text)
+        with pytest.raises(ExtrapolationError, match="is no model card of perdure"):
+            write_card(policy, result.path, strange)
+        assert strange.read_text() == text
+
+
+def test_a_table_of_other_policies_is_refused_with_what_it_holds(made, tmp_path):
+    policy, result, _ = made
+    theirs = result.frame.filter(pl.col("policy") == "other")
+    for frame, held in ((theirs, "Hopper-v3 other"), (theirs.with_columns(task=pl.lit("Ant-v3")), "Ant-v3 other")):
+        foreign = write_table(tmp_path / "lanes.parquet", frame, {})
+        with pytest.raises(ExtrapolationError, match=f"true on Hopper-v3.*{held}"):
+            write_card(policy, foreign)

@@ -1,0 +1,74 @@
+"""Lanes of a table: the same whatever the order of its rows, and what the table itself says of them."""
+
+import dataclasses
+
+import numpy as np
+import polars as pl
+import pytest
+
+from perdure.report import ReportError, read_lanes, write_table
+from perdure.report.groups import make_groups
+from perdure.report.lanes import CURVES, LANE
+from perdure.report.schema import table_lanes
+
+GROUPS = [
+    {"hazard": 1e-4, "rate": 2.0, "spread": 0.3},
+    {"clock": "none", "method": "ppo", "hazard": 1e-4, "spread": 0.1},
+    {"task": "Ant-v3", "rate": -1.0},
+]
+
+
+@pytest.fixture(scope="module")
+def frame(synthetic):
+    return synthetic(GROUPS, lanes=5, train_seeds=(3, 1))
+
+
+def check(tables, frame):
+    """Look every lane up in the table, by its labels."""
+    for lanes in tables:
+        for row, facts in enumerate(lanes.facts.iter_rows(named=True)):
+            mine = frame.filter(pl.all_horizontal(pl.col(name) == facts[name] for name in LANE)).sort("step")
+            assert lanes.steps.tolist() == mine["step"].to_list()
+            assert lanes.returns[row].tolist() == mine["return"].to_list()
+            assert lanes.alive[row].tolist() == mine["alive"].to_list()
+            assert facts["outcome"] == mine["outcome"][0]
+    assert sum(len(lanes.facts) for lanes in tables) == frame.select(pl.struct(LANE).n_unique()).item()
+
+
+def test_lanes_are_what_the_rows_say(frame):
+    tables = table_lanes(frame, "t")
+    check(tables, frame)
+    assert [lanes.facts["task"][0] for lanes in tables] == ["Hopper-v3", "Ant-v3"]
+    assert not set(CURVES) & set(tables[0].facts.columns)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_in_any_order_give_the_same_lanes(frame, seed):
+    check(table_lanes(frame.sample(fraction=1.0, shuffle=True, seed=seed), "t"), frame)
+
+
+def test_rows_by_step_instead_of_by_lane_give_the_same_groups(frame):
+    ours, others = make_groups(frame), make_groups(frame.sort("step", maintain_order=True))
+    for group, other in zip(ours, others, strict=True):
+        for field in dataclasses.fields(group):
+            np.testing.assert_array_equal(getattr(group, field.name), getattr(other, field.name))
+
+
+def test_a_file_gives_the_lanes_of_its_frame(frame, tmp_path):
+    tables, notes = read_lanes(write_table(tmp_path / "t", frame, {"command": "c"}))
+    check(tables, frame)
+    assert notes == {"command": "c"}
+
+
+def test_a_row_that_is_there_twice_is_found_wherever_it_stands(frame):
+    twice = frame.filter(train_seed=1, eval_seed=2, step=500, task="Hopper-v3", method="geometric")
+    with pytest.raises(ReportError, match=r"the lane \('Hopper-v3', 'geometric', 1, .*, 2\) twice at step 500"):
+        table_lanes(pl.concat([twice, frame]), "t")
+
+
+def test_a_lane_that_lacks_a_step_another_has_is_refused(frame):
+    lacks = frame.filter(~((pl.col("step") == 500) & (pl.col("eval_seed") == 1)))
+    moved = frame.with_columns(step=pl.when(step=500, eval_seed=1).then(501).otherwise("step"))
+    for odd in (lacks, moved):
+        with pytest.raises(ReportError, match="the lanes on Hopper-v3 do not share their checkpoint steps"):
+            table_lanes(odd, "t")
