@@ -1,6 +1,6 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
-cli -> studies, film -> extrapolate, home -> ppo -> policy -> envs -> horizon
+cli -> studies -> extrapolate, home -> ppo -> policy -> envs -> horizon
 report, runs: nothing of ours but schema, and report writes files with runs.write_whole
 schema: nothing of ours; everything may use it
 """
@@ -25,10 +25,9 @@ ALLOWED = {
     "ppo": {"schema", "horizon", "envs", "policy", "runs"},
     "extrapolate": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
     "home": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
-    "film": {"horizon", "envs", "policy", "extrapolate"},
     "studies": {"schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
     "cli": {
-        *("schema", "horizon", "envs", "policy", "ppo", "extrapolate", "film", "home", "studies", "report", "runs"),
+        *("schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "studies", "report", "runs"),
     },
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
     "__main__": {"cli", "schema"},

@@ -7,7 +7,7 @@
 | `perdure.policy` | the policy as one file |
 | `perdure.ppo` | the learner, and methods as data |
 | `perdure.extrapolate` | evaluation far beyond the training horizon |
-| `perdure.film` | films of the moment at which a policy fails |
+| `perdure.extrapolate.film` | films of the moment at which a policy fails |
 | `perdure.report` | tables in, figures and a page out |
 | `perdure.home` | the Home Assistant Benchmark |
 | `perdure.runs` | long work: units that run once each, here or on a cluster, and resume |

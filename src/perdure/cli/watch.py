@@ -39,7 +39,7 @@ class Watch:
 def main(args: list[str]) -> None:
     """``perdure watch``."""
     flags = parse(Watch, args, "watch")
-    from perdure.film import watch
+    from perdure.extrapolate.film import watch
     from perdure.horizon import parse_clock
     from perdure.policy import load_policy
 

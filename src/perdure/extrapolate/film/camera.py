@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.film.errors import FilmError
+from perdure.extrapolate.film.errors import FilmError
 
 Picture = NDArray[np.uint8]
 """Shape (height, width, 3)."""

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
-from perdure.film.camera import Picture
-from perdure.film.errors import FilmError
+from perdure.extrapolate.film.camera import Picture
+from perdure.extrapolate.film.errors import FilmError
 
 SUFFIX = ".mp4"
 

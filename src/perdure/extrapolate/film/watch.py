@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perdure.envs import refuse_import
-from perdure.film.camera import Camera, Picture
-from perdure.film.captions import Caption, compose
-from perdure.film.errors import FilmError
-from perdure.film.moment import Judge, JudgedLane
-from perdure.film.mp4 import check_film, write_film
-from perdure.film.replay import Instant, replay
-from perdure.film.twin import Twin, twin_of
+from perdure.extrapolate.film.camera import Camera, Picture
+from perdure.extrapolate.film.captions import Caption, compose
+from perdure.extrapolate.film.errors import FilmError
+from perdure.extrapolate.film.moment import Judge, JudgedLane
+from perdure.extrapolate.film.mp4 import check_film, write_film
+from perdure.extrapolate.film.replay import Instant, replay
+from perdure.extrapolate.film.twin import Twin, twin_of
 from perdure.horizon import Clock
 from perdure.policy import Policy
 

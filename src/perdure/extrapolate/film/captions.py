@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from perdure.film.camera import Picture
+from perdure.extrapolate.film.camera import Picture
 
 TOP, BOTTOM, GAP = 52, 34, 8
 """Heights of the strips and width between two pictures, in pixels; even, as films want it."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 from perdure.envs import OpenEnv
 from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.extrapolate.film.errors import FilmError
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED
 from perdure.extrapolate.measured import idle_of, measured_actor
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
-from perdure.film.errors import FilmError
 from perdure.horizon import Clock
 from perdure.policy import Policy
 

@@ -13,7 +13,7 @@
 Needs the extra `perdure[film]`.
 """
 
-from perdure.film.errors import FilmError
-from perdure.film.watch import Film, watch
+from perdure.extrapolate.film.errors import FilmError
+from perdure.extrapolate.film.watch import Film, watch
 
 __all__ = ["Film", "FilmError", "watch"]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from perdure.envs import make_world
-from perdure.film import FilmError, watch
-from perdure.film.camera import Camera
-from perdure.film.captions import BOTTOM, FAILED, GAP, TOP, Caption, compose
-from perdure.film.moment import Judge
-from perdure.film.mp4 import write_film
-from perdure.film.replay import replay
-from perdure.film.twin import twin_of
+from perdure.extrapolate.film import FilmError, watch
+from perdure.extrapolate.film.camera import Camera
+from perdure.extrapolate.film.captions import BOTTOM, FAILED, GAP, TOP, Caption, compose
+from perdure.extrapolate.film.moment import Judge
+from perdure.extrapolate.film.mp4 import write_film
+from perdure.extrapolate.film.replay import replay
+from perdure.extrapolate.film.twin import twin_of
 from perdure.horizon import Constant
 from perdure.policy import load_policy
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import GymnasiumWorld, OpenEnv
 from perdure.envs.suites import GYMNASIUM_PREFIX
-from perdure.film.errors import FilmError
+from perdure.extrapolate.film.errors import FilmError
 
 ROBOTS = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum",
           "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from perdure.envs import GymnasiumWorld
+from perdure.extrapolate.film.errors import FilmError
+from perdure.extrapolate.film.moment import JudgedLane
+from perdure.extrapolate.film.twin import Twin
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED
-from perdure.film.errors import FilmError
-from perdure.film.moment import JudgedLane
-from perdure.film.twin import Twin
 from perdure.policy import ClosedLoop, LanePolicy, Policy
 from perdure.policy.one_thread import one_thread
 
