@@ -24,6 +24,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from perdure.envs import list_tasks, make_world
     from perdure.extrapolate import Extrapolation, ExtrapolationResult
+    from perdure.extrapolate import extrapolate as extrapolate
     from perdure.horizon import (
         Constant,
         Countdown,

@@ -30,7 +30,7 @@ def evaluated(perdure, tmp_path_factory):
 def test_a_model_is_imported_and_evaluated(evaluated):
     folder, process = evaluated
     assert process.returncode == 0, process.stderr
-    assert process.stderr.startswith(f"perdure: importing {MODEL}\n")
+    assert process.stderr.startswith(f"perdure: reading {MODEL}\n")
     assert "SB3 PPO (ppo)" in process.stdout
     assert (folder / "results" / "report.html").exists()
     frame = pl.read_parquet(folder / "results" / "lanes.parquet")
@@ -45,7 +45,7 @@ def test_the_same_command_imports_and_evaluates_nothing_again(evaluated, perdure
     before = file.stat().st_mtime_ns
     again = perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
     assert again.returncode == 0, again.stderr
-    assert again.stderr.splitlines() == [f"perdure: importing {MODEL}"]  # no progress: every lane is there
+    assert again.stderr.splitlines() == [f"perdure: reading {MODEL}"]  # no progress: every lane is there
     assert file.stat().st_mtime_ns == before
 
 
@@ -114,7 +114,7 @@ def test_a_mistake_ends_in_one_line(mistake, tmp_path, monkeypatch, capsys):
     output = capsys.readouterr()
     assert (end.value.code, output.out) == (2, "")
     *before, line = output.err.splitlines()
-    assert [each for each in before if not each.startswith("perdure: importing ")] == []
+    assert [each for each in before if not each.startswith("perdure: reading ")] == []
     assert line.startswith("perdure: ")
     assert named in line
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import polars as pl
@@ -224,6 +226,12 @@ def test_numbers_that_make_no_sense_are_refused(options, message):
 def test_a_recurrent_function_must_return_its_state():
     with pytest.raises(PolicyError, match=r"must return \(actions, state\)"):
         perdure.extrapolate(lambda seen, state, starts: still(seen), Falling, steps=10, recurrent=True)
+
+
+def test_a_model_of_stable_baselines3_is_told_how_to_be_read():
+    model = Path(__file__).parents[1] / "policy" / "readers" / "fixtures" / "ppo.zip"
+    with pytest.raises(ExtrapolationError, match="give Policy"):
+        perdure.extrapolate(model, env="Pendulum-v1")
 
 
 def test_the_folder_holds_the_table_and_the_page(tmp_path):

@@ -32,12 +32,15 @@ from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
 from perdure.policy import PolicyError, load_policy, save_policy
 from perdure.policy.files import _digest as policy_digest
 from perdure.policy.reference import Reference
+from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
+from perdure.ppo.errors import CheckpointError
+from perdure.ppo.state import SeedState
 from perdure.report import ReportError, read_table, schema, summary_text, write_table
 from perdure.runs import Store, StoreError
 from perdure.runs.unit import read_progress
 
 FOLDER = Path(tempfile.mkdtemp(prefix="perdure-fuzz-"))
-OWN = (PolicyError, HorizonError, ReportError, HomeError, StoreError)
+OWN = (PolicyError, HorizonError, ReportError, HomeError, StoreError, CheckpointError)
 
 
 def _read(name, content, reader):
@@ -310,8 +313,40 @@ def records(rng):
     assert isinstance(facts, dict)
 
 
+# Checkpoints
+
+
+@cache
+def checkpoint_file():
+    rng = np.random.default_rng(0)
+    params = {"policy.0.weight": rng.normal(size=(3, 2)).astype(np.float32), "log_std": np.zeros(2, np.float32)}
+    state = SeedState(
+        **{"seed": 0, "segment": 2, "params": params, "adam": {"count": np.zeros((), np.int32), "mean": params}},
+        **{"statistics": {"mean": np.zeros(3)}, "estimator": (), "episodes": np.zeros((5, 3))},
+        iterations=np.zeros((2, 7)),
+    )
+    save_checkpoint(state, FOLDER / "checkpoint.safetensors")
+    return state, (FOLDER / "checkpoint.safetensors").read_bytes()
+
+
+def checkpoints(rng):
+    start, content = checkpoint_file()
+    if rng.random() < 0.5:
+        content = mutations.bytes_of(rng, content)
+    else:
+        arrays, name = dict(load(content)), rng.choice(sorted(load(content)))
+        arrays[name] = mutations.array(rng, arrays[name])
+        header = mutations.json_value(rng, {"version": "2", "seed": 0, "segment": 2})
+        content = save(arrays, {"perdure.checkpoint": json.dumps(rng.choice((header, {"version": "2"} | header)))})
+    state = _read("checkpoint.safetensors", content, lambda path: load_checkpoint(path, start))
+    if state is not None:
+        assert state.params["policy.0.weight"].shape == (3, 2)
+        assert state.episodes.shape[1:] == (3,)
+        save_checkpoint(state, FOLDER / "again.safetensors")
+
+
 SHARES = {
-    policy_bytes: 0.22,
+    policy_bytes: 0.17,
     policy_parts: 0.17,
     horizon_json: 0.1,
     table_bytes: 0.08,
@@ -322,5 +357,6 @@ SHARES = {
     episode_bytes: 0.07,
     episode_values: 0.07,
     records: 0.06,
+    checkpoints: 0.05,
 }
 """Each target's share of all cases."""

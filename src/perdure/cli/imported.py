@@ -58,7 +58,7 @@ def policy_files(names: Sequence[str], options: Sb3Options, folder: Path) -> tup
 def _imported(path: Path, options: Sb3Options, folder: Path) -> Path:
     from perdure.policy.readers import import_once
 
-    print(f"perdure: importing {path}", file=sys.stderr)
+    print(f"perdure: reading {path}", file=sys.stderr)
     return import_once(
         path,
         folder,

@@ -57,7 +57,7 @@ def main(args: list[str]) -> None:
         return
     else:
         _carry_out(study, scale, out, phases, flags, core_count(flags.cores))
-    written = study.analyze(scale, out, phases)
+    written = study.analyze(scale, out)
     print(f"\n{len(written)} tables, figures and pages written, such as {written[-1].resolve()}")
 
 

@@ -19,6 +19,7 @@ from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
 from perdure.policy import Actor, FunctionPolicy, Policy, TaskInfo, load_policy
 from perdure.policy.onnx import OnnxModel
+from perdure.policy.readers import is_sb3_zip
 
 if TYPE_CHECKING:
     import polars as pl
@@ -81,6 +82,8 @@ def extrapolate_policy(
 
 
 def _loaded(path: str | Path) -> Policy | OnnxModel:
+    if Path(path).is_file() and is_sb3_zip(Path(path)):
+        raise ExtrapolationError(f"{path} is a model of Stable-Baselines3: give Policy.from_sb3({str(path)!r}, env)")
     return OnnxModel.load(path) if Path(path).suffix.lower() == ".onnx" else load_policy(path)
 
 

@@ -17,7 +17,7 @@ def run_steps(
     steps: Sequence[Step],
     how: How,
     sizes: Mapping[str, float] | None = None,
-    told: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> None:
     """Finish every step. A step whose predecessors failed is left out; the others go on.
 
@@ -25,7 +25,7 @@ def run_steps(
         steps: In their order.
         how: Where; its observer is called with the progress of the whole study.
         sizes: Work of each step beside others, by key, such as its seconds; the step's own amount by default.
-        told: Called with a line when a step begins or fails.
+        report: Called with a line when a step begins or fails.
 
     Raises:
         RunError: Steps failed; raised when all others are done.
@@ -39,7 +39,7 @@ def run_steps(
                 failed[step.key] = "a step it depends on failed"
                 board.set(step.key, "blocked")
                 continue
-            told(step.key)
+            report(step.key)
             try:
                 step.run(replace(how, observe=board.observer(step.key)))
                 board.set(step.key, "finished")
@@ -48,7 +48,7 @@ def run_steps(
                     raise
                 failed[step.key] = str(error)
                 board.set(step.key, "failed")
-                told(f"{step.key} failed: {error}")
+                report(f"{step.key} failed: {error}")
     _show(caught)
     if failed:
         first = next(iter(failed))

@@ -103,8 +103,8 @@ class Study:
     """Phases that are carried out unless told otherwise."""
     plan: Callable[[str, Path, Sequence[int]], Sequence[Step]]
     """From (scale, folder of the results, phases) to all steps, in their order."""
-    analyze: Callable[[str, Path, Sequence[int]], Sequence[Path]]
-    """From the same to the files written; reads what the steps left, simulates nothing."""
+    analyze: Callable[[str, Path], Sequence[Path]]
+    """From (scale, folder) to the files written; reads what steps of any phase left, simulates nothing."""
 
     def check_scale(self, name: str) -> str:
         """Return the name of a scale.

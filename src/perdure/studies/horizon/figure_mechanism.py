@@ -35,7 +35,7 @@ def mechanism_figures(results: Results) -> Iterator[Figure]:
             Axis("C: the steps to go that the policy is told"),
             Axis("change of the action, as a share of the action box", low=0.0),
         )
-        title = "Change of the action when C is told instead of 500"
+        title = "Change of the action with C instead of 500 steps to go"
         yield from _curves(actions, setting, "C", "change", axes, "action-dependence", title)
     for measure in VALUES:
         yield from _values(results, measure)
