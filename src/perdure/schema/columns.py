@@ -34,7 +34,7 @@ def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
             raise refuse(f"row {row}: {name}", values[row], declared.allowed)
     for rule in table.rules:
         wrong = rule.broken(pl.col)
-        row = _first(pl.DataFrame([column(name) for name in wrong.meta.root_names()]), wrong)
+        row = _first(pl.DataFrame([column(name) for name in dict.fromkeys(wrong.meta.root_names())]), wrong)
         if row is not None:
             raise SchemaError(f"row {row}: {rule.sentence}")
 
