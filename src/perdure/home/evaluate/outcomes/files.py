@@ -121,7 +121,7 @@ def _note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any]:
         value = read_json(notes[name])
         table.check(value)
     except SchemaError as error:
-        raise HomeError(f"the note {name} of logs cannot be read: {error}") from None
+        raise HomeError(f"the note {name} of logs must be a JSON object: {error}") from None
     return dict(value)
 
 
