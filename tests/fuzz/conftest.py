@@ -6,5 +6,5 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 sys.path[:0] = [
     str(Path(__file__).parent),
-    *(str(TESTS / part) for part in ("policy", "home/evaluate/outcomes", "hostile")),
+    *(str(TESTS / part) for part in ("policy", "policy/readers", "home/evaluate/outcomes", "hostile")),
 ]

@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+import altered
 import mutations
 import numpy as np
 import payloads
@@ -29,7 +30,7 @@ from perdure.home.benchmark.plan import plan_problem
 from perdure.home.evaluate.outcomes import analyze, episode_hash, files, find_overlaps, read_logs, write_logs
 from perdure.home.evaluate.outcomes.schema import columns
 from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
-from perdure.policy import PolicyError, load_policy, save_policy
+from perdure.policy import Policy, PolicyError, load_policy, save_policy
 from perdure.policy.files import _digest as policy_digest
 from perdure.policy.reference import Reference
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
@@ -116,6 +117,39 @@ def use_policy(content):
     if policy.reference is not None:
         make_score_scale(policy.reference, Idle(0.0, 0.1), math.nan)
     save_policy(policy, FOLDER / "again.safetensors")
+
+
+def sb3_model(rng):
+    """A model of Stable-Baselines3 changed in its archive, in the archive of its weights, or in one member."""
+    name, kind = rng.choice(("ppo", "sac-sde", "td3")), rng.randrange(4)
+    if kind == 0:
+        content = mutations.bytes_of(rng, altered.model(name))
+    elif kind == 1:
+        content = altered.rebuilt(altered.model(name), {"policy.pth": lambda old: mutations.bytes_of(rng, old)})
+    elif kind == 2:
+        content = altered.with_state({"data.pkl": lambda old: mutations.bytes_of(rng, old)}, name)
+    else:
+        content = altered.rebuilt(
+            altered.model(name), {"data": lambda old: json.dumps(mutations.json_value(rng, json.loads(old)))}
+        )
+    use_sb3(content, altered.FIXTURES / "ppo.pkl")
+
+
+def vecnormalize(rng):
+    path = FOLDER / "statistics.pkl"
+    path.write_bytes(mutations.bytes_of(rng, (altered.FIXTURES / "ppo.pkl").read_bytes()))
+    use_sb3(altered.model("ppo"), path)
+
+
+def use_sb3(content, normalizer):
+    read = _read(
+        "model.zip", content, lambda path: Policy.from_sb3(path, "Pendulum-v1", normalizer=normalizer, measure=False)
+    )
+    if read is not None:
+        path = FOLDER / "imported.safetensors"
+        with suppress(PolicyError):  # numbers that no policy file may hold
+            save_policy(read, path)
+            use_policy(path.read_bytes())
 
 
 def horizon_json(rng):
@@ -347,7 +381,9 @@ def checkpoints(rng):
 
 SHARES = {
     policy_bytes: 0.17,
-    policy_parts: 0.17,
+    policy_parts: 0.13,
+    sb3_model: 0.02,
+    vecnormalize: 0.02,
     horizon_json: 0.1,
     table_bytes: 0.08,
     table_resealed: 0.04,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hostile import FIXTURES, model
+from altered import FIXTURES, model
 
 from perdure.horizon import Countdown, Fixed, TimeFeature
 from perdure.policy import Policy, PolicyFileError, PolicyWarning, load_policy

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import Payload
+from altered import Payload
 
 from perdure.policy import Policy, measure_reference
 

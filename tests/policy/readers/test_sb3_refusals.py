@@ -10,7 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hostile import FIXTURES, Payload, model, payload, rebuilt, with_settings, with_state
+from altered import FIXTURES, Payload, model, payload, rebuilt, with_settings, with_state
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -124,6 +124,7 @@ OTHER_KINDS = {
     "discrete actions": (discrete, "Discrete actions"),
     "recurrent": (lambda s: s["policy_class"].update(__module__="sb3_contrib.common.recurrent.policies"), "recurrent"),
     "CrossQ": (lambda s: s["policy_class"].update(__module__="sb3_contrib.crossq.policies"), "crossq"),
+    "a list as policy class": (lambda s: s["policy_class"].update(__module__=["x"]), "comes from a list"),
     "own policy class": (lambda s: s["policy_class"].update(__module__="__main__"), "__main__"),
     "own features": (lambda s: s["policy_kwargs"].update(features_extractor_class="<class 'x.Mine'>"), "features_extr"),
     "own setting": (lambda s: s["policy_kwargs"].update(depth=3), "depth"),

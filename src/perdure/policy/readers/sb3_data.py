@@ -124,7 +124,7 @@ def _check_observations(space: dict[str, Any], what: str) -> None:
         raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read from zips: {DOOR}")
     shape = space.get("_shape")
     if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
-        raise PolicyFileError(f"{what} is for image observations of shape {_short(shape)}: {DOOR}")
+        raise PolicyFileError(f"{what} is for image observations: {DOOR}")
 
 
 def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -146,23 +146,23 @@ def _written_numbers(text: Any) -> NDArray[np.float64] | None:
 
 
 def _class_name(table: dict[str, Any]) -> str:
-    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", str(table.get(":type:"))[:200])
+    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(table.get(":type:")))
     return found[1] if found else "unknown"
 
 
 def _policy_module(policy_class: dict[str, Any], what: str) -> str:
     module = policy_class.get("__module__")
-    if module not in DEFAULT_ACTIVATION:
+    if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
         raise PolicyFileError(
             f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
             f"and TD3: {DOOR}"
         )
-    return str(module)
+    return module
 
 
 def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
     unknown = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
-    extractor = str(kwargs.get("features_extractor_class", "FlattenExtractor"))
+    extractor = _short(kwargs.get("features_extractor_class", "FlattenExtractor"))
     if unknown or "FlattenExtractor" not in extractor:
         name = unknown[0] if unknown else "features_extractor_class"
         raise PolicyFileError(f"{what}: its policy has the setting {_short(name)}, which is not read: {DOOR}")
@@ -172,7 +172,7 @@ def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
     written = kwargs.get("activation_fn")
     if written is None:
         return DEFAULT_ACTIVATION[module]
-    found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(written)[:200])
+    found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
     if found is None or found[1] not in TORCH_ACTIVATIONS:
         raise PolicyFileError(
             f"{what}: its activation function is {_short(written)}; known are {', '.join(TORCH_ACTIVATIONS)}: {DOOR}"
@@ -192,8 +192,10 @@ def _whole(value: Any) -> int | None:
 
 def _short(value: Any) -> str:
     """Return a value from the file for a message: printable, and not long."""
-    text = value if isinstance(value, str) else json.dumps(value) if not isinstance(value, dict | list) else str(value)
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:80])
+    if isinstance(value, dict | list):  # perhaps nested too deeply to be written out
+        return "a list" if isinstance(value, list) else "a table"
+    text = value if isinstance(value, str) else str(value)
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:120])
 
 
 assert set(TORCH_ACTIVATIONS.values()) == set(ACTIVATIONS)

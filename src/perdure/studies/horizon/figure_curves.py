@@ -40,7 +40,8 @@ def survival_figures(results: Results) -> Iterator[Figure]:
         y = Axis(f"share of episodes that have not failed ({_episodes(found)})", percent=True)
         note = (
             "A failure: a fall, a divergence, or less than three quarters of the reward rate of training until the end "
-            f"(Kaplan-Meier). {interval_note([e.working for _, e in found], 'Bars at the right')}"
+            "(Kaplan-Meier). A policy that never worked has failed from the start. "
+            f"{interval_note([e.working for _, e in found], 'Bars at the right')}"
         )
         chart = curve_chart(curves, _steps(found), y, markers=_markers(found), steps=True)
         yield Figure(slug("survival", setting), "Episodes that have not failed", chart, note, words.setting(setting))
