@@ -35,6 +35,8 @@ HALT = 15
 """Control steps that the robot stands still before the hand opens: half a second."""
 DELTA = 200
 LANES = 20
+EPISODE_COST = 400
+"""See `Measurement.episode_cost`."""
 BASE = slice(0, ARM.start)
 NOISE = ("none", "exp(-4)", "exp(-3)", "exp(-2)", "exp(-1)")
 PARTS = {"base and arm": (1.0, 1.0), "base": (1.0, 0.0), "arm": (0.0, 1.0)}
@@ -59,7 +61,7 @@ SCHEMA: dict[str, type[pl.DataType]] = {
 def noise_step(grid: Grid, out: Path) -> Measurement:
     """Return the step that measures every case."""
     units = tuple(_unit(*case, grid.noise_episodes) for case in CASES)
-    return Measurement("halt-in-noise", units, Place(delta=DELTA).limit, out, SCHEMA)
+    return Measurement("halt-in-noise", units, EPISODE_COST, out, SCHEMA)
 
 
 def _unit(halts: bool, noise: str, parts: str, episodes: int) -> Unit:

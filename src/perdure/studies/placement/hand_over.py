@@ -20,6 +20,7 @@ from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actor
 from perdure.home.sim.world import SceneOptions
 from perdure.runs import Unit, Work
 from perdure.studies.placement.grid import Grid
+from perdure.studies.placement.row_step import EPISODE_COST
 from perdure.studies.placement.unit_steps import TASK, Measurement, leave
 
 VERSION = 1
@@ -29,7 +30,6 @@ PAIRS = (
     *((EPSILON, speed) for speed in (0.05, 0.3, 0.6)),
 )
 """Descent [m] and speed [m/s]."""
-EPISODE_STEPS = 2_400
 SCHEMA: dict[str, type[pl.DataType]] = {
     "descent": pl.Float64,
     "speed": pl.Float64,
@@ -46,7 +46,7 @@ SCHEMA: dict[str, type[pl.DataType]] = {
 def hand_over_step(grid: Grid, out: Path) -> Measurement:
     """Return the step that measures every pair."""
     units = tuple(_unit(descent, speed, grid.hand_over_episodes) for descent, speed in PAIRS)
-    return Measurement("hand-over", units, EPISODE_STEPS, out, SCHEMA)
+    return Measurement("hand-over", units, EPISODE_COST[TASK], out, SCHEMA)
 
 
 def _unit(descent: float, speed: float, episodes: int) -> Unit:

@@ -12,7 +12,7 @@ import polars as pl
 
 from perdure.runs import Store, Unit, Work, make_workers, run_units, write_whole
 from perdure.studies.placement.grid import runs_folder
-from perdure.studies.placement.row_step import START_SECONDS, count_keys, place_world
+from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, count_keys
 from perdure.studies.study import Count, How
 
 SUMMARY = "summary.json"
@@ -28,15 +28,15 @@ class Measurement:
     """Also the stage's name."""
     units: tuple[Unit, ...]
     """Their `size` is the number of episodes."""
-    steps: int
-    """Control steps of an episode, about."""
+    episode_cost: int
+    """What an episode costs beside one step of the yardstick."""
     out: Path
     schema: Mapping[str, type[pl.DataType]]
     """Of the table."""
 
     measure = "episodes"
     after: tuple[str, ...] = ()
-    task = place_world(TASK)
+    task = YARDSTICK
 
     @property
     def stage(self) -> str:
@@ -50,7 +50,7 @@ class Measurement:
 
     def seconds(self, speed: float) -> float:
         """See `Step`."""
-        return START_SECONDS * len(self.units) + self.amount * self.steps / speed
+        return START_SECONDS * len(self.units) + self.amount * self.episode_cost / speed
 
     def count(self) -> Count:
         """See `Step`."""
