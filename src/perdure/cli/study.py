@@ -21,7 +21,7 @@ class StudyFlags:
     """Carry out a study: train, evaluate, analyze. Interrupt it any time; the same command goes on."""
 
     name: tyro.conf.Positional[str]
-    """A study: horizon."""
+    """A study: horizon or placement."""
     scale: Literal["smoke", "laptop", "thesis"] = "smoke"
     """How much of it: smoke (minutes), laptop (a night) or thesis (days)."""
     out: Path | None = None

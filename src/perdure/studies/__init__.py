@@ -8,6 +8,7 @@
 | `speed.py` | how fast this machine steps a task |
 | `errors.py` | `StudyError` |
 | `horizon/` | does a policy hold beyond its training horizon, and does a constant time-to-go help? |
+| `placement/` | do placed objects stay, and which release strategy and which world decide it? |
 """
 
 from perdure.studies.errors import StudyError

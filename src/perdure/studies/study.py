@@ -12,7 +12,7 @@ from typing import Protocol
 from perdure.runs import Observer
 from perdure.studies.errors import StudyError
 
-_STUDIES = {"horizon": "perdure.studies.horizon.study"}
+_STUDIES = {"horizon": "perdure.studies.horizon.study", "placement": "perdure.studies.placement.study"}
 """Name to the module that holds it as STUDY."""
 
 

@@ -1,36 +1,20 @@
-"""The tables of the home results, in Markdown, from the rows of benchmarks/home_protocol.json."""
+"""The tables of the study in Markdown, from the committed tables alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
-from perdure.home.evaluate.protocol.naming import read_strategy
 from perdure.home.sim.objects import KINDS
+from perdure.studies.placement.names import GROUPS, TITLES, WORLDS
+from perdure.studies.placement.results import Row, chosen, strategy_and_world
 
-Row = dict[str, Any]
-
-GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
-"""How the tables call objects of a shape."""
-STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
-"""In the order of the tables."""
-WORLDS = {
-    "drag": "no rolling resistance",
-    "drag hull-apple": "the same, apple a convex hull",
-    "drag base-velocity-removed": "the same, base velocity removed at release",
-    "drag released-at-zero-velocity": "the same, all velocity removed at release",
-    "": "rolling friction",
-    "jaws-apart drag": "no rolling resistance, `--jaws apart`",
-}
-"""What a name of `strategy_name` adds to the strategy, and how the tables call that world."""
-TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}
 SHOWN = ("rl", "stop", "ik")
 THESIS = {"rl": 0.418, "ik": 0.653}
 """Success in SetTable on the validation set (thesis, section 2.3)."""
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """0.917 -> "91.7"."""
+    """Return a share in percent: 0.917 -> "91.7"."""
     return f"{100 * share:.{digits}f}"
 
 
@@ -45,7 +29,7 @@ def by_seed(success: Row) -> str:
 
 
 def size(row: Row) -> str:
-    """Training seeds x evaluation seeds x episodes."""
+    """Return training seeds x evaluation seeds x episodes."""
     train, evaluated = row["seeds"]["train"], row["seeds"]["eval"]
     return f"{train} x {evaluated} x {row['episodes'] // (train * evaluated)}"
 
@@ -60,41 +44,24 @@ def lost(row: Row) -> str:
     return ", ".join(f"{group} {bad:,} of {of:,}" for group, (bad, of) in sorted(counts.items()))
 
 
-def strategy_and_world(row: Row) -> tuple[str, str]:
-    """Return the two parts of a row's name: `ik drag hull-apple` -> ("ik", "drag hull-apple")."""
-    strategy = read_strategy(row["arm"])[0]
-    return strategy, row["arm"].removeprefix(strategy).strip()
-
-
-def chosen(rows: list[Row], split: str, world: str | None = None, task: str | None = None) -> list[Row]:
-    """Return rows of a split, perhaps of one world and task, by task, world and strategy."""
-    found = []
-    for row in rows:
-        strategy, where = strategy_and_world(row)
-        if row["split"] == split and world in (None, where) and task in (None, row["task"]) and where in WORLDS:
-            found.append((list(TITLES).index(row["task"]), list(WORLDS).index(where), STRATEGIES.index(strategy), row))
-    return [row for *_, row in sorted(found, key=lambda each: each[:3])]
-
-
-def markdown(headings: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
+def markdown(headings: tuple[str, ...], lines: Sequence[tuple[str, ...]]) -> str:
     """Return a table in Markdown."""
     rule = "|" + "---|" * len(headings)
     return "\n".join([f"| {' | '.join(headings)} |", rule, *(f"| {' | '.join(line)} |" for line in lines)])
 
 
-def headline(rows: list[Row], differences: list[Row]) -> str:
-    """Success on unseen layouts without rolling resistance."""
+def headline(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return success on unseen layouts without rolling resistance."""
     headings = ("task", "strategy", "seeds x episodes", "goal-stabilizing", "by training seed", "latched")
-    headings += ("placements that did not stay",)
     lines = []
     for row in chosen(rows, "eval", "drag"):
         cells = (TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`", size(row), share(row["stabilizing"]))
         lines.append((*cells, by_seed(row["stabilizing"]), share(row["latched"]), lost(row)))
-    return markdown(headings, lines)
+    return markdown((*headings, "placements that did not stay"), lines)
 
 
-def difference_table(rows: list[Row], differences: list[Row]) -> str:
-    """Paired differences, worlds below each other."""
+def difference_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return paired differences, worlds below each other."""
     lines = []
     for each in differences:
         if each["split"] == "eval" and (each["world"] == "drag" or each["second"] != "ik+"):
@@ -109,8 +76,8 @@ def difference_table(rows: list[Row], differences: list[Row]) -> str:
     )
 
 
-def world_table(rows: list[Row], differences: list[Row]) -> str:
-    """Every world; SetTable in all of them, the other tasks with rolling friction."""
+def world_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return every world: SetTable in all of them, the other tasks with rolling friction."""
     lines = []
     for row in chosen(rows, "eval"):
         strategy, world = strategy_and_world(row)
@@ -121,8 +88,8 @@ def world_table(rows: list[Row], differences: list[Row]) -> str:
     return markdown((*headings, "placements that did not stay"), lines)
 
 
-def jaws_table(rows: list[Row], differences: list[Row]) -> str:
-    """TidyHouse when an object that was let go can meet the gripper's jaws again."""
+def jaws_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return TidyHouse when a released object can meet the gripper's jaws again."""
     lines = []
     for row in chosen(rows, "eval", task="tidy_house"):
         strategy, world = strategy_and_world(row)
@@ -132,22 +99,21 @@ def jaws_table(rows: list[Row], differences: list[Row]) -> str:
     return markdown(headings, lines)
 
 
-def layout_table(rows: list[Row], differences: list[Row]) -> str:
-    """Known and unseen layouts side by side."""
+def layout_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return known and unseen layouts side by side."""
     lines = []
     unseen = {(row["task"], row["arm"]): row for row in chosen(rows, "eval", "drag")}
     for row in chosen(rows, "val", "drag"):
         other = unseen.get((row["task"], row["arm"]))
         if other is not None:
-            cells = (TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`")
-            cells += (f"{share(row['latched'])} ({size(row)})", f"{share(other['latched'])} ({size(other)})")
+            cells = (f"{share(row['latched'])} ({size(row)})", f"{share(other['latched'])} ({size(other)})")
             drop = other["latched"]["mean"] - row["latched"]["mean"]
-            lines.append((*cells, f"{100 * drop:+.1f} points"))
+            lines.append((TITLES[row["task"]], f"`{strategy_and_world(row)[0]}`", *cells, f"{100 * drop:+.1f} points"))
     return markdown(("task", "strategy", "val (known layouts)", "eval (unseen layout)", "change"), lines)
 
 
-def thesis_table(rows: list[Row], differences: list[Row]) -> str:
-    """SetTable, val, latched: the thesis' own count, and the episodes that failed at a placement."""
+def thesis_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return SetTable, val, latched: the thesis' own count, and the episodes that failed at a placement."""
     lines = []
     for row in chosen(rows, "val", "drag", "set_table"):
         strategy, _ = strategy_and_world(row)
@@ -167,8 +133,8 @@ def thesis_table(rows: list[Row], differences: list[Row]) -> str:
     return markdown((*headings, "failed at a placement, ours"), lines)
 
 
-def mode_table(rows: list[Row], differences: list[Row]) -> str:
-    """What fails with the hand-over, in few groups."""
+def mode_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return what fails, in few groups."""
     groups: dict[str, tuple[str, tuple[str, ...]]] = {
         "pick: not reached": ("pick", ("not reached", "time-out")),
         "pick: grasp missed or wrong object": ("pick", ("grasp missed", "wrong object grasped")),
@@ -192,8 +158,8 @@ def mode_table(rows: list[Row], differences: list[Row]) -> str:
     return markdown(("task", "strategy", "failed", *groups, "doors and drawers, rest"), lines)
 
 
-def hand_over_table(rows: list[Row], differences: list[Row]) -> str:
-    """How often a release strategy fell back."""
+def hand_over_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
+    """Return how often a release strategy fell back."""
     picked = [row for row in chosen(rows, "eval", "drag") if row["hand_overs"]]
     outcomes = sorted({outcome for row in picked for outcome in row["hand_overs"]})
     lines = []
@@ -203,7 +169,7 @@ def hand_over_table(rows: list[Row], differences: list[Row]) -> str:
     return markdown(("task", "strategy", *outcomes), lines)
 
 
-TABLES: dict[str, Callable[[list[Row], list[Row]], str]] = {
+TABLES: dict[str, Callable[[Sequence[Row], Sequence[Row]], str]] = {
     "headline": headline,
     "differences": difference_table,
     "worlds": world_table,
@@ -216,8 +182,8 @@ TABLES: dict[str, Callable[[list[Row], list[Row]], str]] = {
 """HTML comment mark in docs/home/results.md to the function that writes the table at that mark."""
 
 
-def readme_table(rows: list[Row]) -> str:
-    """The headline for the README: success of each task on unseen layouts."""
+def readme_table(rows: Sequence[Row]) -> str:
+    """Return the headline for the README: success of each task on unseen layouts."""
     lines = []
     for task, title in TITLES.items():
         found = {strategy_and_world(row)[0]: row for row in chosen(rows, "eval", "drag", task)}

@@ -1,6 +1,6 @@
 """Render the Fetch's gripper before and after it lets go of a soup can, like figure 2-4 of the thesis.
 
-python benchmarks/figure_gripper_and_can.py
+python tools/figure_gripper_and_can.py
 
 Nothing is posed. Each row is a release from a `val` episode that the shipped policies (training seed 0) run with the
 release strategy `rl`. The left panel shows the last control step with the can in the hand, the right panel a moment

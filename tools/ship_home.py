@@ -1,10 +1,10 @@
 """Takes home policies over from a folder of runs: copies them, scores them, draws how they were learned.
 
-python benchmarks/ship_home.py RUNS [seed ...]
-python benchmarks/ship_home.py again [task/policy/seed ...]
+python tools/ship_home.py RUNS [seed ...]
+python tools/ship_home.py again [task/policy/seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter, one that places
-in the world `drag`, too. The scores enter benchmarks/home_skills.json, the table in docs/home/training.md and
+in the world `drag`, too. The scores enter tools/home_skills.json, the table in docs/home/training.md and
 docs/images/home-learning-*.png. A policy that succeeds often enough goes to src/perdure/policy/shipped/home, without
 its critic (acting does not need it) and with weights of 16 bits, as it is scored. `again` scores what is shipped anew,
 after a change of the world.
@@ -44,7 +44,7 @@ IMAGES = HERE.parent / "docs" / "images"
 PAGE = HERE.parent / "docs" / "home" / "training.md"
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
-how it lets go is what the arms are compared by."""
+how it lets go is what release strategies are compared by."""
 BINS = 40
 EPISODES = 400
 

@@ -1,0 +1,80 @@
+"""The page of the results: question, result in two sentences, tables, figures, commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from perdure.report.render import Figure
+from perdure.runs import write_whole
+from perdure.studies.placement.grid import Grid
+from perdure.studies.placement.markdown import difference_table, headline, percent
+from perdure.studies.placement.markdown_measured import hand_over_measured, noise_measured
+from perdure.studies.placement.names import TITLES
+from perdure.studies.placement.release_speed import speed_table
+from perdure.studies.placement.results import Results, Row, chosen, strategy_and_world
+from perdure.studies.placement.tables import Tables
+
+QUESTION = "Do placed objects stay, and which release strategy and which world decide it?"
+
+
+def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]) -> Path:
+    """Write the page; the same tables give the same bytes."""
+    results = tables.results
+    parts = [
+        "# Placement study\n\nWritten by `perdure study placement`. "
+        f"{QUESTION}\n\n## Result\n\n{result_text(results)}\n",
+        _part("Success on unseen layouts, no rolling resistance", headline(results.rows, results.pairs)),
+        _part("Paired differences on unseen layouts", difference_table(results.rows, results.pairs)),
+        _part("Descent and speed of `ik`", hand_over_measured(tables.hand_over)) if len(tables.hand_over) else "",
+        _part("Halting under exploration noise", noise_measured(tables.noise)) if len(tables.noise) else "",
+        _part("Placements that stay, by release speed", speed_table(tables.speeds)) if len(tables.speeds) else "",
+        _part("Figures", "\n".join(map(_link, figures))) if figures else "",
+        _commands(grid),
+    ]
+    return write_whole(path, "\n".join(part for part in parts if part))
+
+
+def result_text(results: Results) -> str:
+    """Return the two sentences of the result, from the numbers; what is missing where they are not there yet."""
+    found = {
+        (row["task"], strategy_and_world(row)[0]): row["stabilizing"]["mean"]
+        for row in chosen(results.rows, "eval", "drag")
+    }
+    tasks = [task for task in TITLES if {(task, "rl"), (task, "stop")} <= found.keys()]
+    pairs = [pair for pair in results.pairs if _compares(pair, "stop", "ik")]
+    if not tasks or not pairs:
+        return "The rows that answer the question are not all there yet."
+    changes = ", ".join(
+        f"from {percent(found[task, 'rl'])} % to {percent(found[task, 'stop'])} % in {TITLES[task]}" for task in tasks
+    )
+    same = sum(pair["lower"] <= 0.0 <= pair["upper"] for pair in pairs)
+    return (
+        f"Stopping before the release changes success {changes} (unseen layouts, no rolling resistance). "
+        f"Lowering the object by inverse kinematics after the stop makes no measurable difference in {same} of "
+        f"{len(pairs)} tasks (the 95 % interval of the paired difference includes 0)."
+    )
+
+
+def _compares(pair: Row, first: str, second: str) -> bool:
+    return (pair["first"], pair["second"], pair["world"], pair["split"]) == (first, second, "drag", "eval")
+
+
+def _part(heading: str, text: str) -> str:
+    return f"## {heading}\n\n{text}\n"
+
+
+def _link(figure: Figure) -> str:
+    title = ": ".join(filter(None, (figure.heading, figure.title)))
+    return f"- [{figure.name}](figures/{figure.name}.png): {title}. {figure.note.split('. ')[0]}."
+
+
+def _commands(grid: Grid) -> str:
+    command = f"perdure study placement --scale {grid.name}"
+    return (
+        "## Commands\n\n"
+        f"    {command}                   # runs what is missing, then writes all of it again\n"
+        f"    {command} --analyze-only    # from logs and committed tables alone\n\n"
+        "Logs are in `runs/`, which is too large to be committed. A row without logs keeps the numbers in "
+        "`tables/strategies.json`.\n"
+    )

@@ -1,0 +1,68 @@
+"""What is known: the committed table of strategies, and what logs add to it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from perdure.home.evaluate.protocol import read_strategy
+from perdure.runs import write_whole
+from perdure.studies.placement.names import STRATEGIES, TITLES, WORLDS
+
+Row = dict[str, Any]
+"""A row of the table: JSON values by name."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Rows (a task, a split, a release strategy in a world) and paired differences of strategies."""
+
+    commands: tuple[str, ...] = ()
+    """That made the rows."""
+    rows: tuple[Row, ...] = ()
+    pairs: tuple[Row, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Return the results of a file; none where it does not exist."""
+        if not path.is_file():
+            return cls()
+        found = json.loads(path.read_text())
+        return cls(tuple(found["commands"]), tuple(found["rows"]), tuple(found["pairs"]))
+
+    def merge(self, commands: Iterable[str], rows: Iterable[Row], pairs: Iterable[Row]) -> Results:
+        """Return the results with new rows in the place of old ones about the same."""
+        return Results(tuple(sorted({*self.commands, *commands})), _merged(self.rows, rows), _merged(self.pairs, pairs))
+
+    def write(self, path: Path) -> Path:
+        """Write them as a file that `read` reads."""
+        values = {"commands": self.commands, "rows": self.rows, "pairs": self.pairs}
+        return write_whole(path, json.dumps(values, indent=1) + "\n")
+
+
+def _merged(old: Iterable[Row], new: Iterable[Row]) -> tuple[Row, ...]:
+    found = {_subject(row): row for row in (*old, *new)}
+    return tuple(found[key] for key in sorted(found))
+
+
+def _subject(row: Row) -> tuple[str, str, str]:
+    return row["task"], row["split"], row["arm"]
+
+
+def strategy_and_world(row: Row) -> tuple[str, str]:
+    """Return the two parts of a row's name: `ik drag hull-apple` -> ("ik", "drag hull-apple")."""
+    strategy = read_strategy(row["arm"])[0]
+    return strategy, row["arm"].removeprefix(strategy).strip()
+
+
+def chosen(rows: Iterable[Row], split: str, world: str | None = None, task: str | None = None) -> list[Row]:
+    """Return rows of a split, perhaps of one world and task, by task, world and strategy."""
+    found = []
+    for row in rows:
+        strategy, where = strategy_and_world(row)
+        if row["split"] == split and world in (None, where) and task in (None, row["task"]) and where in WORLDS:
+            found.append((list(TITLES).index(row["task"]), list(WORLDS).index(where), STRATEGIES.index(strategy), row))
+    return [row for *_, row in sorted(found, key=lambda each: each[:3])]

@@ -1,0 +1,91 @@
+"""Running a row of the grid: one step of the study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from perdure.home.evaluate.protocol import episode_blocks, run_protocol
+from perdure.runs import Store
+from perdure.studies.placement.grid import Grid, Row, runs_folder
+from perdure.studies.study import Count, How
+
+STAGES = {"val": "known layouts", "eval": "unseen layouts"}
+"""Split to the stage's name."""
+YARDSTICK = "Ant-v3"
+"""Task whose speed stands for the machine's. In home environments random actions end almost every episode at once, so
+that the time of resets would be measured."""
+EPISODE_COST = {"set_table": 2_800, "tidy_house": 4_000, "prepare_groceries": 1_700}
+"""What an episode costs beside one step of the yardstick (measured on one core)."""
+START_SECONDS = 10.0
+"""What reading policies and building scenes takes."""
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """All episodes of a row."""
+
+    grid: Grid
+    row: Row
+    out: Path
+
+    measure = "episodes"
+    task = YARDSTICK
+    after: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """See `Step`."""
+        return self.row.key
+
+    @property
+    def stage(self) -> str:
+        """See `Step`."""
+        return STAGES[self.row.split]
+
+    @property
+    def amount(self) -> float:
+        """See `Step`."""
+        return float(self.row.total)
+
+    def seconds(self, speed: float) -> float:
+        """See `Step`."""
+        return START_SECONDS + self.amount * EPISODE_COST[self.row.task] / speed
+
+    def count(self) -> Count:
+        """See `Step`; units are blocks of episodes."""
+        protocol = self.row.protocol()
+        sizes = {block.key(protocol): block.last - block.first + 1 for block in episode_blocks(protocol)}
+        return count_keys(runs_folder(self.out), sizes)
+
+    def run(self, how: How) -> None:
+        """See `Step`."""
+        run_protocol(
+            self.row.protocol(),
+            runs_folder(self.out),
+            cores=how.cores,
+            on=how.on,
+            command=self.row.command,
+            observe=how.observe,
+        )
+
+
+def count_keys(folder: Path, sizes: dict[str, int]) -> Count:
+    """Return how far the units of some keys are, by the store in a folder.
+
+    Args:
+        folder: Of the store, which need not exist.
+        sizes: Key to how much work the unit is.
+    """
+    if not folder.is_dir():
+        return Count(len(sizes), 0)
+    store = Store(folder)
+    done = [key for key in sizes if store.done(key)]
+    left = [key for key in sizes if key not in set(done)]
+    return Count(
+        len(sizes),
+        len(done),
+        sum(store.is_busy(key) for key in left),
+        sum(store.note_path("failures", key).exists() for key in left),
+        sum(sizes[key] for key in done) / sum(sizes.values()),
+    )

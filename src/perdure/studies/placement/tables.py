@@ -1,0 +1,54 @@
+"""The committed tables of the study, and what logs and measurements add to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import polars as pl
+
+from perdure.home.evaluate.protocol import LOGS
+from perdure.studies.placement import halt_in_noise, hand_over, release_speed
+from perdure.studies.placement.grid import Grid, runs_folder
+from perdure.studies.placement.results import Results
+from perdure.studies.placement.summaries import with_logs
+
+STRATEGIES = Path("tables", "strategies.json")
+SPEEDS, HAND_OVER, NOISE = (Path("tables", f"{name}.csv") for name in ("release-speed", "hand-over", "halt-in-noise"))
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Everything that figures and texts are made from. A measurement that was never made has no rows."""
+
+    results: Results
+    speeds: pl.DataFrame
+    hand_over: pl.DataFrame
+    noise: pl.DataFrame
+
+
+def read_tables(out: Path) -> Tables:
+    """Return the tables that are in a folder of results."""
+    return Tables(
+        Results.read(out / STRATEGIES),
+        _read(out / SPEEDS, release_speed.SCHEMA),
+        _read(out / HAND_OVER, hand_over.SCHEMA),
+        _read(out / NOISE, halt_in_noise.SCHEMA),
+    )
+
+
+def _read(path: Path, schema: dict[str, type[pl.DataType]]) -> pl.DataFrame:
+    return pl.read_csv(path, schema=schema) if path.is_file() else pl.DataFrame(schema=schema)
+
+
+def update_tables(grid: Grid, out: Path) -> Tables:
+    """Return the tables with what logs and measurements under `out` add; rows without them keep their numbers."""
+    known = read_tables(out)
+    logs = sorted(runs_folder(out).rglob(LOGS))
+    measured = [step.table() for step in (hand_over.hand_over_step(grid, out), halt_in_noise.noise_step(grid, out))]
+    handed, noise = (
+        old if new is None else new for old, new in zip((known.hand_over, known.noise), measured, strict=True)
+    )
+    if not logs:
+        return Tables(known.results, known.speeds, handed, noise)
+    return Tables(with_logs(known.results, logs), release_speed.release_speeds(logs), handed, noise)

@@ -1,0 +1,80 @@
+"""A small measurement of the study: independent units, each of which leaves one JSON summary."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from perdure.runs import Store, Unit, Work, make_workers, run_units, write_whole
+from perdure.studies.placement.grid import runs_folder
+from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, count_keys
+from perdure.studies.study import Count, How
+
+SUMMARY = "summary.json"
+TASK = "set_table"
+"""The home task of these measurements."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Units of SetTable episodes; each row of the table is a unit's summary."""
+
+    key: str
+    """Also the stage's name."""
+    units: tuple[Unit, ...]
+    """Their `size` is the number of episodes."""
+    episode_cost: int
+    """What an episode costs beside one step of the yardstick."""
+    out: Path
+    schema: Mapping[str, type[pl.DataType]]
+    """Of the table."""
+
+    measure = "episodes"
+    after: tuple[str, ...] = ()
+    task = YARDSTICK
+
+    @property
+    def stage(self) -> str:
+        """See `Step`."""
+        return self.key
+
+    @property
+    def amount(self) -> float:
+        """See `Step`."""
+        return sum(unit.size for unit in self.units)
+
+    def seconds(self, speed: float) -> float:
+        """See `Step`."""
+        return START_SECONDS * len(self.units) + self.amount * self.episode_cost / speed
+
+    def count(self) -> Count:
+        """See `Step`."""
+        return count_keys(runs_folder(self.out), {unit.key: round(unit.size) for unit in self.units})
+
+    def run(self, how: How) -> None:
+        """See `Step`."""
+        store = Store(runs_folder(self.out))
+        missing = [unit for unit in self.units if not store.done(unit.key, unit.config)]
+        if missing:
+            run_units(self.units, runs_folder(self.out), make_workers(how.on, missing, how.cores), how.observe)
+
+    def table(self) -> pl.DataFrame | None:
+        """Return the summaries in the units' order; None unless all are there."""
+        folder = runs_folder(self.out)
+        if not folder.is_dir():
+            return None
+        store = Store(folder)
+        if not all(store.done(unit.key) for unit in self.units):
+            return None
+        rows = [json.loads((store.get(unit.key) / SUMMARY).read_text()) for unit in self.units]
+        return pl.DataFrame(rows, schema=self.schema)
+
+
+def leave(work: Work, summary: dict[str, Any]) -> None:
+    """Write a unit's summary into its work folder."""
+    write_whole(work.folder / SUMMARY, json.dumps(summary, indent=1) + "\n")

@@ -1,0 +1,80 @@
+"""The analysis makes every committed table, figure and page again from the committed tables, byte for byte."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from perdure.report.render import render
+from perdure.studies import find_study
+from perdure.studies.placement.page import result_text
+from perdure.studies.placement.results import chosen
+from perdure.studies.placement.tables import read_tables
+
+ROOT = Path(__file__).parents[3]
+COMMITTED = ROOT / "results" / "placement"
+SOURCES = ("strategies.json", "release-speed.csv", "hand-over.csv", "halt-in-noise.csv")
+"""Tables that logs make; everything else is made from them."""
+
+
+@pytest.fixture(scope="module")
+def again(tmp_path_factory):
+    """The results made again from the sources alone."""
+    out = tmp_path_factory.mktemp("placement")
+    (out / "tables").mkdir()
+    for name in SOURCES:
+        shutil.copy(COMMITTED / "tables" / name, out / "tables")
+    study = find_study("placement")
+    study.analyze("thesis", out, study.phases)
+    return out
+
+
+def files(folder):
+    return {
+        path.relative_to(folder): path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "runs" not in path.relative_to(folder).parts
+    }
+
+
+def test_the_same_files_with_the_same_bytes(again):
+    made, committed = files(again), files(COMMITTED)
+    assert set(made) == set(committed)
+    assert [str(name) for name in made if made[name].read_bytes() != committed[name].read_bytes()] == []
+
+
+def test_another_number_gives_another_result():
+    results = read_tables(COMMITTED).results
+    assert "from 18.6 % to 82.1 % in SetTable" in result_text(results)
+    row = next(row for row in chosen(results.rows, "eval", "drag", "set_table") if row["arm"] == "rl drag")
+    changed = {**row, "stabilizing": {**row["stabilizing"], "mean": 0.5}}
+    assert "from 50.0 % to 82.1 % in SetTable" in result_text(results.merge([], [changed], []))
+
+
+@pytest.fixture
+def tool(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    spec = importlib.util.spec_from_file_location("home_tables", ROOT / "tools" / "home_tables.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    sys.modules.pop("marks", None)
+
+
+def test_the_documentation_holds_the_tables(tool):
+    for page, tables in tool.tables_by_page(read_tables(COMMITTED)).items():
+        text = (ROOT / page).read_text()
+        assert tool.filled(text, tables) == text
+
+
+def test_the_documentation_holds_the_picture(tool):
+    drawn = tool.pictures(read_tables(COMMITTED))
+    assert list(drawn) == ["home-arms.png"]
+    assert render(drawn["home-arms.png"]) == (ROOT / "docs" / "images" / "home-arms.png").read_bytes()
+
+
+def test_a_page_without_marks_is_refused(tool):
+    with pytest.raises(SystemExit, match="lacks the marks"):
+        tool.filled("no table here", {"headline": "| a |"})
