@@ -16,7 +16,7 @@ from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.idle import Idle, measure_idle
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.verdict import judge_lane
-from perdure.policy import TaskInfo, load_policy, measure_reference
+from perdure.policy import Reference, TaskInfo, load_policy, measure_reference
 from perdure.policy.shipped import find_policy
 
 
@@ -189,3 +189,25 @@ class TestRealPhysics:
 def test_idle_is_the_better_of_doing_nothing_and_random_actions():
     assert Idle(1.0, 0.2).rate == 1.0
     assert Idle(-1.0, -0.5).kind == "random actions"
+
+
+@pytest.mark.parametrize(("lengths", "state"), [([500, 500, 480], "worked"), ([20, 31, 25], "never worked")])
+def test_where_every_step_pays_the_same_only_survival_is_judged(lengths, state):
+    """CartPole: 1 for every step, also to an idle robot, which falls after about 20 of 500 steps."""
+    horizon, lengths = 500, np.array(lengths)
+    bins = np.clip(lengths[:, None] - np.arange(0, horizon, 10), 0, 10).astype(float)
+    box = np.ones(4)
+    reference = Reference(horizon, bins, lengths, lengths < horizon, -box, box)
+    scale = make_score_scale(reference, Idle(1.0, 1.0), math.nan)
+    assert (scale.state, scale.survival) == (state, True)
+    steps = np.arange(10, 5001, 10)
+    outcomes = [
+        judge_lane(steps, np.minimum(steps, end).astype(float), end, reason, scale).outcome
+        for end, reason in ((5000, "survived"), (700, "terminated"))
+    ]
+    assert outcomes == (["holds", "falls"] if state == "worked" else ["unknown", "falls"])
+    # A single odd reward, and the task no longer pays the same for every step.
+    bins[0, 0] += 0.5
+    assert not make_score_scale(
+        Reference(horizon, bins, lengths, lengths < horizon, -box, box), Idle(1.0, 1.0), math.nan
+    ).survival

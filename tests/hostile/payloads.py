@@ -8,7 +8,7 @@ from pathlib import Path
 
 from home_stories import good
 
-from perdure.home.evaluate.outcomes import record_of, write_records
+from perdure.home.evaluate.outcomes import write_logs
 from perdure.report import write_table
 
 RUN = "document.title='owned'"
@@ -85,12 +85,12 @@ def table(path, text=lambda payload: payload, payloads=PAYLOADS, tasks=("Hopper-
 
 
 def logs(path, text=lambda payload: payload, payloads=PAYLOADS, split=None):
-    """A file of logs whose fields of text all hold payloads, an arm for each."""
-    base = record_of(good(0), {"arm": "rl"})
+    """A file of logs whose fields of text all hold payloads, a release strategy for each."""
+    base = good(0)
     records = [
         replace(
             base,
-            **{"arm": text(each), "episode_hash": text(each), "split": split or "val"},
+            **{"strategy": text(each), "episode_hash": text(each), "split": split or "val"},
             targets=tuple(replace(target, kind=text(each)) for target in base.targets),
             runs=tuple(replace(run, skill=f"{run.skill} {text(each)}") for run in base.runs),
             final_objects=tuple(replace(final, kind=text(each)) for final in base.final_objects),
@@ -102,4 +102,4 @@ def logs(path, text=lambda payload: payload, payloads=PAYLOADS, split=None):
         **{"arm": "rl", "policies": json.dumps(named), "command": " ".join(named)},
         **{"hand_overs": json.dumps(dict.fromkeys(named, 1)), "more": " ".join(named)},
     }
-    return write_records(path, records, notes)
+    return write_logs(path, records, notes)

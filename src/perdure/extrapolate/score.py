@@ -38,6 +38,8 @@ LEAST_LEVEL = 0.05
 LEAST_GAIN = 0.25
 """A policy has never worked, either, if it gains less on the idle robot than this share of what zero and random actions
 differ by: on a task without a known level that is the only scale there is."""
+LEAST_SURVIVAL = 0.5
+"""Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4
 """An evaluation must hold as many windows, or none of it can be judged."""
 _DRAWS = 400
@@ -76,11 +78,15 @@ class ScoreScale:
     """"worked": within its own training horizon it earns more than an idle robot."""
     note: str
     """The evidence in a sentence."""
+    survival: bool = False
+    """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
 
     def hold(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the hold score of rates; nan for a policy that never worked."""
         if self.state != "worked":
             return np.full_like(rate, np.nan)
+        if self.survival:
+            return rate / self.reference
         return (rate - self.idle) / (self.reference - self.idle)
 
     @property
@@ -97,6 +103,8 @@ def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScal
         idle: What an idle robot earns.
         task: Rate of level 1, or nan.
     """
+    if _pays_for_survival(reference, idle):
+        return _survival_scale(reference, idle, task)
     earned, lived = _settled(reference)
     rate = float(earned.sum() / lived.sum())
     gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
@@ -111,6 +119,26 @@ def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScal
         state: State = "never worked" if gain + error <= least or gain <= least else "cannot tell"
         return ScoreScale(idle.rate, rate, task, 0, state, note)
     return ScoreScale(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
+
+
+def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
+    """Return whether every step pays the same, to the policy and to an idle robot, as in CartPole."""
+    rates = reference.rewards.sum(axis=1) / reference.lengths
+    return bool(idle.zero == idle.random > 0.0 and np.allclose(rates, idle.zero, rtol=1e-9, atol=0.0))
+
+
+def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
+    """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
+    share = float(reference.lengths.mean()) / reference.horizon
+    note = (
+        f"every step pays {idle.zero:.3g}, whatever the robot does, so only survival is judged: within its training "
+        f"horizon of {reference.horizon:,} steps its episodes last {share:.0%} on average ({reference.lengths.size} episodes)"
+    )
+    worked = share >= LEAST_SURVIVAL
+    return ScoreScale(
+        *(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, "worked" if worked else "never worked", note),
+        survival=True,
+    )
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
