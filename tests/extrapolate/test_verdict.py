@@ -208,6 +208,5 @@ def test_where_every_step_pays_the_same_only_survival_is_judged(lengths, state):
     assert outcomes == (["holds", "falls"] if state == "worked" else ["unknown", "falls"])
     # A single odd reward, and the task no longer pays the same for every step.
     bins[0, 0] += 0.5
-    assert not make_score_scale(
-        Reference(horizon, bins, lengths, lengths < horizon, -box, box), Idle(1.0, 1.0), math.nan
-    ).survival
+    odd = Reference(horizon, bins, lengths, lengths < horizon, -box, box)
+    assert not make_score_scale(odd, Idle(1.0, 1.0), math.nan).survival

@@ -131,14 +131,12 @@ def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale
     """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
     share = float(reference.lengths.mean()) / reference.horizon
     note = (
-        f"every step pays {idle.zero:.3g}, whatever the robot does, so only survival is judged: within its training "
-        f"horizon of {reference.horizon:,} steps its episodes last {share:.0%} on average ({reference.lengths.size} episodes)"
+        f"every step pays {idle.zero:.3g}, whatever the robot does, so only survival is judged: its episodes last "
+        f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
     )
     worked = share >= LEAST_SURVIVAL
-    return ScoreScale(
-        *(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, "worked" if worked else "never worked", note),
-        survival=True,
-    )
+    state: State = "worked" if worked else "never worked"
+    return ScoreScale(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
