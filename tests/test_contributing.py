@@ -45,7 +45,7 @@ def test_the_embedding(run):
 
 
 def test_the_task(run):
-    env = run("A task").Corridor()
+    env = run("A task or a task suite (world)").Corridor()
     env.reset(seed=0)
     ended = [env.step(np.array([1.0]))[2] for _ in range(15)]
     assert not ended[0]
@@ -61,6 +61,25 @@ def test_the_method(run):
     (method,) = row.values()
     assert list(row) == ["reciprocal"]
     assert method.embedding(11, "Hopper-v3") == embedding()
+
+
+def test_the_figure(run):
+    """Its points and intervals are the shares that the estimates hold."""
+    from types import SimpleNamespace
+
+    def estimate(label, share, lower, upper):
+        interval = SimpleNamespace(
+            estimate=share, lower=lower, upper=upper, label="evaluation seeds only", method="Wilson score"
+        )
+        return SimpleNamespace(group=SimpleNamespace(label=label, lanes=10), verdict=SimpleNamespace(share=interval))
+
+    chosen = [estimate("ppo", 0.1, 0.02, 0.4), estimate("geometric", 1.0, 0.72, 1.0)]
+    (figure,) = run("A figure of the report").holding_figures(chosen)
+    text = str(figure.spec)
+    assert "ppo (n = 10)" in text
+    assert "geometric (n = 10)" in text
+    assert all(str(value) in text for value in (0.1, 0.02, 0.4, 0.72))
+    assert figure.note == "Bars: 95 % intervals (Wilson score, evaluation seeds only)."
 
 
 def test_the_release_strategy(run):
