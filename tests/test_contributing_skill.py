@@ -62,7 +62,7 @@ def run_plan(episode, actor):
     actors = {"navigate": shipped, NAME: actor, "reset_arm": Scripted()}
     options = ExecutorOptions(lanes=1, threads=1, settle_steps=5)
     (log,) = Executor(skills, actors, options).run([episode])
-    return {done.skill: done for done in log.skills}
+    return {done.skill: done for done in log.runs}
 
 
 def test_it_is_trained_for_two_iterations_and_its_policy_runs_in_a_plan(skill, tmp_path, request, monkeypatch):

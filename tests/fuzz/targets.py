@@ -26,8 +26,9 @@ from perdure.extrapolate.score import make_score_scale
 from perdure.extrapolate.table import _lane_row
 from perdure.home import HomeError
 from perdure.home.benchmark.episodes import EpisodeSet, load_episodes, read_episodes, write_episodes
+from perdure.home.benchmark.episodes.episode import episode_hash
 from perdure.home.benchmark.plan import plan_problem
-from perdure.home.evaluate.outcomes import analyze, episode_hash, files, find_overlaps, read_logs, write_logs
+from perdure.home.evaluate.outcomes import analyze, files, find_overlaps, read_logs, write_logs
 from perdure.home.evaluate.outcomes.schema import columns
 from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
 from perdure.policy import Policy, PolicyError, load_policy, save_policy
@@ -176,7 +177,7 @@ def table_file():
     old = old.select(pl.col(name).cast(kind) for name, kind in schema._COLUMNS_1.items())
     notes = {"schema": schema.SCHEMA_NAME, "version": "1", "command": "x"}
     buffer = io.BytesIO()
-    old.write_parquet(buffer, metadata={**notes, "sha256": schema._digest(old, notes, schema._COLUMNS_1)})
+    old.write_parquet(buffer, metadata={**notes, "sha256": schema._digest(old.get_column, notes, schema._COLUMNS_1)})
     return frame, content, buffer.getvalue()
 
 
@@ -205,7 +206,7 @@ def table_cells(rng):
     buffer = io.BytesIO()
     digest = ""
     with suppress(pl.exceptions.PolarsError):
-        digest = schema._digest(frame, notes)
+        digest = schema._digest(frame.get_column, notes)
     frame.write_parquet(buffer, metadata={**notes, "sha256": digest, "seal": schema._UNSEALED.decode()})
     use_table(schema._sealed(buffer.getvalue()))
 

@@ -10,7 +10,7 @@ from payloads import PAYLOADS, harmless, logs, table
 
 from perdure.cli import texts
 from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_cast, write_page
+from perdure.home.evaluate.page import read_assignment, write_page
 from perdure.policy import PolicyFileError, load_policy, save_policy
 from perdure.report import read_table, summary_text, write_report
 from perdure.schema.text import UNSEEN
@@ -56,7 +56,7 @@ def table_page(folder, text, formats=(), **how):
 
 
 def logs_page(folder, text, formats=(), **how):
-    records, cast = read_cast([logs(folder / "logs.parquet", text, **how)])
+    records, cast = read_assignment([logs(folder / "logs.parquet", text, **how)])
     return write_page(analyze(records), folder / "page", "perdure home analyze", cast, formats)
 
 
@@ -104,7 +104,7 @@ def test_files_named_after_text_stay_in_their_folder(tmp_path, text):
 
 def test_text_for_a_terminal_holds_nothing_that_acts_on_it(tmp_path):
     frame, _ = read_table(table(tmp_path / "lanes.parquet"))
-    records, _ = read_cast([logs(tmp_path / "logs.parquet")])
+    records, _ = read_assignment([logs(tmp_path / "logs.parquet")])
     for text in (summary_text(frame), analyze(records).summary()):
         assert not UNSEEN.search(text.replace("\n", ""))
 

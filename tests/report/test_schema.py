@@ -66,7 +66,7 @@ def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
         (lambda f: f.with_columns(pl.lit("x" * 501).alias("task")), "task must be text"),
         (lambda f: f.with_columns(pl.lit(-1).cast(pl.Int64).alias("window")), "window must be"),
         (lambda f: f.with_columns(pl.lit(1e308).alias("train_horizon")), "train_horizon must be at most"),
-        (lambda f: f.with_columns(method=pl.col("step").cast(pl.String)), "more than one of method"),
+        (lambda f: f.with_columns(method=pl.col("step").cast(pl.String)), "more than one method"),
         (lambda f: pl.concat([f, f.head(1)]), "twice at step 100"),
         (lambda f: f.slice(1), "do not share their checkpoint steps"),
         (lambda f: f.with_columns(pl.col("test_horizon") + pl.col("eval_seed")), "do not share"),

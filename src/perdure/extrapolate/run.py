@@ -271,7 +271,7 @@ def _collect(
     told, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
     wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
     wanted = wanted.with_columns(told[[lane.policy for lane in lanes]]).with_row_index("lane")
-    files = [store.get(key) / TABLE for key in keys]
+    files = [(store.get(key) / TABLE).read_bytes() for key in keys]  # Polars takes no path that is not UTF-8
     try:
         found = pl.read_parquet(files, columns=[*identity, "step"])
     except pl.exceptions.PolarsError as error:

@@ -38,7 +38,7 @@ PROVENANCE = Table(
     optional={
         "method": Text(shortest=1),
         "seed": Whole(0),
-        "preset": Text(shortest=1),
+        "preset": Text(),
         "engine": Text(),
         "command": Text(10_000, lines=True),
     },

@@ -27,7 +27,7 @@ def again(tmp_path_factory):
     for name in SOURCES:
         shutil.copy(COMMITTED / "tables" / name, out / "tables")
     study = find_study("placement")
-    study.analyze("thesis", out, study.phases)
+    study.analyze("thesis", out)
     return out
 
 
