@@ -2,18 +2,19 @@
 
 | package | what it is for |
 |---|---|
-| `perdure.horizon` | how time is treated: embeddings, clocks, training horizons, Gymnasium wrappers |
-| `perdure.envs` | worlds behind one vector contract |
-| `perdure.policy` | the policy as one file |
-| `perdure.ppo` | the learner, and methods as data |
+| `perdure.horizon` | embeddings of the time-to-go, clocks, training horizons, Gymnasium wrappers |
+| `perdure.envs` | vectorized environments with one interface (`World`) |
+| `perdure.policy` | policies, each stored in one file; import from other libraries |
+| `perdure.ppo` | PPO in JAX with a configurable horizon; training methods |
 | `perdure.extrapolate` | evaluation far beyond the training horizon |
-| `perdure.extrapolate.film` | films of the moment at which a policy fails |
-| `perdure.report` | tables in, figures and a page out |
+| `perdure.extrapolate.film` | videos of a policy at the moment of its failure |
+| `perdure.report` | figures and an HTML report from evaluation tables |
 | `perdure.home` | the Home Assistant Benchmark |
-| `perdure.runs` | long work: units that run once each, here or on a cluster, and resume |
+| `perdure.runs` | resumable units of work, on this machine or on a cluster |
+| `perdure.studies` | studies: training, evaluation and analysis of a question |
 
-The names below are the ones most programs need. Each is loaded when it is first used, so that ``import perdure`` loads
-nothing. The package `perdure.extrapolate` can be called: ``perdure.extrapolate(function, env="Hopper-v5")``.
+The names below are the ones most programs need. Each is loaded at its first use, so ``import perdure`` is fast. The
+package `perdure.extrapolate` is callable: ``perdure.extrapolate(function, env="Hopper-v5")``.
 """
 
 from importlib import import_module

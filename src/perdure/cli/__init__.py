@@ -1,4 +1,4 @@
-"""The command line: one file for each command, its flags a dataclass, and no logic of its own."""
+"""Command line: one module for each command, with its flags as a dataclass and no other logic."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ COMMANDS = {
 
 
 def run(args: Sequence[str]) -> None:
-    """Carries out one command line, without the program's name.
+    """Run one command line, given without the program's name.
 
     Raises:
         SystemExit: For --help, and with code 2 for flags that cannot be read.

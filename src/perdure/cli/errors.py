@@ -1,4 +1,4 @@
-"""What can be wrong with a command line beyond its single flags."""
+"""Errors in a command line that concern several flags."""
 
 
 class CommandError(ValueError):

@@ -32,10 +32,11 @@ class Extrapolate:
     trust: bool = False
     """For them: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000
-    """T_test: how long each lane is asked to last."""
+    """T_test: steps of each lane."""
     clocks: tuple[str, ...] = ("default",)
-    """What policies with a time-to-go input are told: constant:500, periodic:500, countdown (to T_test),
-    countdown:1000, default (each policy's own clock), sweep (constant and periodic 0, 100, ..., 1000)."""
+    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown (to T_test), countdown:1000,
+    default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of 100, and
+    countdown)."""
     eval_seeds: int = 20
     """Start states; the same ones for every policy and clock."""
     first_eval_seed: int = 0
@@ -45,7 +46,8 @@ class Extrapolate:
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
-    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
+    cluster)."""
     max_lanes: int = 48
     """Lanes that share a process at a time."""
     modules: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Policies as a command line names them: files, shipped policies, models of Stable-Baselines3."""
+"""Find the policies of a command line: files, shipped policies, models of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IMPORTED = "imported"
 
 @dataclass(frozen=True)
 class Sb3Options:
-    """What a model of Stable-Baselines3 does not say itself."""
+    """Options of a Stable-Baselines3 model that its file does not contain."""
 
     env: str | None = None
     normalizer: str | None = None

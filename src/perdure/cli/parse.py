@@ -1,4 +1,4 @@
-"""Flags to a dataclass, the same way for every command."""
+"""Parse flags to a dataclass, in the same way for every command."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ import tyro
 T = TypeVar("T")
 
 FRAME = "│╭╮╰╯─ "
-"""What tyro draws its boxes with."""
+"""Characters of the boxes that tyro draws."""
 
 
 def parse(kind: type[T], args: list[str], command: str, default: T | None = None) -> T:
-    """The dataclass ``kind`` filled from flags; ``default`` gives the values of flags that are left out.
+    """Return the dataclass ``kind`` filled from flags; ``default`` gives the values of flags that are left out.
 
     Raises:
         SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
@@ -39,7 +39,7 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
 
 
 def check_folder(path: Path) -> None:
-    """NotADirectoryError when results cannot go to `path` because it is, or lies in, a file."""
+    """Raise NotADirectoryError if `path`, or a parent folder of it, is a file."""
     for each in (path, *path.parents):
         if each.exists():
             if not each.is_dir():
@@ -78,7 +78,7 @@ def _fill(kind: type[T], args: list[str], prog: str, default: T | None) -> T:
 
 
 def sentence(box: str) -> str:
-    """What a framed message says first: the words between its title and its first rule, without a full stop.
+    """Return the first sentence of a framed message: the words from its title to its first rule, without a period.
 
     Args:
         box: As tyro prints it to a terminal.

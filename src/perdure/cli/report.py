@@ -31,7 +31,7 @@ def main(args: list[str]) -> None:
 
 
 def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:
-    """Writes the report of a table into ``out``; prints the summary and where the report is."""
+    """Write the report of a table into ``out``; print the summary and the path of the report."""
     from perdure.report import estimate_table, read_lanes, summary_text, write_report
 
     lanes, notes = read_lanes(table)

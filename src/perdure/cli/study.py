@@ -27,7 +27,8 @@ class StudyFlags:
     out: Path | None = None
     """Folder of the results; by default results/NAME for the scale thesis, runs/NAME-SCALE for the others."""
     on: str = "local"
-    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
+    cluster)."""
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     phases: tuple[int, ...] | None = None

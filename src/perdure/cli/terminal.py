@@ -1,4 +1,4 @@
-"""What is shown in a terminal, whatever its width and encoding."""
+"""Print text that fits the width and encoding of any terminal."""
 
 from __future__ import annotations
 

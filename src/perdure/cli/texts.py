@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def tasks(suite: str | None = None) -> str:
-    """Every task by suite, one a line."""
+    """Return every task by suite, one a line."""
     from perdure.envs import list_tasks
 
     lines = []
@@ -21,7 +21,7 @@ def tasks(suite: str | None = None) -> str:
 
 
 def methods() -> str:
-    """The methods' table, as the documentation has it."""
+    """Return the table of training methods."""
     from perdure.ppo import methods as module
 
     rows = [line for line in (module.__doc__ or "").splitlines() if line.startswith("|")]
@@ -29,7 +29,7 @@ def methods() -> str:
 
 
 def policies() -> str:
-    """The shipped policies, one a line, with the command that made each and, where it is known, what becomes of it."""
+    """Return the shipped policies, one a line, each with its training command and, if known, its outcome."""
     from perdure.policy import load_policy
     from perdure.policy.shipped import LABELS, shipped_policies
 
@@ -53,7 +53,7 @@ def _within(subject: Policy) -> str:
 
 
 def policy(subject: Policy) -> str:
-    """What a policy file holds, for a reader."""
+    """Return the contents of a policy file as text."""
     weights = sum(array.size for array in subject.weights.values())
     protocol = subject.protocol
     phi = "none" if protocol.embedding is None else f"{protocol.embedding}"

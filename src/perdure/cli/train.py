@@ -34,7 +34,8 @@ class Train:
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
-    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
+    cluster)."""
     tensorboard: bool = False
     """Also write curves for TensorBoard to OUT/tensorboard."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -42,7 +43,7 @@ class Train:
 
 
 def main(args: list[str]) -> None:
-    """``perdure train``: two looks at the flags, because task and method decide the defaults of the rest."""
+    """``perdure train``: parses flags twice, because task and method set the defaults of the others."""
     look = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     # A missing value is for the second look to complain about.
     look.add_argument("--method", nargs="?", default="geometric", const="geometric")

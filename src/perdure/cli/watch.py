@@ -21,7 +21,7 @@ class Watch:
     policy: tyro.conf.Positional[str]
     """A policy file, or the name of a shipped policy."""
     clock: str | None = None
-    """What the policy is told about time, such as constant:0; its own clock by default."""
+    """Clock of the policy, such as constant:0; its own clock by default."""
     until_failure: bool = False
     """Film the first failure: 5 s before it and 1 s after. Else the first 6 s."""
     beside: str | None = None

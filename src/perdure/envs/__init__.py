@@ -1,18 +1,18 @@
-"""Worlds behind one vector contract.
+"""Vectorized environments with one interface (`World`): no autoreset, separate `terminated` and `truncated`.
 
 | file | what it holds |
 |---|---|
-| `world.py` | the contract: `World`, what a step returns (`Step`), what a task is (`TaskSpec`) |
-| `lanes.py`, `checks.py` | which lanes run and how long they may; the checks every world makes at its door |
-| `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and the short way past its Python wrapper |
-| `gymnasium_world.py`, `spaces.py` | single Gymnasium environments side by side; their spaces as vectors |
-| `foreign.py` | reading what other people's environments return, and naming them when they break |
-| `blow_up.py` | asking MuJoCo whether a simulation blew up |
+| `world.py` | the interface `World`; the result of a step (`Step`); the description of a task (`TaskSpec`) |
+| `lanes.py`, `checks.py` | lane states; validation of arguments |
+| `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and direct calls that bypass its Python wrapper |
+| `gymnasium_world.py`, `spaces.py` | one Gymnasium environment per lane; their spaces as vectors |
+| `foreign.py` | validation of what third-party environments return |
+| `blow_up.py` | detection of invalid MuJoCo simulations |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
-| `suites.py`, `registry.py` | the suites task names come from; `make_world`, `list_tasks` |
-| `opening.py` | from a name, a factory or a VectorEnv to worlds |
-| `environment_id.py` | which task an environment's name, such as "Hopper-v5", means |
-| `traced.py` | a world inside a compiled JAX program; not imported from here, so that importing stays light |
+| `suites.py`, `registry.py` | task suites; `make_world`, `list_tasks` |
+| `opening.py` | `open_env`: build worlds from a name, a factory or a VectorEnv |
+| `environment_id.py` | find the task of an environment name such as "Hopper-v5" |
+| `traced.py` | a world inside a compiled JAX program; not imported here, because it imports JAX |
 | `errors.py` | `WorldError`, `UnknownTask` |
 """
 

@@ -1,4 +1,4 @@
-"""Asking MuJoCo whether a simulation blew up.
+"""Ask MuJoCo whether a simulation diverged.
 
 MuJoCo answers a position, velocity or acceleration that is not a number, or is beyond 1e10, by resetting the data to
 its start; the counters of these warnings survive that reset (``mj_checkPos``, ``mj_checkVel``, ``mj_checkAcc``).
@@ -10,11 +10,11 @@ import sys
 from typing import Any
 
 BAD_STATE_WARNINGS = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
-"""By name: their numbers differ between MuJoCo's versions."""
+"""Names; the numbers differ between versions of MuJoCo."""
 
 
 def blow_ups(env: Any) -> int:
-    """How often the environment's MuJoCo data was put back to its start since it was last reset on purpose.
+    """Return the number of MuJoCo's automatic resets after divergence since the last reset of the environment.
 
     Args:
         env: A Gymnasium environment; one that is not on MuJoCo's own bindings counts 0.

@@ -1,4 +1,4 @@
-"""The checks every world makes at its door, so that nothing wrong reaches a simulator."""
+"""Validation of a world's arguments: invalid values never reach a simulator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_SEED = 2**31 - 1  # EnvPool's seeds are int32; one range for all worlds keep
 
 
 def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
-    """Lane numbers as an array, or a sentence about what is wrong with them.
+    """Return lane numbers as an array, or an error message.
 
     Args:
         lanes: Whole numbers in [0, num_lanes), each at most once, at least one; shape (n,).
@@ -49,7 +49,7 @@ def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
 
 
 def checked_actions(actions: npt.ArrayLike, chosen: IntArray, spec: TaskSpec) -> FloatArray:
-    """Actions clipped to the task's box, in an array of our own; discrete actions are refused outside their range.
+    """Return a copy of actions, clipped to the task's box; discrete actions are refused outside their range.
 
     Args:
         actions: Shape (n, action_size).
@@ -92,7 +92,7 @@ def _checked_discrete(values: FloatArray, chosen: IntArray, spec: TaskSpec) -> F
 
 
 def checked_seeds(seeds: Sequence[int]) -> list[int]:
-    """One seed per lane as plain integers.
+    """Return one seed per lane as plain integers.
 
     Args:
         seeds: At least one whole number in [0, 2^31); the same seed may appear in many lanes.
@@ -113,7 +113,7 @@ def checked_seeds(seeds: Sequence[int]) -> list[int]:
 
 
 def named_lanes(lanes: IntArray, limit: int = 8) -> str:
-    """Lane numbers for a sentence.
+    """Return lane numbers as text.
 
     Args:
         lanes: Shape (n,).

@@ -1,4 +1,4 @@
-"""From an environment as its user names it, such as "Hopper-v5", to a task."""
+"""Find the task of an environment name such as "Hopper-v5"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two ways to exchange arrays with an EnvPool pool: past its Python wrapper, or through it.
+"""Exchange arrays with an EnvPool pool, directly or through its Python wrapper.
 
 EnvPool's public `step` rebuilds dictionaries at every call, which costs 60 to 100 us: more than the physics of a small
 batch. `RawChannel` hands arrays to the compiled pool directly, with positions looked up once from the pool's own key
@@ -23,17 +23,17 @@ class Channel(Protocol):
     """Moves arrays in and out of one pool. Rows come back in the order of `ids`."""
 
     def reset(self, ids: Int32Array) -> FloatArray:
-        """Resets these environments; their first observations, shape (n, observation_size)."""
+        """Reset these environments; return their first observations, shape (n, observation_size)."""
 
     def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
-        """Steps these environments; observations, rewards, done (any end) and trunc (a step limit of EnvPool's)."""
+        """Step these environments; return observations, rewards, done (any end) and trunc (EnvPool's step limit)."""
 
 
 class RawChannel:
     """The compiled pool's own send and receive."""
 
     def __init__(self, pool: Any) -> None:
-        """Looks up where each array lies.
+        """Find the position of each array.
 
         Args:
             pool: An EnvPool pool for which `has_known_layout` is true.
@@ -62,7 +62,7 @@ class PublicChannel:
     """EnvPool's documented `reset` and `step`."""
 
     def __init__(self, pool: Any) -> None:
-        """Wraps a pool.
+        """Wrap a pool.
 
         Args:
             pool: An EnvPool pool made with `env_type="gymnasium"`.
@@ -87,7 +87,7 @@ class PublicChannel:
 
 
 def open_channel(pool: Any) -> Channel:
-    """The fastest channel this pool's layout allows.
+    """Return the fastest channel this pool's layout allows.
 
     Args:
         pool: An EnvPool pool made with `env_type="gymnasium"`.
@@ -99,7 +99,7 @@ def open_channel(pool: Any) -> Channel:
 
 
 def has_known_layout(pool: Any) -> bool:
-    """Whether the pool takes and gives its arrays in the places that `RawChannel` expects.
+    """Return whether the pool has the array layout that `RawChannel` expects.
 
     Args:
         pool: Any pool.
@@ -114,7 +114,7 @@ def has_known_layout(pool: Any) -> bool:
 
 
 def observation_keys(pool: Any) -> list[str]:
-    """The parts of an observation, in the order in which they are joined: the order the engine lists them in.
+    """Return the parts of an observation, in the order in which they are joined: the order the engine lists them in.
 
     For dm_control that is the order of the task's own observation dictionary, for the Shadow hand
     `observation, achieved_goal, desired_goal`.
@@ -129,7 +129,7 @@ def observation_keys(pool: Any) -> list[str]:
 
 
 def flat_observations(parts: list[npt.NDArray[Any]]) -> FloatArray:
-    """Joins the parts of an observation into one vector per row.
+    """Join the parts of an observation into one vector per row.
 
     Args:
         parts: Arrays whose first axis is the lane; a part of shape (n,) is one number per lane.

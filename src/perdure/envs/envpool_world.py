@@ -1,4 +1,4 @@
-"""EnvPool's compiled MuJoCo worlds behind the vector contract."""
+"""`World` of EnvPool's compiled MuJoCo tasks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from perdure.envs.lanes import LaneTracker, TrackedWorld
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9
-"""EnvPool's own step limit. Lanes have no horizon, so it must never be met."""
+"""EnvPool's own step limit, which must never be reached: lanes have no horizon."""
 
 
 class EnvPoolWorld(TrackedWorld):
@@ -28,7 +28,7 @@ class EnvPoolWorld(TrackedWorld):
     """
 
     def __init__(self, name: str, suite: str, seeds: Sequence[int], threads: int = 1) -> None:
-        """Builds the pool; nothing is simulated before the first reset.
+        """Build the pool; nothing is simulated before the first reset.
 
         Args:
             name: EnvPool's name of the task, e.g. "Hopper-v3".
@@ -116,7 +116,7 @@ def _engine_of(pool: Any) -> str:
 
 
 def _mujoco_version(pool: Any) -> str | None:
-    """Asks the engine linked into EnvPool's extension module; None where that cannot be asked."""
+    """Return the MuJoCo version in EnvPool's extension module; None if it is unknown."""
     for base in type(pool).__mro__:
         path = getattr(sys.modules.get(base.__module__), "__file__", None)
         if base.__module__.endswith("_envpool") and path:

@@ -1,4 +1,4 @@
-"""The ways a world can refuse what it is given."""
+"""Errors of worlds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class UnknownTask(WorldError):  # noqa: N818 - reads as the sentence it prints
     """No suite knows a task under this name; the message offers the nearest names that exist."""
 
     def __init__(self, task: str, known: Iterable[str]) -> None:
-        """Builds the sentence.
+        """Build the message.
 
         Args:
             task: The name that was asked for.
@@ -32,7 +32,7 @@ class UnknownTask(WorldError):  # noqa: N818 - reads as the sentence it prints
 
 
 def nearest_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The names most like `name`, best first, upper and lower case counted as equal.
+    """Return the names nearest to `name`, best first; case is ignored.
 
     Args:
         name: What was asked for.

@@ -1,4 +1,4 @@
-"""Reading what environments of other people return, and naming them when they break.
+"""Validate what third-party environments return, and name them in error messages.
 
 Gymnasium does not check what an environment returns. NumPy would stretch an observation that shrank to one number over
 the whole row, drop the imaginary part of a complex one, and take any text for true.

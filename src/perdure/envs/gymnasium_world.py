@@ -1,4 +1,4 @@
-"""Single Gymnasium environments, one per lane, behind the vector contract."""
+"""`World` of single Gymnasium environments, one per lane."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GymnasiumWorld(TrackedWorld):
         suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
-        """Builds the environments.
+        """Build the environments.
 
         A factory should not wrap its environment in Gymnasium's TimeLimit: lanes have no horizon. If it does, the
         limit is reported as `truncated`.
@@ -43,7 +43,7 @@ class GymnasiumWorld(TrackedWorld):
             seeds: One per lane, see `checked_seeds`.
             name: Goes into the spec.
             suite: Goes into the spec.
-            default_horizon: Goes into the spec; None takes the first environment's own limit.
+            default_horizon: Goes into the spec; None means the first environment's own limit.
 
         Raises:
             WorldError: If seeds and factories do not match or the spaces do not fit the contract.
@@ -64,7 +64,7 @@ class GymnasiumWorld(TrackedWorld):
 
     @classmethod
     def from_id(cls, env_id: str, seeds: Sequence[int]) -> GymnasiumWorld:
-        """Builds lanes of a registered environment, without the time limit it is registered with.
+        """Build lanes of a registered environment, without the time limit it is registered with.
 
         Args:
             env_id: Gymnasium's id, e.g. "Pendulum-v1", or "module:Id-v0" to import a module first.
@@ -139,7 +139,7 @@ class GymnasiumWorld(TrackedWorld):
 
 
 def _import(module: str, env_id: str) -> None:
-    """Import a module that the user named; WorldError for whatever it raises but ImportError."""
+    """Import a module that the user named; convert every error except ImportError to WorldError."""
     try:
         call(f"gymnasium:{env_id}", f"importing {module}", import_module, module)
     except WorldError as error:

@@ -1,4 +1,4 @@
-"""What every world must know about its lanes."""
+"""State of a world's lanes: which run, and for how many steps."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from perdure.envs.world import BoolArray, IntArray, TaskSpec
 
 
 class LaneTracker:
-    """Which lanes run, and for how many steps.
+    """Keeps track of which lanes run, and for how many steps.
 
     Worlds ask it before they touch their simulator (`lanes_to_reset`, `lanes_to_step`: nothing changes) and tell it
     what happened afterwards (`begin`, `advance`), so a refused call leaves both sides as they were.
     """
 
     def __init__(self, num_lanes: int) -> None:
-        """Starts with no lane running.
+        """Start with no lane running.
 
         Args:
             num_lanes: How many lanes there are, at least one.
@@ -54,7 +54,7 @@ class LaneTracker:
         return self._chosen(lanes)
 
     def begin(self, chosen: IntArray) -> None:
-        """Note that these lanes have a new episode.
+        """Record that these lanes begin a new episode.
 
         Args:
             chosen: Checked lane numbers, shape (n,).
@@ -64,7 +64,7 @@ class LaneTracker:
         self._running[chosen] = True
 
     def lanes_to_step(self, lanes: IntArray | None) -> IntArray:
-        """Checks that these lanes may be stepped.
+        """Check that these lanes may be stepped.
 
         Args:
             lanes: As in `World.step`.
@@ -82,7 +82,7 @@ class LaneTracker:
         return chosen
 
     def advance(self, chosen: IntArray, ended: BoolArray) -> IntArray:
-        """Note that these lanes have made one step and return their elapsed steps, shape (n,).
+        """Record that these lanes made one step, and return their elapsed steps, shape (n,).
 
         Args:
             chosen: Checked lane numbers, shape (n,).
@@ -99,7 +99,7 @@ class LaneTracker:
         return elapsed
 
     def abandon(self, lanes: IntArray) -> None:
-        """Notes that these lanes are not stepped on.
+        """Record that the episodes of these lanes end here.
 
         Args:
             lanes: Lane numbers, shape (n,).
@@ -122,7 +122,7 @@ class LaneTracker:
 
 
 class TrackedWorld:
-    """The part of a world that a `LaneTracker` answers for."""
+    """Base class of worlds with a `LaneTracker`."""
 
     _spec: TaskSpec
     _tracker: LaneTracker

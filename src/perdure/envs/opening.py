@@ -1,4 +1,4 @@
-"""From whatever stands for an environment to worlds: a name, a factory, a VectorEnv."""
+"""Build worlds from a name, a factory or a VectorEnv."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class OpenEnv:
-    """Where worlds of one environment come from."""
+    """Builds worlds of one environment."""
 
     make: Callable[[Sequence[int]], World]
     """Seeds, one per lane -> world."""
@@ -33,7 +33,7 @@ class OpenEnv:
     """Lanes that every world has, as a VectorEnv fixes them; None: one for each seed."""
 
     def worlds(self, seeds: Sequence[int]) -> Iterator[World]:
-        """Yield worlds that together hold a lane for each seed; where `lanes` is fixed, the last seed fills up."""
+        """Yield worlds with a lane for each seed; if `lanes` is fixed, the last seed is repeated to fill a world."""
         for group in self.groups(len(seeds)):
             yield self.make([seeds[k] for k in group])
 
@@ -53,7 +53,7 @@ class OpenEnv:
 
 @contextmanager
 def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
-    """Open an environment for the time of a block. Step limits of its own are lifted.
+    """Open an environment for the duration of a block, with its own step limits lifted.
 
     Args:
         env: A name as `task_of_environment` reads it ("Hopper-v5", "envpool:Hopper-v5"); a factory, called once for
@@ -112,7 +112,7 @@ def _vector(env: Any, name: str | None, limit: int | None) -> OpenEnv:
 
 
 class _Borrowed(VectorEnvWorld):
-    """A world on somebody else's VectorEnv: closing it leaves that open."""
+    """A world on a VectorEnv of the caller, which stays open when the world is closed."""
 
     def close(self) -> None:
         self._tracker.closed = True
@@ -135,7 +135,7 @@ def _limits(env: Any) -> Iterator[Any]:
 
 
 def _lift(env: Any) -> list[tuple[Any, int]]:
-    """Lift every step limit; return the wrappers with what they were."""
+    """Lift every step limit; return the wrappers with their old limits."""
     found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
     for wrapper, _ in found:
         _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
@@ -145,7 +145,7 @@ def _lift(env: Any) -> list[tuple[Any, int]]:
 
 @contextmanager
 def _without_limits(vector: Any) -> Iterator[int | None]:
-    """Lift the limits of a vector's environments for the time of a block; yield what they were, None for none."""
+    """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return
@@ -158,7 +158,7 @@ def _without_limits(vector: Any) -> Iterator[int | None]:
 
 
 def _without_remote_limit(vector: Any) -> Iterator[int | None]:
-    """The same for environments in other processes, or in one program."""
+    """Lift the limits of environments in other processes for the duration of a block; refuse other limits."""
     from gymnasium.vector import AsyncVectorEnv
 
     remote = isinstance(vector.unwrapped, AsyncVectorEnv)

@@ -1,4 +1,4 @@
-"""From a task's name to a world, and the list of names."""
+"""Build a world from a task's name, and list the names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from perdure.envs.world import World
 
 
 def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
-    """Builds a world with one lane per seed.
+    """Build a world with one lane per seed.
 
     A lane's start states depend on its seed only: the same seed in two lanes, two worlds or two batches of different
     size gives the same episodes under the same actions.
@@ -38,7 +38,7 @@ def is_task(name: str) -> bool:
 
 
 def list_tasks(suite: str | None = None) -> list[TaskListing]:
-    """Every task that can be simulated, as `perdure list` shows it.
+    """Return every task that can be simulated, as in `perdure list tasks`.
 
     Args:
         suite: Only this suite, e.g. "EnvPool MuJoCo"; None for all.

@@ -1,4 +1,4 @@
-"""Gymnasium's spaces as the vectors and the box that the contract speaks of."""
+"""Convert Gymnasium's spaces to the vectors and the action box of `World`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     import gymnasium
 
 UNLIMITED_TASK_HORIZON = 1000
-"""Stands in as `TaskSpec.default_horizon` for an environment that states no limit."""
+"""`TaskSpec.default_horizon` of an environment without a step limit."""
 
 
 def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int | None) -> TaskSpec:
-    """Describes a Gymnasium environment.
+    """Describe a Gymnasium environment.
 
     Args:
         name: Goes into the spec.
@@ -57,7 +57,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
 
 
 def _action_range(name: str, space: Any) -> tuple[FloatArray, FloatArray, bool]:
-    """Lowest and highest action per component, shape (action_size,), and whether actions are whole numbers."""
+    """Return lowest and highest action per component, shape (action_size,), and whether actions are whole numbers."""
     from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
 
     if isinstance(space, Box):
@@ -78,7 +78,7 @@ def _action_range(name: str, space: Any) -> tuple[FloatArray, FloatArray, bool]:
 
 
 def engine_of(env: Any) -> str:
-    """Names the versions an environment runs on.
+    """Return the names and versions of an environment's engine.
 
     Args:
         env: A Gymnasium environment.
@@ -97,7 +97,7 @@ def engine_of(env: Any) -> str:
 
 
 def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:
-    """Action vectors in the shape and number type that an environment asks for.
+    """Return action vectors in the shape and dtype of an environment.
 
     Args:
         space: The action space of one lane.
@@ -110,7 +110,7 @@ def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:
 
 
 def batch_of(space: gymnasium.Space[Any] | None, rows: FloatArray) -> Any:
-    """Observation vectors in the form in which the environment gives observations, batched.
+    """Return observation vectors as a batch of the environment's own observation space.
 
     Args:
         space: The observation space of one lane; None: observations are vectors already.
@@ -136,7 +136,7 @@ def batch_of(space: gymnasium.Space[Any] | None, rows: FloatArray) -> Any:
 
 
 def _parts(spaces: Sequence[Any], rows: FloatArray) -> list[Any]:
-    """Each part of a composed observation, as a batch."""
+    """Return each part of a composed observation, as a batch."""
     import gymnasium
 
     ends = np.cumsum([gymnasium.spaces.flatdim(space) for space in spaces])

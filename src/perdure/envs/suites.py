@@ -1,4 +1,4 @@
-"""The suites that task names come from, each able to list its tasks and to build one.
+"""Task suites: each lists its tasks and builds one.
 
 EnvPool keeps its own registry; a suite is a rule that picks tasks out of it, so a task that a newer EnvPool adds to a
 suite appears here by itself.
@@ -23,10 +23,10 @@ GYMNASIUM_PREFIX = "gymnasium:"
 
 @dataclass(frozen=True)
 class TaskListing:
-    """One line of what can be simulated."""
+    """A task, as listed by `list_tasks`."""
 
     name: str
-    """What `make_world` takes."""
+    """Name for `make_world`."""
     suite: str
     """The suite."""
     default_horizon: int | None
@@ -41,13 +41,13 @@ class TaskSuite(Protocol):
         """What the suite is called in lists and in a `TaskSpec`."""
 
     def owns(self, task: str) -> bool:
-        """Whether the name is one of this suite's."""
+        """Return whether the name is one of this suite's."""
 
     def listings(self) -> list[TaskListing]:
-        """What `list_tasks` shows of it."""
+        """Return its tasks for `list_tasks`."""
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
-        """Builds a world for one of its tasks."""
+        """Build a world for one of its tasks."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class VectorSuite:
 
 
 ENTRY_POINTS = "perdure.suites"
-"""Group of the entry points by which a package adds a suite: each names a `TaskSuite`."""
+"""Entry-point group through which a package adds a suite: each names a `TaskSuite`."""
 
 BUILT_IN: tuple[TaskSuite, ...] = (
     EnvPoolSuite("EnvPool MuJoCo", "envpool.mujoco.gym"),
@@ -189,7 +189,7 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
 
 
 def suite_of(task: str) -> TaskSuite:
-    """The suite a task name belongs to.
+    """Return the suite a task name belongs to.
 
     Args:
         task: A name as `list_tasks` shows it.
@@ -207,7 +207,7 @@ def suite_of(task: str) -> TaskSuite:
 
 
 def _options(text: str) -> dict[str, Any]:
-    """Options of an environment from `name=value,name=value`; values are Python literals, or else words."""
+    """Parse options of an environment from `name=value,name=value`; values are Python literals, or else words."""
     options: dict[str, Any] = {}
     for name, equals, value in (part.partition("=") for part in text.split(",") if part):
         if not equals:
@@ -220,7 +220,7 @@ def _options(text: str) -> dict[str, Any]:
 
 
 def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
-    """EnvPool's tasks: name to (module, class name of the specification, its arguments)."""
+    """Return EnvPool's tasks: name to (module, class name of the specification, its arguments)."""
     import envpool.registration
 
     registered: dict[str, tuple[str, str, dict[str, Any]]] = envpool.registration.registry.specs

@@ -1,4 +1,4 @@
-"""A world as pure functions that a compiled JAX program can call, so that a whole rollout is one program.
+"""A world as pure functions that a compiled JAX program calls, so that a rollout is one program.
 
 EnvPool offers its engine to XLA directly. Any other world is called back from the program, one host call a step.
 Time limits are not applied here: the program that steps the world counts the steps and decides when a lane has ended.
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Handle = Any
-"""What the engine threads through a program; an array or nothing."""
+"""Engine state that passes through the program; an array or nothing."""
 
 
 class TracedStep(NamedTuple):
@@ -46,7 +46,7 @@ class TracedWorld(NamedTuple):
 
 
 class WorldSlot:
-    """Holds the world that a compiled program steps, and lets go of it when the program is done."""
+    """Holds the world that a compiled program steps, and releases it after the program."""
 
     def __init__(self) -> None:
         self._world: World | None = None
@@ -58,7 +58,7 @@ class WorldSlot:
         """What the world raised inside the program; JAX would wrap it in pages of its own."""
 
     def fill(self, world: World) -> None:
-        """Puts in a world that has been reset. It must not be stepped elsewhere until :meth:`clear`."""
+        """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""
         self._world, self.error = world, None
         if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
             self.handle, _, _, self.pool_step = world.pool.xla()
@@ -66,7 +66,7 @@ class WorldSlot:
             self.handle, self.pool_step = jnp.zeros(()), None
 
     def clear(self) -> None:
-        """Takes the world out."""
+        """Take the world out."""
         self._world = None
 
     def remembers(self, on_host: Callable[[jax.Array], T]) -> Callable[[jax.Array], T]:
@@ -83,14 +83,14 @@ class WorldSlot:
 
     @property
     def world(self) -> World:
-        """The world inside."""
+        """The world in the slot."""
         if self._world is None:
             raise RuntimeError("the slot is empty: fill it before the program runs")
         return self._world
 
 
 def trace(slot: WorldSlot) -> TracedWorld:
-    """The functions of the world in the slot.
+    """Return the functions of the world in the slot.
 
     A program made of them belongs to that world: EnvPool writes its pool's address into it, so a program kept for
     another world would go on stepping this one.

@@ -1,4 +1,4 @@
-"""Any Gymnasium `VectorEnv` behind the vector contract."""
+"""`World` of any Gymnasium `VectorEnv`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class VectorEnvWorld(TrackedWorld):
 
     A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
     have ended get the action nearest to zero and what they do is ignored. Every episode is started with a seed made
-    from the lane's seed and the number of its episode, so whatever an ended lane went through leaves no trace.
+    from the lane's seed and the number of its episode, so ended episodes have no effect on later ones.
 
     All three autoreset modes work: `AutoresetMode.DISABLED` is the plain one; with `NEXT_STEP` the self-made resets
     happen in ended lanes only; with `SAME_STEP` the last observation is taken from `info["final_obs"]`. Resetting some
@@ -35,7 +35,7 @@ class VectorEnvWorld(TrackedWorld):
         suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
-        """Takes over a vector of environments.
+        """Build a world from a `VectorEnv`.
 
         Args:
             env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
@@ -43,7 +43,7 @@ class VectorEnvWorld(TrackedWorld):
             seeds: One per environment, see `checked_seeds`.
             name: Goes into the spec.
             suite: Goes into the spec.
-            default_horizon: Goes into the spec; None takes the environment's own limit.
+            default_horizon: Goes into the spec; None means the environment's own limit.
 
         Raises:
             WorldError: If seeds and environments do not match, the spaces do not fit the contract or the vector does
@@ -123,7 +123,7 @@ class VectorEnvWorld(TrackedWorld):
         return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0]) & MAX_SEED
 
     def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
-        """Resets where the mask says; everything at the very first time, since a vector has to start as a whole."""
+        """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
         if mask.all() or self._shown is None:
             returned = call(self._spec.name, "reset", self._env.reset, seed=list(seeds))
             observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
@@ -154,7 +154,7 @@ class VectorEnvWorld(TrackedWorld):
             )
 
     def _column(self, what: str, values: Any, kinds: str) -> Any:
-        """One value for each lane, of one of NumPy's kinds."""
+        """Return one value for each lane, of one of NumPy's kinds."""
         array = np.asarray(values)
         if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
             raise WorldError(
@@ -164,7 +164,7 @@ class VectorEnvWorld(TrackedWorld):
         return array
 
     def _rows(self, method: str, batch: Any) -> FloatArray:
-        """A batch of observations as vectors, shape (num_lanes, observation_size), in memory of its own."""
+        """Return a batch of observations as vectors, shape (num_lanes, observation_size), in memory of its own."""
         from gymnasium.spaces import Box
         from gymnasium.vector.utils import iterate
 
@@ -181,7 +181,7 @@ class VectorEnvWorld(TrackedWorld):
         return array.astype(np.float64).reshape(self.num_lanes, -1)
 
     def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
-        """What was shown, with the last observation where the vector already shows the first of the next episode."""
+        """Return observations, with the final one of lanes that the vector has already reset."""
         last = shown.copy()
         for lane in np.flatnonzero(self._over):
             final = _lane_of(self._space, info["final_obs"], int(lane))
@@ -190,7 +190,7 @@ class VectorEnvWorld(TrackedWorld):
 
 
 def _lane_of(space: Any, tree: Any, lane: int) -> Any:
-    """One lane of a batched info entry: a branch per part of the space, with masks of Gymnasium's own beside them."""
+    """Return one lane of a batched info entry, which may be nested and contain Gymnasium's masks."""
     from gymnasium.spaces import Dict, Tuple
 
     if isinstance(space, Dict) and isinstance(tree, dict):

@@ -1,9 +1,9 @@
-"""The vector contract every world keeps: independent lanes, no reset that was not asked for, two separate ends.
+"""The interface of all worlds: independent lanes, no autoreset, `terminated` and `truncated` kept apart.
 
 A *lane* is one running episode. Its start states depend on its seed and on its own earlier episodes, never on its
-place in the batch nor on its neighbors. How an episode ended stays in two arrays: the task's own end (`terminated`) and
-an end that the engine imposed (`truncated`). A world knows no horizon: the learner counts it (`ppo/rollout.py`), and so
-do the wrappers of `perdure.horizon` for other learners.
+place in the batch nor on its neighbors. Two arrays say how an episode ended: by the task (`terminated`) or by a limit
+of the engine (`truncated`). A world has no horizon. The learner counts it (`ppo/rollout.py`), and so do the wrappers of
+`perdure.horizon` for other learners.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class TaskSpec:
-    """What a policy must know about a task before it meets it."""
+    """The description of a task that a policy depends on."""
 
     name: str
-    """The name `make_world` knows the task by."""
+    """Name of the task for `make_world`."""
     suite: str
-    """The suite the task comes from, as `list_tasks` groups it."""
+    """Suite of the task, as in `list_tasks`."""
     engine: str
     """Simulator and version, e.g. "EnvPool 1.2.5, MuJoCo 3.6.0": returns are comparable only under the same one."""
     observation_size: int
@@ -42,7 +42,7 @@ class TaskSpec:
     MultiBinary); otherwise actions are a box."""
 
     def __post_init__(self) -> None:
-        """Takes read-only copies of the bounds, so that no caller can move the box of a running world."""
+        """Keep read-only copies of the bounds, so that no caller can move the box of a running world."""
         for field in ("action_low", "action_high"):
             bound = np.array(getattr(self, field), dtype=np.float64)
             bound.flags.writeable = False
@@ -50,13 +50,13 @@ class TaskSpec:
 
     @property
     def action_size(self) -> int:
-        """Number of action components."""
+        """Return the number of action components."""
         return len(self.action_low)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """What one step did; row i belongs to the i-th lane that was stepped. All arrays belong to the caller."""
+    """The result of one step; row i belongs to the i-th lane that was stepped. All arrays belong to the caller."""
 
     observations: FloatArray
     """Shape (n, observation_size): the last observation of the step, never one from after a reset."""
@@ -65,12 +65,12 @@ class Step:
     terminated: BoolArray
     """Shape (n,): the task itself ended the episode (a fall)."""
     truncated: BoolArray
-    """Shape (n,): the engine cut the episode for a reason of its own; never a training horizon."""
+    """Shape (n,): the engine ended the episode for another reason; never a training horizon."""
     elapsed: IntArray
     """Shape (n,): steps since the lane's reset, this one included."""
     diverged: BoolArray
-    """Shape (n,): the engine itself says that the simulation blew up in this step. False where it cannot be asked, as
-    in EnvPool; what it did then (a reset nobody asked for) is in the observation and the reward."""
+    """Shape (n,): the engine reports that the simulation diverged in this step. False if the engine cannot report it,
+    as in EnvPool; observation and reward then show what the engine did (such as an autoreset)."""
 
     @property
     def ended(self) -> BoolArray:
@@ -79,15 +79,15 @@ class Step:
 
 
 class World(Protocol):
-    """Many lanes of one task behind one interface. Implementations never reset a lane by themselves."""
+    """Many lanes of one task. Implementations never reset a lane by themselves."""
 
     @property
     def spec(self) -> TaskSpec:
-        """What is being simulated."""
+        """Description of the task."""
 
     @property
     def spaces(self) -> tuple[Any, Any]:
-        """Gymnasium's observation and action space of one lane; (None, None) where both are flat vectors already."""
+        """Gymnasium's observation and action space of one lane; (None, None) if both are flat vectors."""
 
     @property
     def num_lanes(self) -> int:
@@ -98,7 +98,7 @@ class World(Protocol):
         """A copy of each lane's steps since its reset, shape (num_lanes,)."""
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
-        """Starts a new episode in these lanes and leaves the others untouched.
+        """Start a new episode in these lanes; the others are unaffected.
 
         Args:
             lanes: Lane numbers, shape (n,), each at most once; None for all. Running lanes may be reset too.
@@ -111,7 +111,7 @@ class World(Protocol):
         """
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
-        """Moves these lanes by one step and leaves the others untouched.
+        """Move these lanes by one step; the others are unaffected.
 
         Args:
             actions: Shape (n, action_size), rows as in `lanes`; values outside the box are clipped to it. Discrete
@@ -119,7 +119,7 @@ class World(Protocol):
             lanes: Lane numbers, shape (n,), each at most once; None for all.
 
         Returns:
-            What happened, rows as in `lanes`.
+            Result of the step, rows as in `lanes`.
 
         Raises:
             WorldError: If a lane has ended or was never reset, or an action is NaN or has the wrong shape; nothing
@@ -127,7 +127,7 @@ class World(Protocol):
         """
 
     def abandon(self, lanes: IntArray) -> None:
-        """Ends the episodes of these lanes from outside; they must be reset before they are stepped again.
+        """End the episodes of these lanes from outside; they must be reset before they are stepped again.
 
         Args:
             lanes: Lane numbers, shape (n,), each at most once. Lanes that have ended already may be among them.
@@ -137,4 +137,4 @@ class World(Protocol):
         """
 
     def close(self) -> None:
-        """Gives the simulators back; the world cannot be used afterwards. Closing twice is allowed."""
+        """Release the simulators; the world cannot be used afterwards. Closing twice is allowed."""

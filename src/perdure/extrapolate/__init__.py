@@ -1,17 +1,17 @@
 """Closed-loop evaluation far beyond the training horizon.
 
-This package can be called: ``perdure.extrapolate(...)`` is ``perdure.extrapolate.extrapolate(...)``.
+The package is callable: ``perdure.extrapolate(...)`` calls ``perdure.extrapolate.extrapolate``.
 
 | file | what it holds |
 |---|---|
 | `lanes.py` | what is evaluated: policies x clocks x start states |
-| `evaluate.py` | carrying lanes along and writing down what becomes of them |
-| `checkpoints.py` | at which steps |
+| `evaluate.py` | run lanes and record their results |
+| `checkpoints.py` | the steps at which results are recorded |
 | `divergence.py` | detecting simulations that diverged |
-| `idle.py`, `score.py`, `verdict.py`, `movement.py` | an idle robot's reward, scores, verdict of a lane |
-| `door.py` | `extrapolate`, for an `Extrapolation` or one policy of any origin |
-| `run.py` | groups of lanes over the cores, resumable |
-| `in_process.py`, `measured.py` | one policy of any origin in this process |
+| `idle.py`, `score.py`, `verdict.py`, `movement.py` | idle reward rate, scores, verdict of a lane, movement |
+| `door.py` | `extrapolate`: evaluates an `Extrapolation` or a single policy |
+| `run.py` | evaluation of policy files over several cores, resumable |
+| `in_process.py`, `measured.py` | evaluation of one policy of any library in this process |
 | `table.py`, `result.py` | the Parquet table, the typed result |
 | `card.py` | the model card of a policy |
 | `errors.py` | `ExtrapolationError` |

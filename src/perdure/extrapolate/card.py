@@ -213,7 +213,7 @@ def _use(file: str) -> str:
 
 
 def _yaml(value: Any, indent: int = 0) -> str:
-    """Mappings and lists as YAML blocks; numbers and text as JSON, which YAML includes."""
+    """Return mappings and lists as YAML blocks; numbers and text as JSON, which YAML includes."""
     pad, lines = "  " * indent, []
     items = value.items() if isinstance(value, dict) else ((None, each) for each in value)
     for key, each in items:

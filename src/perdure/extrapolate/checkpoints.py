@@ -1,4 +1,4 @@
-"""At which steps a long evaluation writes down where its lanes are."""
+"""Steps at which a long evaluation records its lanes."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ WINDOW = 1000
 
 
 def window_steps(steps: int) -> NDArray[np.int64]:
-    """Rising step numbers, evenly spaced, up to ``steps``."""
+    """Return rising step numbers, evenly spaced, up to ``steps``."""
     count = min(steps, max(FEWEST_WINDOWS, min(MOST_WINDOWS, steps // WINDOW)))
     return np.ceil(np.linspace(0, steps, count + 1)[1:]).astype(np.int64)
 
 
 def checkpoint_steps(steps: int) -> NDArray[np.int64]:
-    """Rising step numbers from 1 to ``steps``, evenly spaced on a log axis and, beside them, on a linear one."""
+    """Return rising step numbers from 1 to ``steps``, evenly spaced on a log axis and on a linear axis."""
     decades = np.log10(steps)
     log = np.round(np.logspace(0, decades, int(np.ceil(decades * PER_DECADE)) + 1))
     return np.unique(np.concatenate([log, window_steps(steps), [steps]])).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Noticing that the physics blew up.
+"""Detect simulations that diverged.
 
 MuJoCo answers a diverging simulation by putting the world back to its start, with a warning in a log and nothing in the
 observation: the lane seems to live on, and the way back is paid for as one enormous, often positive, reward. Three
@@ -34,10 +34,10 @@ SMALLEST_JUMP = 0.999 * (FAR - NEAR)
 
 
 class DivergenceDetector:
-    """Remembers, for each lane, what its rewards and its start looked like."""
+    """Detects divergence from the rewards and first observations of each lane."""
 
     def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64]) -> None:
-        """Starts at the lanes' first observations.
+        """Start at the lanes' first observations.
 
         Args:
             first_observations: Shape (lanes, d).
@@ -52,7 +52,7 @@ class DivergenceDetector:
         """What gave each lane away that has blown up, in words."""
 
     def diverged(self, lane_step: LaneStep) -> NDArray[np.bool_]:
-        """Which of the lanes that were just stepped have blown up, shape (n,)."""
+        """Return which of the lanes in this step have diverged, shape (n,)."""
         lanes, rewards, after = lane_step.lanes, lane_step.step.rewards, lane_step.step.observations
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.abs(rewards)
@@ -86,7 +86,7 @@ class DivergenceDetector:
 
 
 def _first_sign(lane_step: LaneStep, row: int) -> str:
-    """Say what gave a lane away, other than that it was put back to its start."""
+    """Return the first sign of divergence other than the jump back to the start."""
     if lane_step.step.diverged[row]:
         return "reported by the physics engine"
     if not np.isfinite(lane_step.step.observations[row]).all():

@@ -1,4 +1,4 @@
-"""One name for every way to evaluate: `extrapolate`."""
+"""`extrapolate`: evaluate policy files, a policy object or a function."""
 
 from __future__ import annotations
 

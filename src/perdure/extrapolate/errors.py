@@ -1,4 +1,4 @@
-"""What can be wrong with an evaluation before it starts."""
+"""Errors in the arguments of an evaluation."""
 
 
 class ExtrapolationError(ValueError):

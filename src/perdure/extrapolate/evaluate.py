@@ -1,4 +1,4 @@
-"""Carrying lanes through a long evaluation and writing down what becomes of them."""
+"""Run lanes for a long evaluation and record their returns and ends."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ END_REASONS = ("survived", "terminated", "truncated", "diverged")
 SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
 
 ProgressCallback = Callable[[int, int], None]
-"""Called now and then with (steps made by every living lane, living lanes)."""
+"""Called every 500 steps with (step, running lanes)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaneRecords:
-    """What became of n lanes at m checkpoints. Memory hardly depends on the number of steps."""
+    """Results of n lanes at m checkpoints. Memory hardly depends on the number of steps."""
 
     steps: NDArray[np.int64]
     """Checkpoints, shape (m,)."""
     returns: NDArray[np.float64]
     """Cumulative return at each checkpoint, shape (n, m); an ended lane keeps its last value."""
     end_step: NDArray[np.int64]
-    """Steps the lane completed, the one it ended with included, shape (n,)."""
+    """Steps the lane made, its last one included, shape (n,)."""
     end_reason: NDArray[np.int64]
     """Index into END_REASONS, shape (n,)."""
     end_detail: list[str]
-    """What led to the end, in words; "" where nothing is known. Shape (n,)."""
+    """Cause of the end, in words; "" if unknown. Length n."""
     movement: NDArray[np.float64]
     """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
     last_observation: NDArray[np.float64]
-    """Where each lane ended: its last finite observation, shape (n, d)."""
+    """Last finite observation of each lane, shape (n, d)."""
 
 
 def evaluate_lanes(
@@ -50,14 +50,14 @@ def evaluate_lanes(
     progress: ProgressCallback = lambda step, living: None,
     world: World | None = None,
 ) -> LaneRecords:
-    """Runs lanes for at most ``steps`` steps each, in this process, on one core.
+    """Run lanes for at most ``steps`` steps each, in this process, on one core.
 
     Args:
-        policies: What the lanes' numbers refer to, all for one task.
+        policies: All for one task; `LaneSpec.policy` is an index into them.
         lanes: One or more.
         steps: The test horizon.
-        progress: Told about progress.
-        world: Where to run; by default the policies' own task, one lane for each evaluation seed.
+        progress: Called every 500 steps with (step, running lanes).
+        world: The world to run in; by default the policies' own task, one lane for each evaluation seed.
     """
     lane_policies = [LanePolicy(policies[lane.policy], lane.clock) for lane in lanes]
     world = world or make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
@@ -77,7 +77,7 @@ def evaluate_lanes(
 
 
 class _Recorder:
-    """Accumulates what LaneRecords keeps, while the loop runs."""
+    """Accumulates the fields of LaneRecords while the loop runs."""
 
     def __init__(self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int) -> None:
         n = len(lane_policies)
@@ -94,13 +94,13 @@ class _Recorder:
         self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
 
     def take(self, step: int) -> None:
-        """Advances the loop by its step number ``step`` and notes what happened."""
+        """Advance the loop to step ``step`` and record the results."""
         lane_step = self._loop.advance()
         lanes, result = lane_step.lanes, lane_step.step
         rewards = result.rewards
         diverged = self._divergence.diverged(lane_step)
         if diverged.any():
-            # What a world pays for being put back to its start is not a reward.
+            # The jump back to the start state yields a reward that does not count.
             rewards = np.where(diverged, 0.0, rewards)
             self._loop.drop(lanes[diverged])
         self._total[lanes] += rewards
@@ -127,7 +127,7 @@ class _Recorder:
         self._observation[lanes] = observations
 
     def records(self) -> LaneRecords:
-        """Everything noted; lanes that all ended early keep their values at the checkpoints not reached."""
+        """Return the records; lanes that all ended early keep their values at the checkpoints not reached."""
         if self._next < len(self._steps):
             self._returns[:, self._next :] = self._total[:, None]
         return LaneRecords(

@@ -1,10 +1,10 @@
-"""What a robot earns that does nothing useful: the lower end of every score.
+"""Reward rate of an idle robot (zero or random actions): the zero of every score.
 
-An alive bonus is paid for standing and for lying on the back. So a policy is measured against the better of two that
-need no training: the zero action, and actions drawn uniformly from the action box.
+A robot may earn an alive bonus while it does nothing useful. So the idle rate is the larger one of two untrained
+policies: the zero action, and actions drawn uniformly from the action box.
 
-Discrete actions have no zero: which number means "do nothing", if any does, an environment does not say. In place of
-the zero action the best constant action is taken: each of MOST_CONSTANT actions is held for whole episodes.
+Discrete actions have no zero action. The best constant action replaces it: each of up to MOST_CONSTANT actions is
+repeated for whole episodes.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ Choose = Callable[[int], NDArray[np.float64]]
 
 
 def _idle_actions(spec: TaskSpec, rng: np.random.Generator) -> list[Choose]:
-    """Constant actions, and at last random ones."""
+    """Return constant actions, and finally random ones."""
     if spec.discrete_actions:
         low, high = spec.action_low.astype(np.int64), spec.action_high.astype(np.int64)
         held: list[Choose] = [lambda n, row=row: np.tile(row, (n, 1)) for row in constant_actions(spec)]  # type: ignore[misc]
@@ -116,7 +116,7 @@ def constant_actions(spec: TaskSpec) -> NDArray[np.float64]:
 
 
 def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
-    """Sum of rewards, and steps made."""
+    """Return the sum of rewards and the number of steps."""
     earned, made = 0.0, 0
     world.reset()
     lanes: NDArray[np.int64] = np.arange(world.num_lanes)
@@ -146,7 +146,7 @@ def idle_unit(task: str, versions: dict[str, str]) -> Unit:
 
 
 def run_idle(work: Work, *, task: str) -> None:
-    """Measure a task and leave the result in the work folder; the function of `idle_unit`."""
+    """Measure the idle rate of a task and write it to the work folder; the function of `idle_unit`."""
     world = make_world(task, [FIRST_SEED + k for k in range(EPISODES)])
     try:
         idle = measure_idle(world)

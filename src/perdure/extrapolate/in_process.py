@@ -1,4 +1,4 @@
-"""The evaluation of one policy of any origin, in this process: a function, a file of another library, a `Policy`."""
+"""Evaluate one policy in this process: a function, a file of another library, or a `Policy`."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _loaded(path: str | Path) -> Policy | OnnxModel:
 
 @dataclass(frozen=True)
 class _Options:
-    """What was asked for, checked."""
+    """Validated arguments."""
 
     steps: int
     clocks: Sequence[str] | str | None

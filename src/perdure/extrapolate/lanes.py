@@ -1,4 +1,4 @@
-"""What is evaluated: every policy under every clock from every start state."""
+"""Lanes of an evaluation: every policy under every clock from every start state."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Extrapolation:
     policies: tuple[Path, ...]
     """Policy files, all for one task."""
     steps: int = 100_000
-    """T_test: how long each lane is asked to last."""
+    """T_test: steps of each lane."""
     clocks: tuple[str, ...] = ("default",)
-    """What policies with a time-to-go input are told: "constant:500", "periodic:500", "countdown:100000", "countdown"
-    (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C = 0, 100, ..., 1000, constant and
-    periodic, and the countdown). Policies without that input run once."""
+    """Clocks of policies with a time-to-go input: "constant:500", "periodic:500", "countdown:100000", "countdown"
+    (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C: constant 0 to 1000 and periodic 100 to
+    1000 in steps of 100, and countdown). Policies without that input run once."""
     eval_seeds: int = 20
     """Start states. The same seed starts from the same state under every policy and clock."""
     first_eval_seed: int = field(default=0, kw_only=True)
@@ -53,7 +53,7 @@ class Extrapolation:
         self.deployment_clocks(None)
 
     def deployment_clocks(self, default: Clock | None) -> tuple[Clock, ...]:
-        """The clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
+        """Return the clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
         clocks: list[Clock] = []
         for text in self.clocks:
             if text == "default":
@@ -84,6 +84,6 @@ class LaneSpec:
 
 
 def split(lanes: Sequence[LaneSpec], size: int, parts: int) -> list[list[LaneSpec]]:
-    """Groups of at most ``size`` lanes, and at least ``parts`` of them if there are lanes enough, of even length."""
+    """Return groups of at most ``size`` lanes, of even length, and at least ``parts`` of them if possible."""
     count = max(-(-len(lanes) // size), min(parts, len(lanes)))
     return [list(lanes[len(lanes) * i // count : len(lanes) * (i + 1) // count]) for i in range(count)]

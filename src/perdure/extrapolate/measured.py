@@ -1,4 +1,4 @@
-"""What a policy and an idle robot do within the training horizon, in whatever worlds an environment gives."""
+"""Measure a policy and an idle robot within the training horizon."""
 
 from __future__ import annotations
 

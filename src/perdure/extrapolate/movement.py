@@ -1,4 +1,4 @@
-"""How much lanes move, and which component of the observation leaves its training range first."""
+"""Measure how much lanes move, and which observation component leaves its training range first."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class MovementRecorder:
     """
 
     def __init__(self, policies: list[Actor], steps: int) -> None:
-        """Start before the first step; `policies`: one for each lane."""
+        """Start before the first step, with one policy for each lane."""
         lanes, size = len(policies), policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
@@ -36,7 +36,7 @@ class MovementRecorder:
         self.left_component = np.full(lanes, -1)
 
     def take(self, lane_step: LaneStep, step: int) -> None:
-        """Look at the lanes that were just stepped, if it is time to."""
+        """Record the lanes of this step, if it is a recording step."""
         if step % EVERY:
             return
         lanes, after = lane_step.lanes, lane_step.step.observations

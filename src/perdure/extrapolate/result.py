@@ -1,4 +1,4 @@
-"""What an evaluation comes back with."""
+"""Result of an evaluation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ExtrapolationResult:
     """The Parquet file; None where nothing was written."""
 
     def __str__(self) -> str:
-        """The verdict on each policy and clock, and the summary table."""
+        """Return the verdict on each policy and clock, and the summary table."""
         from perdure.report import summary_text
 
         return summary_text(self.frame)
@@ -42,13 +42,13 @@ class ExtrapolationResult:
         return write_report(self.frame, out, command)
 
     def final(self) -> pl.DataFrame:
-        """One row for each lane: where it stood at the last checkpoint."""
+        """Return one row for each lane: its values at the last checkpoint."""
         import polars as pl
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
     def summary(self) -> pl.DataFrame:
-        """One row for each policy and clock: lanes, mean return, share of each outcome, median time to failure."""
+        """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure."""
         import polars as pl
 
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")

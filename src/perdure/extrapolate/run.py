@@ -1,4 +1,4 @@
-"""A whole evaluation: groups of lanes over the cores, finished lanes kept, one table at the end."""
+"""Run a whole evaluation: groups of lanes on several cores, resumable, with one table at the end."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _versions() -> dict[str, str]:
 def _units(
     lanes: Sequence[LaneSpec], evaluation: Extrapolation, digests: Sequence[str], workers: int
 ) -> Iterator[Unit]:
-    """Cut lanes into groups, one unit each."""
+    """Split lanes into groups, one unit each."""
     for group in split(lanes, evaluation.max_lanes, workers) if lanes else ():
         written = [
             [digests[lane.policy], None if lane.clock is None else lane.clock.to_json(), lane.eval_seed]
@@ -213,7 +213,7 @@ def _reference_unit(digest: str, path: Path = Path()) -> Unit:
 
 
 def _measurements(policies: Sequence[Policy], paths: Sequence[Path], digests: Sequence[str]) -> Iterator[Unit]:
-    """Yield what must be known to judge: an idle robot, and reference episodes of policies whose files hold none."""
+    """Yield the units that verdicts need: the idle robot, and reference episodes that are missing in policy files."""
     yield idle_unit(policies[0].task.name, _versions())
     for policy, path, digest in zip(policies, paths, digests, strict=True):
         if policy.reference is None:
@@ -221,7 +221,7 @@ def _measurements(policies: Sequence[Policy], paths: Sequence[Path], digests: Se
 
 
 def measure_policy(work: Work, *, path: str) -> None:
-    """Leave the policy with its reference episodes in the work folder."""
+    """Write the policy with its reference episodes in the work folder."""
     policy = load_policy(path)
     save_policy(replace(policy, reference=measure_reference(policy)), work.folder / MEASURED)
 
@@ -240,7 +240,7 @@ def _score_scales(store: Store, policies: Sequence[Policy], digests: Sequence[st
 
 
 def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[Sequence[Any]], steps: int) -> None:
-    """Evaluate a group of lanes and leave its table in the work folder; the function of an evaluation's units."""
+    """Evaluate a group of lanes and write its table to the work folder; the function of an evaluation's units."""
     if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
         return
     used = list(dict.fromkeys(digest for digest, _, _ in lanes))

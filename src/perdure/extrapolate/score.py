@@ -1,4 +1,4 @@
-"""The measure of one policy: what it earns within its training horizon, and what an idle robot earns.
+"""Score scale of a policy: its reward rate within the training horizon, and that of an idle robot.
 
 Two normalized scores of a stretch of steps, in the spirit of D4RL's (Fu et al., 2020), whatever the unit or the offset
 of the reward:
@@ -66,7 +66,7 @@ def task_rate(task: str) -> float:
 
 @dataclass(frozen=True)
 class ScoreScale:
-    """What a policy's rewards are compared with; rates are rewards per step."""
+    """The rates that a policy's rewards are compared with, in reward per step."""
 
     idle: float
     reference: float
@@ -150,7 +150,7 @@ def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: float) -> float:
-    """Half the width of Student's 95 % interval of a rate, episodes as units (linearized ratio)."""
+    """Return half the width of Student's 95 % interval of a rate, episodes as units (linearized ratio)."""
     if len(lived) < 2:
         return math.inf
     from scipy.special import stdtrit
@@ -183,7 +183,7 @@ def _window_scores(reference: Reference, skip: int, bins: int, idle: float, gain
 
 
 def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
-    """Windows longer than an episode are put together from episodes drawn at random."""
+    """Return the shortest window for windows longer than an episode, joined from random episodes."""
     earned, lived = _settled(reference)
     rng = np.random.default_rng(0)
     episodes = 1

@@ -1,7 +1,6 @@
-"""From lane records to the table ``perdure.extrapolation`` that reports read; see ``perdure.report.schema``.
+"""Convert lane records to the table ``perdure.extrapolation`` that reports read; see ``perdure.report.schema``.
 
-Facts of lanes come first, from `lane_table`; verdicts are added by `judge_table`, when it is known what an idle robot
-earns.
+`lane_table` makes the table of lanes. `judge_table` adds verdicts once the idle rate is known.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ if TYPE_CHECKING:
 def lane_table(
     labels: Sequence[str], policies: Sequence[Actor], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:
-    """One row for each lane and checkpoint.
+    """Return one row for each lane and checkpoint.
 
     Args:
         labels: Name of each policy.
-        policies: What the lanes' numbers refer to.
+        policies: `LaneSpec.policy` is an index into them.
         lanes: The lanes of ``records``, in their order.
-        records: What became of them.
+        records: Their results.
         steps: The test horizon.
     """
     import polars as pl
@@ -74,7 +73,7 @@ def _lane_row(label: str, policy: Actor, lane: LaneSpec) -> dict[str, object]:
 
 
 def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.DataFrame:
-    """Add what each lane's policy is measured with, and the verdict on each lane.
+    """Add the score scale of each lane's policy, and the verdict on each lane.
 
     Args:
         frame: As `lane_table` makes it, lane after lane.

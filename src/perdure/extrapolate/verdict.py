@@ -1,4 +1,4 @@
-"""What became of each lane: it holds, decays, fails silently, falls or diverges, and since when."""
+"""Outcome of each lane (holds, decays, fails silently, falls or diverges) and the step at which it began."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LaneVerdict:
 def judge_lane(
     steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, end_reason: str, score_scale: ScoreScale
 ) -> LaneVerdict:
-    """Judge a lane.
+    """Return the verdict on a lane.
 
     Args:
         steps: Rising step numbers, shape (m,), evenly spaced; the last one is the test horizon.
@@ -109,7 +109,7 @@ def _since(scores: NDArray[np.float64], bound: float) -> int:
 
 
 def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
-    """Whether the last windows are below HOLDS_FROM by more than chance; None if even all of them are too few to tell.
+    """Return whether the last windows are significantly below HOLDS_FROM; None if there are too few windows.
 
     Args:
         scores: Of a lane.

@@ -1,13 +1,13 @@
-"""How time is treated: embeddings of the time-to-go, clocks for deployment, distributions of the training horizon.
+"""Embeddings of the time-to-go, clocks for deployment, and distributions of the training horizon.
 
 | file | what it holds |
 |---|---|
-| `embedding.py` | the idea of phi(t, T); `linear.py`, `geometric.py`, `time_feature.py` |
-| `clock.py` | the idea of a clock, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
-| `distribution.py` | the idea of a distribution of T; `fixed.py`, `uniform.py`, `infinite.py` |
-| `protocol.py` | `HorizonProtocol`: all of it in one record |
-| `registry.py` | by name to JSON and back |
-| `wrappers/` | the same for Gymnasium environments, for use with any library |
+| `embedding.py` | base class of embeddings phi(t, T); `linear.py`, `geometric.py`, `time_feature.py` |
+| `clock.py` | base class of clocks, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
+| `distribution.py` | base class of horizon distributions; `fixed.py`, `uniform.py`, `infinite.py` |
+| `protocol.py` | `HorizonProtocol`: embedding, horizon, end and gamma in one record |
+| `registry.py` | look up embeddings, clocks and distributions by name; to JSON and back |
+| `wrappers/` | random horizons and the time-to-go as Gymnasium wrappers, for any library |
 | `errors.py` | `HorizonError` |
 """
 

@@ -1,4 +1,4 @@
-"""The abstract idea of a clock: what a policy is told about time at deployment."""
+"""Base class of clocks: the time that a policy's embedding receives at deployment."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from perdure.horizon.registry import from_json, to_json
 
 
 class Clock(ABC):
-    """Reads the (t, T) that an embedding is given off the steps that have really passed.
+    """Map elapsed steps since reset to the (t, T) that the embedding receives.
 
     Subclasses are frozen dataclasses with one number, ``steps``, and use array operators only.
     """
 
     name: ClassVar[str]
-    """How files and command lines call it."""
+    """Name in files and on command lines."""
     steps: float
     """The clock's one setting, in steps."""
 
@@ -27,20 +27,20 @@ class Clock(ABC):
 
     @abstractmethod
     def time(self, elapsed: Any) -> tuple[Any, Any]:
-        """(t, T) for elapsed steps of shape (n,): two arrays of shape (n,)."""
+        """Return (t, T) for elapsed steps of shape (n,): two arrays of shape (n,)."""
 
     @property
     def label(self) -> str:
-        """Short text for tables, such as "constant(500)"."""
+        """Return a short text for tables, such as "constant(500)"."""
         return f"{self.name}({str(float(self.steps)).removesuffix('.0')})"
 
     def to_json(self) -> dict[str, Any]:
-        """The clock as plain JSON values."""
+        """Return the clock as plain JSON values."""
         return to_json(self)
 
 
 def clock_from_json(values: Any) -> Clock:
-    """The clock that :meth:`Clock.to_json` described.
+    """Return the clock that :meth:`Clock.to_json` described.
 
     Args:
         values: ``{"name": ..., "steps": ...}``.
@@ -52,7 +52,7 @@ def clock_from_json(values: Any) -> Clock:
 
 
 def parse_clock(text: str) -> Clock:
-    """The clock that a command line names: "constant:500", "periodic:200", "countdown:100000", or a clock's label.
+    """Return the clock of a text such as "constant:500", "periodic:200", "countdown:100000", or of a clock's label.
 
     Args:
         text: Name and steps.

@@ -1,4 +1,4 @@
-"""The clock that stands still: there are always C steps to go."""
+"""Constant clock: C steps to go at every step."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from perdure.horizon.clock import Clock
 class Constant(Clock):
     """phi(0, C) (thesis, 3.3.3, choice 2).
 
-    C = 0 says that nothing is left, which no policy was ever told while it acted in training.
+    C = 0 (no steps left) is out of distribution.
     """
 
     name: ClassVar[str] = "constant"
 
     steps: float
-    """C, the steps that are always left."""
+    """C, the steps to go at every step."""
 
     def time(self, elapsed: Any) -> tuple[Any, Any]:
-        """(0, C)."""
+        """Return (0, C)."""
         return 0 * elapsed, self.steps + 0 * elapsed

@@ -1,4 +1,4 @@
-"""The clock of training, carried on: it counts down to the end of the deployment."""
+"""Count down to the end of the deployment, as in training."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from perdure.horizon.clock import Clock
 
 @dataclass(frozen=True)
 class Countdown(Clock):
-    """phi(t, T_test) (thesis, 3.3.3, choice 1). Needs to know when the deployment ends."""
+    """phi(t, T_test) (thesis, 3.3.3, choice 1). The length of the deployment must be known."""
 
     name: ClassVar[str] = "countdown"
 
@@ -18,5 +18,5 @@ class Countdown(Clock):
     """T_test, the steps of the deployment."""
 
     def time(self, elapsed: Any) -> tuple[Any, Any]:
-        """(t, T_test)."""
+        """Return (t, T_test)."""
         return elapsed, self.steps + 0 * elapsed

@@ -1,4 +1,4 @@
-"""The abstract idea of a distribution of the training horizon: how long the next episode may last."""
+"""Base class of horizon distributions: how long the next training episode may last."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ class HorizonDistribution(ABC):
     """A distribution over horizons. Subclasses are frozen dataclasses and use array operators only."""
 
     name: ClassVar[str]
-    """How files and command lines call it."""
+    """Name in files and on command lines."""
 
     @property
     @abstractmethod
     def longest(self) -> float:
-        """The longest horizon it draws, in steps; may be infinite."""
+        """Return the longest horizon it draws, in steps; may be infinite."""
 
     @abstractmethod
     def from_uniform(self, u: Any) -> Any:
-        """Horizons in steps, same shape as ``u``, from numbers drawn uniformly in [0, 1)."""
+        """Return horizons in steps, shaped like ``u``, from numbers drawn uniformly in [0, 1)."""
 
     def to_json(self) -> dict[str, Any]:
-        """The distribution as plain JSON values."""
+        """Return the distribution as plain JSON values."""
         return to_json(self)
 
 
 def distribution_from_json(values: Any) -> HorizonDistribution:
-    """The distribution that :meth:`HorizonDistribution.to_json` described.
+    """Return the distribution that :meth:`HorizonDistribution.to_json` described.
 
     Args:
         values: ``{"name": ..., field: value, ...}``.
@@ -42,7 +42,7 @@ def distribution_from_json(values: Any) -> HorizonDistribution:
 
 
 def check_steps(name: str, steps: float) -> None:
-    """Refuses a horizon that is no whole number of steps from 1 up.
+    """Refuse a horizon that is not a whole number of steps, at least 1.
 
     Args:
         name: What the number is, for the message.

@@ -1,4 +1,4 @@
-"""The abstract idea of an embedding phi(t, T) of the time-to-go."""
+"""Base class of embeddings phi(t, T) of the time-to-go."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from perdure.horizon.registry import from_json, to_json
 
 
 class Embedding(ABC):
-    """Maps elapsed steps t and a horizon T to the vector appended to the observation.
+    """Map elapsed steps t and a horizon T to the vector appended to the observation.
 
     Subclasses are frozen dataclasses. They use array operators only, so one body serves Python numbers, NumPy arrays
-    and traced JAX arrays. More elapsed steps than the horizon count as nothing left.
+    and traced JAX arrays. If t > T, no steps are left.
     """
 
     name: ClassVar[str]
-    """How files and command lines call it."""
+    """Name in files and on command lines."""
 
     @property
     @abstractmethod
     def size(self) -> int:
-        """Length of the vector."""
+        """Return the length of the vector."""
 
     @abstractmethod
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
-        """phi(t, T), of shape (*batch, size).
+        """Return phi(t, T), of shape (*batch, size).
 
         Args:
             elapsed: t, steps since reset, shape (*batch,).
@@ -33,12 +33,12 @@ class Embedding(ABC):
         """
 
     def to_json(self) -> dict[str, Any]:
-        """The embedding as plain JSON values."""
+        """Return the embedding as plain JSON values."""
         return to_json(self)
 
 
 def embedding_from_json(values: Any) -> Embedding:
-    """The embedding that :meth:`Embedding.to_json` described.
+    """Return the embedding that :meth:`Embedding.to_json` described.
 
     Args:
         values: ``{"name": ..., field: value, ...}``.

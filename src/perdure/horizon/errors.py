@@ -1,5 +1,5 @@
-"""What can be wrong with a statement about time."""
+"""Errors of embeddings, clocks, horizon distributions and protocols."""
 
 
 class HorizonError(ValueError):
-    """An embedding, a clock, a distribution of the horizon or a protocol that contradicts itself."""
+    """An embedding, a clock, a distribution of the horizon or a protocol is invalid."""

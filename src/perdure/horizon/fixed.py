@@ -1,4 +1,4 @@
-"""Every episode may last equally long."""
+"""Fixed horizon: the same for every episode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Fixed(HorizonDistribution):
     """T."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of steps."""
+        """Refuse an invalid number of steps."""
         check_steps("a fixed horizon", self.steps)
 
     @property
@@ -27,5 +27,5 @@ class Fixed(HorizonDistribution):
         return float(self.steps)
 
     def from_uniform(self, u: Any) -> Any:
-        """T for every entry."""
+        """Return T for every entry."""
         return self.steps + 0.0 * u

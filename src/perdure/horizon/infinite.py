@@ -1,4 +1,4 @@
-"""Episodes that only the task can end."""
+"""Infinite horizon: only the task ends an episode."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Infinite(HorizonDistribution):
 
     @property
     def longest(self) -> float:
-        """Infinity."""
+        """Return infinity."""
         return math.inf
 
     def from_uniform(self, u: Any) -> Any:
-        """Infinity for every entry."""
+        """Return infinity for every entry."""
         return math.inf + 0.0 * u

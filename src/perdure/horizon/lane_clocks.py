@@ -1,4 +1,4 @@
-"""One batch, many clocks: each lane is told its own time."""
+"""Clocks of several lanes, evaluated in one call."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from perdure.horizon.errors import HorizonError
 
 
 class LaneClocks:
-    """The clocks of n lanes, read all at once. Lanes with equal clocks are read together."""
+    """The clocks of several lanes, evaluated in one call. Lanes with equal clocks are evaluated together."""
 
     def __init__(self, clocks: Sequence[Clock]) -> None:
-        """Takes one clock for each lane.
+        """Keep one clock for each lane.
 
         Args:
             clocks: At least one.
@@ -35,11 +35,11 @@ class LaneClocks:
     def time(
         self, elapsed: ArrayLike, lanes: ArrayLike | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(t, T) of every lane: two arrays of shape (n,).
+        """Return (t, T) of every lane: two arrays of shape (n,).
 
         Args:
             elapsed: Steps since reset, shape (n,): one number for each of ``lanes``.
-            lanes: Numbers of the lanes that are asked for; None means all of them, in order.
+            lanes: Numbers of the lanes to evaluate; None means all of them, in order.
 
         Raises:
             HorizonError: If the shape does not fit, or there is no such lane.
@@ -55,12 +55,12 @@ class LaneClocks:
         return times, horizons
 
     def to_json(self) -> dict[str, Any]:
-        """The clocks in the order of their lanes, as plain JSON values."""
+        """Return the clocks in the order of their lanes, as plain JSON values."""
         return {"clocks": [clock.to_json() for clock in self.clocks]}
 
     @classmethod
     def from_json(cls, values: Any) -> Self:
-        """The clocks that :meth:`to_json` described.
+        """Return the clocks that :meth:`to_json` described.
 
         Args:
             values: ``{"clocks": [...]}``.

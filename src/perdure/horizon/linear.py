@@ -1,4 +1,4 @@
-"""The linear embedding: the share of the episode that is left."""
+"""Linear embedding: the share of the episode that is left."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from perdure.horizon.embedding import Embedding
 class Linear(Embedding):
     """phi(t, T) = 1 - t/T (Pardo et al., Time limits in reinforcement learning, 2018).
 
-    0 when nothing is left (t >= T, also T = 0), 1 for an infinite horizon. With random horizons it does not tell how
-    many steps are left, and as a constant clock it is 1 for every C > 0.
+    0 when nothing is left (t >= T, also T = 0), 1 for an infinite horizon. With random horizons the value does
+    not determine how many steps are left. Under a constant clock it is 1 for every C > 0.
     """
 
     name: ClassVar[str] = "linear"
 
     @property
     def size(self) -> int:
-        """One number."""
+        """Return 1."""
         return 1
 
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
-        """phi(t, T), shape (*batch, 1)."""
+        """Return phi(t, T), shape (*batch, 1)."""
         left = horizon > elapsed
-        # Where nothing is left, T + 1 keeps 0/0 out and the factor 0 decides; operators only, for traced arrays.
+        # If no steps are left, T + 1 avoids 0/0 and `left` makes the result 0. Operators only, for traced arrays.
         share = (1.0 - elapsed / (horizon + (1.0 - left))) * left
         return share[..., None] if hasattr(share, "ndim") else np.asarray(share)[..., None]

@@ -1,4 +1,4 @@
-"""The clock that starts again: an endless chain of episodes of C steps."""
+"""Periodic clock: count down from C steps and restart, without end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Periodic(Clock):
     """C, the period."""
 
     def time(self, elapsed: Any) -> tuple[Any, Any]:
-        """(t mod C, C)."""
+        """Return (t mod C, C)."""
         if self.steps == 0:
             return 0 * elapsed, 0 * elapsed
         return elapsed % self.steps, self.steps + 0 * elapsed

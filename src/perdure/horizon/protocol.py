@@ -1,4 +1,4 @@
-"""How time is treated, in one record that the learner obeys, the policy file keeps and the clocks read."""
+"""Horizon protocol: embedding, training horizon, end and gamma in one record, stored with the policy."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ End = Literal["terminated", "truncated"]
 class HorizonProtocol:
     """What an agent knows about time, how long its episodes last, and what their end means.
 
-    gamma = 1 with ``end="truncated"`` is legal, but a task that never ends by itself then has no anchor for V: V + c
-    solves the same equations for every constant c, so V may drift. So it is with gamma = 1 and an infinite horizon.
+    gamma = 1 with ``end="truncated"`` is legal, but then values are determined only up to a constant if the task never
+    terminates, and V may drift. The same holds for gamma = 1 with an infinite horizon.
 
     Raises:
         HorizonError: If the parts contradict each other.
     """
 
     embedding: Embedding | None
-    """phi; None if the agent is not told the time."""
+    """phi; None if the agent does not observe time."""
     horizon: HorizonDistribution
     """Distribution of the training horizon T."""
     end: End
-    """What reaching T means: ``terminated`` (nothing follows, a time-aware agent) or ``truncated`` (the world goes on:
+    """What reaching T means: ``terminated`` (nothing follows, a time-aware agent) or ``truncated`` (the task continues:
     bootstrap the value of the last observation)."""
     gamma: float
     """Discount of the objective, in [0, 1]."""
     normalizer_gamma: float
-    """Discount of the running return whose spread scales the rewards, in [0, 1]. A setting of its own: with gamma = 1
-    it decides how large the rewards look to the value network."""
+    """Discount of the running return whose spread scales the rewards, in [0, 1]. With gamma = 1 it alone
+    sets the scale of the rewards that the value network predicts."""
     normalize_embedding: bool = False
-    """Replication switch: phi passes the observation normalizer, as Stable-Baselines3 with VecNormalize would have it.
-    Off, because a normalized phi means something else in training and in deployment."""
+    """Replication switch: phi passes the observation normalizer, as with VecNormalize in Stable-Baselines3.
+    Off by default, because a normalized phi has different meanings in training and in deployment."""
 
     def __post_init__(self) -> None:
         """Refuse contradictions."""
@@ -59,11 +59,11 @@ class HorizonProtocol:
 
     @property
     def embedding_size(self) -> int:
-        """Numbers appended to the observation; 0 without phi."""
+        """Return the number of components appended to the observation; 0 without phi."""
         return 0 if self.embedding is None else self.embedding.size
 
     def embed(self, elapsed: Any, horizon: Any) -> Any:
-        """The vector phi, of shape (n, embedding_size), (n, 0) without an embedding.
+        """Return phi, of shape (n, embedding_size), (n, 0) without an embedding.
 
         Args:
             elapsed: Steps since reset, NumPy or JAX, shape (n,).
@@ -74,7 +74,7 @@ class HorizonProtocol:
         return self.embedding(elapsed, horizon)
 
     def to_json(self) -> dict[str, Any]:
-        """The protocol as plain JSON values."""
+        """Return the protocol as plain JSON values."""
         return {
             "embedding": None if self.embedding is None else self.embedding.to_json(),
             "horizon": self.horizon.to_json(),
@@ -86,7 +86,7 @@ class HorizonProtocol:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
-        """The protocol that :meth:`to_json` described.
+        """Return the protocol that :meth:`to_json` described.
 
         Args:
             values: One entry for every field.
@@ -109,7 +109,7 @@ class HorizonProtocol:
 
 
 def check_end(end: Any) -> None:
-    """Refuses what is no meaning of a horizon's end.
+    """Refuse an unknown meaning of a horizon's end.
 
     Args:
         end: ``"terminated"`` or ``"truncated"``.

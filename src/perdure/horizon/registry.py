@@ -1,4 +1,4 @@
-"""Embeddings, clocks and distributions by name, as policy files store them.
+"""Look up embeddings, clocks and distributions by name, and convert them to and from JSON.
 
 A class is found by its ``name`` as soon as it subclasses ``Embedding``, ``Clock`` or ``HorizonDistribution``: a new
 one is one new file, imported in ``__init__.py`` or anywhere else.
@@ -22,7 +22,7 @@ LARGEST_COUNT = 100_000_000
 
 
 def to_json(thing: Any) -> dict[str, Any]:
-    """``{"name": ..., field: value, ...}`` of a frozen dataclass of numbers.
+    """Return ``{"name": ..., field: value, ...}`` of a frozen dataclass of numbers.
 
     Args:
         thing: An embedding, a clock or a distribution. Infinity, which JSON does not have, becomes the string "inf";
@@ -32,7 +32,7 @@ def to_json(thing: Any) -> dict[str, Any]:
 
 
 def from_json(base: type[T], values: Any) -> T:
-    """The subclass of ``base`` that :func:`to_json` described.
+    """Return the instance of a subclass of ``base`` that :func:`to_json` described.
 
     Args:
         base: The abstract idea, such as ``Embedding``.
@@ -71,7 +71,7 @@ _KINDS: dict[Any, Kind] = {int: Whole(-LARGEST_COUNT, LARGEST_COUNT), float: Rea
 
 
 def known(base: type[T]) -> dict[str, type[T]]:
-    """The concrete subclasses of ``base`` by name.
+    """Return the concrete subclasses of ``base`` by name.
 
     Args:
         base: The abstract idea, such as ``Embedding``.

@@ -1,4 +1,4 @@
-"""The time feature of sb3-contrib: steps left, in units of the training horizon."""
+"""Time feature of sb3-contrib: steps left, in units of the training horizon."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from perdure.horizon.embedding import Embedding
 class TimeFeature(Embedding):
     """phi(t, T) = min(1, (T - t) / N) with N training steps: what sb3-contrib's `TimeFeatureWrapper` appends.
 
-    The wrapper computes 1 - t/N and goes on below 0 after N steps, so phi does too, unlike `Linear`, which stays at 0.
-    What the clocks make of it:
+    The wrapper computes 1 - t/N, which is negative after N steps, and so is phi. `Linear` stays at 0 instead.
+    phi under each clock:
 
     | clock | phi | the same as |
     |---|---|---|
     | `countdown:N` | 1 - t/N, below 0 after N steps | the wrapper |
     | `constant:N` | 1 | the wrapper with `test_mode=True` |
-    | `constant:C` | C/N, at most 1 | a wrapper that stands still |
+    | `constant:C` | C/N, at most 1 | the wrapper with constant t |
     | `periodic:N` | 1 - (t mod N)/N | the wrapper, reset every N steps |
     | `countdown:C`, C > N | 1 until N steps are left, then down | - |
 
-    No more than N steps were ever left in training, hence the upper limit of 1; it also serves an infinite T.
+    The upper limit is 1 because at most N steps were left in training. An infinite T also gives 1.
     """
 
     name: ClassVar[str] = "time_feature"
@@ -35,16 +35,16 @@ class TimeFeature(Embedding):
     """N, the steps of a training episode (`max_steps`)."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of steps."""
+        """Refuse an invalid number of steps."""
         check_steps("the steps of a time feature", self.steps)
 
     @property
     def size(self) -> int:
-        """One number."""
+        """Return 1."""
         return 1
 
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
-        """phi(t, T), shape (*batch, 1)."""
+        """Return phi(t, T), shape (*batch, 1)."""
         # N - (T - t) is t where T = N, so that the quotient is the wrapper's to the last bit.
         share = 1.0 - (self.steps - (horizon - elapsed)) / self.steps
         # A method, not a function of NumPy: t and T may be traced JAX arrays.

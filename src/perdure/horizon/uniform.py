@@ -1,4 +1,4 @@
-"""Episodes of random length, the domain randomization of the thesis."""
+"""Uniformly random horizon: the domain randomization of the thesis."""
 
 from __future__ import annotations
 
@@ -33,5 +33,5 @@ class Uniform(HorizonDistribution):
         return float(self.high)
 
     def from_uniform(self, u: Any) -> Any:
-        """T = low + floor(u * (high - low + 1))."""
+        """Return T = low + floor(u * (high - low + 1))."""
         return self.low + (u * (self.high - self.low + 1)) // 1

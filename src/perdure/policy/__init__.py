@@ -1,18 +1,21 @@
-"""The policy as an artifact: one file with everything needed to act.
+"""Policies: each is stored in one file with everything needed to act.
 
 | file | what it holds |
 |---|---|
 | `policy.py` | `Policy` and its `Normalizer` |
-| `task.py` | `TaskInfo`: what a policy was trained on |
-| `actor.py` | `Actor`: anything that acts on rows of observations |
+| `task.py` | `TaskInfo`: the task that a policy was trained on |
+| `actor.py` | `Actor`: interface of policies, which act on rows of observations |
 | `function.py` | `FunctionPolicy`: any function observations -> actions |
 | `policy_lanes.py` | the running lanes of a `Policy` |
 | `network.py`, `activations.py`, `squash.py` | the forward pass in NumPy, each row independent of the others |
-| `closed_loop.py` | policies acting in a world, lane by lane |
-| `reference.py`, `measure.py` | what a policy does within its training horizon, and measuring it |
-| `files.py` | `save_policy`, `load_policy`: one safetensors file, refused when damaged |
-| `readers/` | policies of other libraries: models of Stable-Baselines3 |
-| `onnx/` | policies as ONNX models, and back |
+| `closed_loop.py` | policies acting in a world |
+| `reference.py`, `measure.py` | episodes within the training horizon, and how to record them |
+| `files.py` | `save_policy`, `load_policy`: one safetensors file with a checksum |
+| `schema.py` | what a policy file may contain |
+| `hub.py` | policies in folders and in the cache of Hugging Face |
+| `one_thread.py` | matrix products on one thread, for reproducible results |
+| `readers/` | models of Stable-Baselines3, sb3-contrib and CleanRL |
+| `onnx/` | export to and import from ONNX |
 | `shipped.py` | policies that come with the package, by name |
 | `errors.py` | `PolicyError`, `PolicyFileError`, `PolicyWarning` |
 """

@@ -1,4 +1,4 @@
-"""Anything that acts on rows of observations, and what must be known of it to evaluate it."""
+"""Interface of policies: they act on rows of observations and describe themselves for the evaluation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ActingLanes(Protocol):
         """Return an action for each running lane.
 
         Args:
-            observations: Shape (n, observation_size), one row for each running lane. Not changed, not kept.
+            observations: Shape (n, observation_size), one row for each running lane. Neither changed nor kept.
             elapsed: Steps since reset, the same for all.
 
         Returns:
@@ -30,9 +30,9 @@ class ActingLanes(Protocol):
         """
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Forget lanes that have ended: of the n rows of the next call those where ``rows``, shape (n,), is true stay.
+        """Drop ended lanes: keep the rows where ``rows``, shape (n,), is true.
 
-        It is called once for each end, before the next `act`.
+        It is called when lanes end, perhaps more than once before the next `act`.
         """
 
 
@@ -41,7 +41,7 @@ class Actor(Protocol):
 
     @property
     def task(self) -> TaskInfo:
-        """What it acts on."""
+        """The task that it acts on."""
 
     @property
     def has_clock(self) -> bool:
@@ -49,15 +49,15 @@ class Actor(Protocol):
 
     @property
     def training_horizon(self) -> float:
-        """The longest horizon it was trained for, in steps; inf where training had none."""
+        """The longest horizon it was trained for, in steps; inf if training had none."""
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Where it comes from: "method" and "seed" among others."""
+        """Its origin: "method" and "seed" among others."""
 
     @property
     def reference(self) -> Reference | None:
-        """What it does within its training horizon; None where that was not measured."""
+        """Its episodes within its training horizon; None if they were not measured."""
 
     @property
     def observation_std(self) -> FloatArray:

@@ -35,22 +35,22 @@ class LaneStep:
     before: FloatArray
     """Observations acted on, shape (n, observation_size)."""
     step: Step
-    """What the world answered."""
+    """Result of the step."""
 
 
 class ClosedLoop:
-    """Carries lanes on until they end. Lanes that have ended cost nothing.
+    """Step all running lanes until they end; ended lanes leave the batch.
 
     Raises:
-        PolicyError: If there is not one lane_policy for each lane, or a policy fits neither the world nor its clock.
+        PolicyError: If the numbers of policies and lanes differ, or a policy does not fit the world or its clock.
     """
 
     def __init__(self, world: World, lane_policies: Sequence[LanePolicy]) -> None:
-        """Resets every lane of the world, with no horizon.
+        """Reset every lane of the world, with no horizon.
 
         Args:
-            world: Where to act; one lane for each lane_policy.
-            lane_policies: Who acts in lane 0, 1, ...
+            world: Has one lane for each lane_policy.
+            lane_policies: The policy of lane 0, 1, ...
         """
         if len(lane_policies) != world.num_lanes:
             raise PolicyError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
@@ -75,11 +75,11 @@ class ClosedLoop:
 
     @property
     def observations(self) -> FloatArray:
-        """What the living lanes see now, shape (n, observation_size)."""
+        """Current observations of the living lanes, shape (n, observation_size)."""
         return self._observations
 
     def advance(self) -> LaneStep:
-        """Moves every living lane by one step. Lanes that ended with it are not living afterwards."""
+        """Move every living lane by one step; lanes that end in it are not living afterwards."""
         before = self._observations
         actions = self._act(before)
         step = self.world.step(actions, self._living)
@@ -91,7 +91,7 @@ class ClosedLoop:
         return lane_step
 
     def drop(self, lanes: NDArray[np.int64]) -> None:
-        """Takes lanes out; the others go on as if these had never been there."""
+        """Remove lanes; the other lanes are unaffected."""
         stays = ~np.isin(self._living, lanes)
         if stays.all():
             return
@@ -135,7 +135,7 @@ def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
 
 
 def check_fit(policy: Actor, world: World) -> None:
-    """Refuses a policy for another task.
+    """Refuse a policy for another task.
 
     Raises:
         PolicyError: If observation or action sizes, or the action range, differ.

@@ -1,8 +1,8 @@
-"""What can be wrong with a policy or with what it is asked."""
+"""Errors and warnings of policies."""
 
 
 class PolicyError(ValueError):
-    """A policy is asked to act on something that does not fit it."""
+    """A policy does not fit the world, the observations or the clock."""
 
 
 class PolicyFileError(PolicyError):
@@ -10,4 +10,4 @@ class PolicyFileError(PolicyError):
 
 
 class PolicyWarning(UserWarning):
-    """A policy can be read, but what is said about it is unusual and perhaps a mistake."""
+    """A policy can be read, but its description is unusual and perhaps wrong."""

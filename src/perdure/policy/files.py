@@ -1,4 +1,4 @@
-"""Policies as files: one safetensors file with everything inside. Reading one never runs code.
+"""Save and load policies as single safetensors files. Reading one never runs code.
 
 The file's text metadata holds a JSON description under ``perdure.policy`` and the SHA-256 of description and tensors
 under ``sha256``, so that a file that was changed after it was written is refused.

@@ -1,4 +1,4 @@
-"""Any function observations -> actions as a policy."""
+"""Use any function observations -> actions as a policy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A function as an `Actor`. Every call holds all n lanes of a closed loop, also those that have ended.
+    """A function as an `Actor`. Every call passes all n lanes of a closed loop, ended ones included.
 
     | kind | call | returns |
     |---|---|---|
@@ -32,10 +32,10 @@ class FunctionPolicy:
       Discrete, a dict or tuple of such arrays for Dict and Tuple.
     - ``actions`` likewise: shape (n, *shape) for a Box, whole numbers of shape (n,) for Discrete, (n, k) for
       MultiDiscrete and MultiBinary.
-    - ``state`` is whatever the function returned last, None at first. It is handed back as it is. So its arrays may
-      have the lanes along any axis: Stable-Baselines3's ``predict`` of a recurrent policy fits.
+    - ``state`` is the state that the function returned last, None at first. It is passed back unchanged, so its arrays
+      may have the lanes along any axis, as in Stable-Baselines3's ``predict`` of a recurrent policy.
     - ``episode_starts`` is true for every lane in the first call of an episode and false afterwards, shape (n,).
-    - ``elapsed`` and ``horizon`` are what the clock says, shape (n,): the time-to-go is their difference.
+    - ``elapsed`` and ``horizon`` are the output of the clock, shape (n,): the time-to-go is their difference.
 
     A lane that has ended shows its last observation; what the function answers for it is ignored. So n stays the same,
     and a compiled function is compiled once.
@@ -47,7 +47,7 @@ class FunctionPolicy:
     """Gymnasium's observation and action space of one lane; None: flat vectors."""
     recurrent: bool = False
     has_clock: bool = False
-    """Whether the function takes ``elapsed`` and ``horizon``."""
+    """Whether the function has the arguments ``elapsed`` and ``horizon``."""
     training_horizon: float = float("inf")
     """See `Actor.training_horizon`."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class _FunctionLanes:
         return returned
 
     def _rows(self, actions: Any, elapsed: int) -> FloatArray:
-        """Actions as rows of finite numbers, shape (lanes, action_size)."""
+        """Return actions as rows of finite numbers, shape (lanes, action_size)."""
         task, lanes = self._policy.task, len(self._shown)
         if isinstance(actions, tuple):
             raise PolicyError(

@@ -1,4 +1,4 @@
-"""Policies in folders: of one's own, or of the cache in which Hugging Face's tools keep what they downloaded.
+"""Find policies in folders: your own, or the cache of Hugging Face's tools.
 
 Nothing is downloaded here. `huggingface-cli download ORG/NAME` and `snapshot_download` leave
 ``models--ORG--NAME/snapshots/COMMIT/`` behind, with the commit of each branch in ``refs/``.
@@ -48,7 +48,7 @@ def policy_in_cache(name: str) -> Path | None:
 
 
 def _cache() -> Path:
-    """Where Hugging Face's tools keep models, by their environment variables."""
+    """Return the folder of models in Hugging Face's cache, by their environment variables."""
     if cache := os.environ.get("HF_HUB_CACHE"):
         return Path(cache).expanduser()
     home = os.environ.get("HF_HOME")

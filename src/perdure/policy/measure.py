@@ -1,4 +1,4 @@
-"""Measuring what a policy does within its training horizon."""
+"""Record episodes of a policy within its training horizon."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def measure_reference(
     """Run a policy within its training horizon, in this process, and return what it did.
 
     Args:
-        policy: Acts with its mean; if it has a time-to-go input, it is told a countdown to T, as in training.
+        policy: Acts with its mean; if it has a time-to-go input, its clock counts down to T, as in training.
         episodes: How many, each from a start state of its own.
         world: Where to run, one lane for each episode; by default the policy's own task.
         observe: Called with each step.

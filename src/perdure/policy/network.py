@@ -36,10 +36,10 @@ Weights = Mapping[str, NDArray[np.floating[Any]]]
 
 
 class Perceptron:
-    """Weights of one network, ready to be applied."""
+    """One network, ready to be applied."""
 
     def __init__(self, weights: Weights, name: str, activation: str) -> None:
-        """Takes ``{name}.{layer}.weight`` (in, out) and ``{name}.{layer}.bias`` (out,) from ``weights``.
+        """Build the network from ``{name}.{layer}.weight`` (in, out) and ``{name}.{layer}.bias`` (out,).
 
         Args:
             weights: All of a policy's weights.
@@ -106,7 +106,7 @@ class Perceptron:
         return int(self._layers[-1][1].shape[0])
 
     def __call__(self, inputs: Float32Array) -> Float32Array:
-        """Outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
+        """Return outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
         rows = len(inputs)
         hidden = np.zeros((-(-rows // TILES[0]) * TILES[0], self.input_size), np.float32)
         hidden[:rows] = inputs
@@ -128,7 +128,7 @@ def _largest_fair_tile(weight: Float32Array) -> int:
 
 
 def _treats_rows_alike(tile: int, weight: Float32Array) -> bool:
-    """Whether a row's product with these weights is the same, bit for bit, at every place in the tile."""
+    """Return whether a row's product with these weights is the same, bit for bit, at every place in the tile."""
     rows = np.random.default_rng(0).standard_normal((PROBES, 1, len(weight)), np.float32)
     product = np.repeat(rows, tile, axis=1) @ weight
     return bool((product == product[:, :1]).all())

@@ -1,4 +1,4 @@
-"""Matrix products on one thread: on several, a library adds up in another order, and the last bits tell how many."""
+"""Run matrix products on one thread: with several, the last bits depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _inside = False
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """While it lasts, NumPy's matrix products run on one thread, whatever the process is set to.
+    """Run NumPy's matrix products on one thread for the duration of a block.
 
-    Asking the libraries takes tens of microseconds: a loop that stays inside pays for it once.
+    Entering the block costs tens of microseconds, so put whole loops inside it.
     """
     global _inside
     if _inside:
@@ -34,7 +34,7 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def _libraries() -> list[Any]:
-    """What multiplies matrices in this process; found once, for looking takes milliseconds."""
+    """Return the matrix libraries of this process; searched once, because the search takes milliseconds."""
     from threadpoolctl import ThreadpoolController
 
     controllers: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers

@@ -1,4 +1,4 @@
-"""A policy: everything that is needed to act, and to know where it came from."""
+"""A policy: everything that is needed to act, and its provenance."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from perdure.policy.task import TaskInfo
 FloatArray = NDArray[np.float64]
 
 CRITIC = "value."
-"""What the names of the critic's weights begin with."""
+"""Prefix of the names of the critic's weights."""
 LARGEST_OBSERVATION = 1e6
-"""Where observations are cut that no normalizer cuts: far beyond every world that has not blown up."""
+"""Clipping bound of observations without a normalizer: far beyond the values of any valid simulation."""
 SMALLEST_EPSILON = 1e-30
-"""Stands for 0: adding it to a variance of 1 changes nothing."""
+"""Stands for 0: adding it to a variance of 1 has no effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Normalizer:
         return np.sqrt(self.var + self.epsilon)
 
     def __call__(self, observations: FloatArray) -> FloatArray:
-        """(observations - mean) / sqrt(var + epsilon), cut to +-clip; shape kept."""
+        """Return (observations - mean) / sqrt(var + epsilon), clipped to +-clip, in the same shape."""
         scaled = observations - self.mean
         scaled /= self._std
         np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
@@ -67,7 +67,7 @@ class Normalizer:
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: the mean of the trained Gaussian, cut to the action box or squashed into it.
+    """A deterministic policy: the mean of the trained Gaussian, clipped to the action box or squashed into it.
 
     Raises:
         PolicyError: If weights, normalizer and protocol do not fit together.
@@ -82,7 +82,7 @@ class Policy:
     normalizer: Normalizer
     protocol: HorizonProtocol
     clock: Clock | None = None
-    """What the policy is told about time unless told otherwise; None for a policy without phi."""
+    """The policy's default clock; None for a policy without phi."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Method, seed, settings, versions and the command that made it. No time stamps: the same run, the same file."""
     return_scale: float | None = None
@@ -168,7 +168,7 @@ class Policy:
         return np.asarray(self.task.action_low), np.asarray(self.task.action_high)
 
     def act(self, observations: ArrayLike, elapsed: ArrayLike, clock: Clock | None = None) -> FloatArray:
-        """Actions for observations of shape (n, observation_size): shape (n, action_size), inside the box.
+        """Return actions for observations of shape (n, observation_size): shape (n, action_size), inside the box.
 
         A row's action does not depend on the other rows, bit for bit.
 
@@ -189,11 +189,11 @@ class Policy:
         return self.act_at(observations, *clock.time(steps))
 
     def act_at(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
-        """As :meth:`act`, with the time already read off a clock: phi(elapsed, horizons), shapes (n,)."""
+        """Act like :meth:`act`, with the output of a clock: phi(elapsed, horizons), shapes (n,)."""
         return self.act_with(observations, self.embed(elapsed, horizons))
 
     def act_with(self, observations: ArrayLike, phi: FloatArray) -> FloatArray:
-        """As :meth:`act`, with phi computed already (by :meth:`embed`), shape (n, embedding_size)."""
+        """Act like :meth:`act`, with phi from :meth:`embed`, shape (n, embedding_size)."""
         outputs, (low, high) = self._actor(self.inputs(observations, phi)), self._box
         actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
         np.maximum(actions, low, out=actions)
@@ -232,11 +232,11 @@ class Policy:
         return any(name.startswith(CRITIC) for name in self.weights)
 
     def without_critic(self) -> Policy:
-        """The same policy, which acts the same, at half the size: `value` is no longer answered."""
+        """Return the policy without its critic, at half the size: `value` is no longer available."""
         return replace(self, weights={name: each for name, each in self.weights.items() if not name.startswith(CRITIC)})
 
     def halved(self) -> Policy:
-        """A policy of half the size that acts nearly the same: weights are rounded to 16 bits, eleven of them precise.
+        """Return a policy of half the size that acts nearly the same: weights are rounded to 16-bit floats.
 
         Raises:
             PolicyError: If a weight is too large for 16 bits (65,504).
@@ -272,12 +272,12 @@ class Policy:
         return self._critic(self.inputs(observations, self.embed(elapsed, horizons)))[:, 0].astype(np.float64)
 
     def embed(self, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
-        """Phi of these times, float64, shape (n, embedding_size)."""
+        """Return phi of these times, float64, shape (n, embedding_size)."""
         phi: FloatArray = self.protocol.embed(np.asarray(elapsed, np.float64), np.asarray(horizons, np.float64))
         return phi
 
     def inputs(self, observations: ArrayLike, phi: FloatArray) -> NDArray[np.float32]:
-        """What the networks see: normalized observation and phi, shape (n, input_size), float32."""
+        """Return the inputs of the networks: normalized observation and phi, shape (n, input_size), float32."""
         rows = np.asarray(observations, np.float64)
         if rows.ndim != 2 or rows.shape[1] != self.task.observation_size:
             raise PolicyError(

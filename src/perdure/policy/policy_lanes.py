@@ -1,4 +1,4 @@
-"""The lanes of one perdure policy: clocks read, phi computed once where the clocks stand still."""
+"""The running lanes of one `Policy`; phi is computed once if all clocks are constant."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PolicyLanes:
         self._clocks = clocks
         known = [clock for clock in clocks if clock is not None]
         self._lane_clocks = LaneClocks(known) if known else None
-        # Clocks that stand still, and policies without phi, are told the same at every step.
+        # phi is the same at every step under constant clocks and for policies without phi.
         self._phi = self._embed(0) if all(isinstance(clock, Constant) for clock in known) else None
 
     def _embed(self, elapsed: int) -> FloatArray:

@@ -1,7 +1,6 @@
-"""What a policy does within its training horizon: the measure for everything it does beyond.
+"""Episodes of a policy within its training horizon: the baseline of the hold score.
 
-Training measures it when it ends and stores it in the policy file. A policy of another origin is measured when it is
-evaluated first.
+At its end, training records them in the policy file. For other policies, the first evaluation records them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a policy file may hold: its description, and the arrays beside it."""
+"""Schema of policy files: the description, and the arrays."""
 
 from __future__ import annotations
 

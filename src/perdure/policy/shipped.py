@@ -30,7 +30,7 @@ LABELS = {
     "Walker2d-v3/geometric": "holds under constant:500",
     "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
 }
-"""What becomes of the shipped locomotion policies in 100,000 steps, judged by `perdure extrapolate` from the start
+"""Outcomes of the shipped locomotion policies after 100,000 steps, judged by `perdure extrapolate` from the start
 states 0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they
 are examples, no comparison of methods."""
 

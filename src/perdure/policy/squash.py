@@ -1,4 +1,4 @@
-"""Squashing: the network's output becomes an action by tanh instead of by a cut to the action box."""
+"""Squash the network's output into the action box by tanh, instead of clipping it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a policy was made for."""
+"""Description of the task that a policy was trained on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TaskInfo:
-    """What the policy was trained on, so that it is not run on something else unnoticed."""
+    """The task that a policy was trained on, for checks that a world fits the policy."""
 
     name: str
     observation_size: int

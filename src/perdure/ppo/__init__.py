@@ -1,14 +1,14 @@
-"""PPO as in Stable-Baselines3, with the horizon as a setting of its own, compiled to one program an iteration.
+"""PPO as in Stable-Baselines3, with a configurable horizon; each iteration is one compiled JAX program.
 
 | file | what it holds |
 |---|---|
-| `config.py`, `presets.py`, `methods.py` | settings; tuned numbers for each task with their source; methods |
+| `config.py`, `presets.py`, `methods.py` | settings; tuned hyperparameters of each task with their source; methods |
 | `networks.py`, `normalizer.py` | policy and value network; running normalization |
-| `rollout.py` | collecting experience inside one compiled loop |
-| `iteration.py` | one iteration, top to bottom: rollout, advantages, epochs |
-| `estimators/`, `update.py` | how advantages are estimated; loss and Adam |
-| `segment.py`, `state.py`, `checkpoint.py` | a run as a chain of segments that survives kill -9 |
-| `training.py`, `export.py` | training runs, and the files they leave |
+| `rollout.py` | experience collection in one compiled loop |
+| `iteration.py` | one iteration: rollout, advantages, epochs |
+| `estimators/`, `update.py` | advantage estimators; loss and Adam |
+| `segment.py`, `state.py`, `checkpoint.py` | segments and checkpoints: a killed run resumes |
+| `training.py`, `export.py` | training runs, and the files they write |
 | `tensorboard.py` | learning curves for TensorBoard |
 | `errors.py` | `ConfigError`, `CheckpointError` |
 """
@@ -33,7 +33,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Loads the learner, and with it JAX, only when it is asked for."""
+    """Load the training code, and with it JAX, only at its first use."""
     if name in ("train", "TrainRun", "Report", "on_report"):
         from perdure.ppo import training as module
 

@@ -1,4 +1,4 @@
-"""Training state as one safetensors file, written whole after every segment. Reading one never runs code.
+"""Save and load the training state: one safetensors file after every segment. Reading one never runs code.
 
 Every array of the state is stored under its path in the tree, such as ``params/policy.0.weight``; what is added to the
 state is stored without a change here.
@@ -84,7 +84,7 @@ def load_checkpoint(path: Path, start: SeedState) -> SeedState:
 
 
 def _alike(read: Any, start: Any, name: str) -> bool:
-    """Say whether an array can take the place of one of the first state; curves grow by rows."""
+    """Return whether an array has dtype and shape of its initial value; curves grow by rows."""
     known = np.asarray(start)
     grows = name in CURVES and read.ndim == known.ndim == 2
     return bool(

@@ -1,4 +1,4 @@
-"""The learner's settings: what Stable-Baselines3 calls the arguments of ``PPO``, plus the horizon protocol."""
+"""PPO settings: the arguments of Stable-Baselines3's `PPO`, plus the horizon protocol."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def _default_protocol() -> HorizonProtocol:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """One training run, but for its task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
+    """Settings of a training run, without task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
 
-    gamma lives in the protocol, because it is a statement about the horizon.
+    gamma is part of the protocol, because it belongs to the horizon.
 
     Raises:
         ConfigError: If a value is out of its range or the rollout cannot be cut into whole minibatches.
     """
 
     protocol: HorizonProtocol = field(default_factory=_default_protocol)
-    """How time is treated: embedding, distribution of T, what its end means, gamma, normalizer gamma."""
+    """Embedding, distribution of T, meaning of its end, gamma, normalizer gamma."""
     total_steps: int = 1_000_000
     """Environment steps to train for, over all environments; rounded up to whole rollouts."""
     n_envs: int = 1
@@ -52,9 +52,9 @@ class PPOConfig:
     vf_coef: float = 0.5
     """Weight of the value loss."""
     max_grad_norm: float = 0.5
-    """Global norm to which a gradient is cut."""
+    """Global norm to which a gradient is clipped."""
     hidden_sizes: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers of the policy and of the value network, which share nothing."""
+    """Widths of the hidden layers of the policy and of the value network, which share no weights."""
     activation: Activation = "tanh"
     """Non-linearity of the hidden layers."""
     log_std_init: float = 0.0
@@ -62,17 +62,17 @@ class PPOConfig:
     ortho_init: bool = True
     """Orthogonal start weights; otherwise torch's default (uniform, 1 / sqrt(fan in))."""
     segment_steps: int = 50_000
-    """Steps between checkpoints, rounded to whole rollouts. At each one the environments are built afresh from
-    (seed, segment), interrupted or not, so this number is part of what a run is."""
+    """Steps between checkpoints, rounded to whole rollouts. At each checkpoint the environments are rebuilt from
+    (seed, segment), interrupted or not, so the result of a run depends on this number."""
     learning_rate_decay: Decay = "none"
     """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
     log_std_end: float | None = None
-    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init`. A policy that acts
-    with its mean when deployed must not have learned to leave a decision to the noise; that takes time to learn."""
+    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init`. Deployment uses the
+    mean action, so the policy must learn not to rely on exploration noise."""
     log_std_fall: tuple[float, float] = (0.0, 0.6)
-    """From which to which share of the run the ceiling falls."""
+    """Shares of the run at which the ceiling begins and ends to fall."""
     estimator: str = "discounted"
-    """How advantages are estimated: `discounted` (GAE), or `average-reward`, with numbers of its own such as
+    """How advantages are estimated: `discounted` (GAE), or `average-reward`, with options such as
     `average-reward:reset_cost=10`."""
 
     def __post_init__(self) -> None:
@@ -110,26 +110,26 @@ class PPOConfig:
 
     @property
     def rollout_size(self) -> int:
-        """Transitions in one rollout."""
+        """Return the transitions in one rollout."""
         return self.n_envs * self.n_steps
 
     @property
     def iterations(self) -> int:
-        """Rollouts in the whole run."""
+        """Return the rollouts in the whole run."""
         return math.ceil(self.total_steps / self.rollout_size)
 
     @property
     def segment_iterations(self) -> int:
-        """Rollouts between two checkpoints."""
+        """Return the rollouts between two checkpoints."""
         return max(1, round(self.segment_steps / self.rollout_size))
 
     @property
     def segments(self) -> int:
-        """Checkpoints in the whole run, the last one included."""
+        """Return the checkpoints in the whole run, the last one included."""
         return math.ceil(self.iterations / self.segment_iterations)
 
     def to_json(self) -> dict[str, Any]:
-        """The settings as plain JSON values; those that came later only where they are not the default."""
+        """Return the settings as plain JSON values; newer settings only where they differ from their default."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name, default in _LATER.items():
             if values[name] == default:
@@ -142,7 +142,7 @@ class PPOConfig:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
-        """The settings back from :meth:`to_json`.
+        """Return the settings that :meth:`to_json` described.
 
         Raises:
             ConfigError: If a field is unknown, missing or out of range.
@@ -166,7 +166,7 @@ _LATER: dict[str, Any] = {
     "log_std_fall": (0.0, 0.6),
     "estimator": "discounted",
 }
-"""Settings that older runs and policy files do not name, and what they meant without them."""
+"""Settings that are missing in older runs and policy files, with their values there."""
 
 
 def _positive(value: float) -> bool:

@@ -1,4 +1,4 @@
-"""What can be wrong with a training run before it starts."""
+"""Errors of training settings and checkpoints."""
 
 
 class ConfigError(ValueError):

@@ -1,4 +1,4 @@
-"""From the end of a training run to the files it leaves behind."""
+"""Write the files of a finished training run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
 
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
-    """The command that makes this policy again."""
+    """Return the command that reproduces this policy."""
     if run.command is not None:
         return run.command.format(seed=seed)
     words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
@@ -83,7 +83,7 @@ def _overrides(config: Any, default: Any, flag: str) -> list[str]:
 
 
 def write_curves(state: SeedState, folder: Path) -> None:
-    """``episodes.parquet`` and ``iterations.parquet``: the learning curves, without a clock's reading in them."""
+    """Write the learning curves ``episodes.parquet`` and ``iterations.parquet``, without wall-clock times."""
     _write_table(folder / "episodes.parquet", EPISODE_COLUMNS, state.episodes)
     _write_table(folder / "iterations.parquet", ITERATION_COLUMNS, state.iterations)
 

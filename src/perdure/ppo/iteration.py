@@ -1,4 +1,4 @@
-"""One iteration of PPO, top to bottom: collect a rollout, estimate advantages, several epochs of minibatches."""
+"""One iteration of PPO: collect a rollout, estimate advantages, train several epochs of minibatches."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Iteration:
     """The compiled programs of one iteration, for one configuration."""
 
     def __init__(self, config: PPOConfig, action_size: int) -> None:
-        """Compile nothing yet."""
+        """Keep the configuration; compilation happens at first use."""
         self._config = config
 
         def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
@@ -50,13 +50,13 @@ class Iteration:
     def run(
         self, collect: Callable[..., Any], handle: Handle, lanes: Lanes, state: SeedState, iteration: int
     ) -> tuple[Handle, Lanes, SeedState]:
-        """Carry a seed through one iteration.
+        """Train a seed for one iteration.
 
         Args:
             collect: The compiled loop over the environments, see `rollout.make_collect`.
             handle: The simulators.
-            lanes: Where the environments are.
-            state: The seed's run so far; the memory of its weights is used up.
+            lanes: State of the environments.
+            state: The seed's run so far; the memory of its weights is reused.
             iteration: Number of this iteration, from 0.
 
         Returns:
@@ -94,7 +94,7 @@ class Prepared(NamedTuple):
 def prepare(
     params: Params, estimator: State, experience: Experience, seed: Any, iteration: Any, *, config: PPOConfig
 ) -> Prepared:
-    """Values, advantages, targets and log probabilities of a whole rollout at once.
+    """Return values, advantages, targets and log probabilities of a whole rollout at once.
 
     The weights did not change while the rollout was collected, so nothing but actions had to be computed then.
     """
@@ -126,13 +126,13 @@ def _draw(seed: Any, iteration: Any, *, action_size: int, config: PPOConfig) -> 
 
 
 def _ready(result: T) -> T:
-    """Wait for the result: JAX would go on before it is there, and so would the memory it is made of."""
+    """Wait for the result: JAX runs asynchronously and would keep the inputs in memory."""
     jax.block_until_ready(result)  # type: ignore[no-untyped-call]
     return result
 
 
 def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> NDArray[np.float64]:
-    """Rows (step, return, length) of the episodes that ended, in the order of their steps."""
+    """Return rows (step, return, length) of the episodes that ended, in the order of their steps."""
     when, lane = np.nonzero(np.asarray(episodes.done))
     steps = iteration * config.rollout_size + (when + 1) * config.n_envs
     returns, lengths = np.asarray(episodes.returns)[when, lane], np.asarray(episodes.lengths)[when, lane]

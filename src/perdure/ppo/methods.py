@@ -1,11 +1,11 @@
-"""Methods as data: what a method says about time, laid over a task's tuned hyperparameters.
+"""Training methods: each overrides the time settings (gamma, horizon, embedding) of a task's tuned hyperparameters.
 
 | method | gamma | horizon T | at T | phi | what it is |
 |---|---|---|---|---|---|
 | ``ppo`` | tuned | 1000 | bootstrap last observation | - | Stable-Baselines3's PPO (>= 1.4) with rl-zoo's settings |
-| ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | the thesis' second baseline; see below |
-| ``ppo-undiscounted-terminal`` | 1 | 1000 | terminal | - | the same with an anchor: V(., T) = 0 |
-| ``ppo-short`` | tuned | 200 | bootstrap last observation | - | figure 3-1 of the thesis |
+| ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | baseline; values determined only up to a constant |
+| ``ppo-undiscounted-terminal`` | 1 | 1000 | terminal | - | the same with determined values: V = 0 at T |
+| ``ppo-short`` | tuned | 200 | bootstrap last observation | - | short episodes (figure 3-1 of the thesis) |
 | ``linear`` | tuned | 1000 | terminal | Linear | Pardo et al., Time limits in reinforcement learning (2018) |
 | ``linear-10-workers`` | tuned | 1000 | terminal | Linear | 10 environments, each for the preset's n_steps |
 | ``geometric`` | 1 | U[200, 1000] | terminal | Geometric(d) | the thesis |
@@ -14,16 +14,14 @@
 | ``ppo-average-reward`` | 1 | 1000 | bootstrap last observation | - | reward per step; a fall is a cost, not an end |
 | ``linear-random`` | 1 | U[200, 1000] | terminal | Linear | control: linear phi with random T |
 
-With gamma = 1 and a bootstrap at every limit nothing pins the value function down: V + c satisfies the same equations
-for every c, so it may drift. Advantages only need differences of V, which is why the baseline can learn at all.
+With gamma = 1 and a bootstrap at every time limit, values are determined only up to a constant and may drift. The
+baseline still learns, because advantages use differences of V.
 
 The reward normalizer's gamma is the task's tuned gamma in every method, also where gamma = 1. rl-zoo would copy
-gamma = 1 into it; rewards are then divided by the spread of whole episodes' returns (about 700 for a reward of 3), far
-from the scale the other settings were tuned at. HalfCheetah-v3, geometric, seed 0, training return after 165,000 steps:
-219 with 0.98, and still below -100 with 1 after 330,000. ``--ppo.protocol.normalizer-gamma 1`` brings the other back.
+gamma = 1 into it. Rewards would then be divided by the spread of whole episodes' returns, far from the scale at which
+the other settings were tuned. ``--ppo.protocol.normalizer-gamma 1`` restores rl-zoo's behavior.
 
-Evaluation acts with the mean of the Gaussian and
-uses the final weights; the thesis says neither.
+Evaluation uses the mean of the Gaussian and the final weights. The thesis specifies neither.
 """
 
 from __future__ import annotations
@@ -58,7 +56,7 @@ DEPLOYED_STEPS_TO_GO = 500
 
 @dataclass(frozen=True)
 class Method:
-    """What one row of the table says. ``embedding`` makes phi from (observation size, task)."""
+    """One row of the table. ``embedding`` makes phi from (observation size, task)."""
 
     horizon: HorizonDistribution
     terminal: bool
@@ -96,9 +94,9 @@ def method_config(method: str, task: str, observation_size: int, preset: str = Z
 
     Args:
         method: A key of METHODS.
-        task: The task's name, as worlds are named.
+        task: The task's name, as in `perdure list tasks`.
         observation_size: Length of its observations; phi's size follows from it.
-        preset: A key of `perdure.ppo.presets.PRESETS`: whose hyperparameters.
+        preset: A key of `perdure.ppo.presets.PRESETS`: the set of hyperparameters.
 
     Raises:
         ConfigError: If there is no such method or preset.

@@ -1,4 +1,4 @@
-"""Policy and value networks: two multilayer perceptrons that share nothing, and a Gaussian of constant width.
+"""Policy and value networks: two separate multilayer perceptrons, and a Gaussian with state-independent width.
 
 As in Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so that a file of them can be read by eye:
 ``policy.0.weight`` (in, out), ``policy.0.bias`` (out,), ..., ``value.2.weight``, ``log_std`` (action_size,).
@@ -22,7 +22,7 @@ LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOConfig) -> Params:
-    """Start weights of both networks, float32.
+    """Return initial weights of both networks, float32.
 
     Orthogonal with gain sqrt(2) in the hidden layers, 0.01 for the action mean and 1 for the value (Stable-Baselines3),
     or uniform in +-1/sqrt(fan in) for weights and biases (torch's ``Linear``) when ``config.ortho_init`` is off.
@@ -52,7 +52,7 @@ def _init_layer(
 
 
 def forward(params: Params, network: str, inputs: jax.Array, activation: str) -> jax.Array:
-    """Output of ``network`` ("policy" or "value") for inputs of shape (n, input_size): shape (n, outputs)."""
+    """Return the output of ``network`` ("policy" or "value"), shape (n, outputs), for inputs (n, input_size)."""
     layers = sum(name.startswith(f"{network}.") for name in params) // 2
     squash = {"relu": jax.nn.relu, "tanh": jnp.tanh}[activation]
     hidden = inputs
@@ -64,11 +64,11 @@ def forward(params: Params, network: str, inputs: jax.Array, activation: str) ->
 
 
 def log_prob(mean: jax.Array, log_std: jax.Array, actions: jax.Array) -> jax.Array:
-    """Log density of a diagonal Gaussian, summed over the action's dimensions: (n, a), (a,), (n, a) -> (n,)."""
+    """Return the log density of a diagonal Gaussian, summed over actions: (n, a), (a,), (n, a) -> (n,)."""
     z = (actions - mean) * jnp.exp(-log_std)
     return (-0.5 * jnp.square(z) - log_std - LOG_SQRT_2PI).sum(axis=-1)
 
 
 def entropy(log_std: jax.Array) -> jax.Array:
-    """Entropy of the Gaussian in nats: sum_i (1/2 + log sqrt(2 pi) + log std_i). It is the same for every state."""
+    """Return the Gaussian's entropy in nats, the same for all states: sum_i (1/2 + log sqrt(2 pi) + log std_i)."""
     return (0.5 + LOG_SQRT_2PI + log_std).sum()

@@ -28,14 +28,14 @@ class RunningMoments(NamedTuple):
 
 
 def start_moments(size: int) -> RunningMoments:
-    """Mean 0, variance 1, next to no weight."""
+    """Return moments with mean 0, variance 1 and almost no weight."""
     return RunningMoments(
         jnp.zeros((size,), jnp.float64), jnp.ones((size,), jnp.float64), jnp.asarray(1e-4, jnp.float64)
     )
 
 
 def merge(moments: RunningMoments, batch: jax.Array) -> RunningMoments:
-    """Moments with the rows of ``batch``, shape (n, d), taken in."""
+    """Return the moments, updated with the rows of ``batch``, shape (n, d)."""
     n = batch.shape[0]
     batch_mean = batch.mean(axis=0)
     batch_var = jnp.square(batch - batch_mean).mean(axis=0)
@@ -47,11 +47,11 @@ def merge(moments: RunningMoments, batch: jax.Array) -> RunningMoments:
 
 
 def normalize(moments: RunningMoments, values: jax.Array) -> jax.Array:
-    """(values - mean) / sqrt(var + eps), clipped; float32, shape of ``values``."""
+    """Return (values - mean) / sqrt(var + eps), clipped; float32, shape of ``values``."""
     scaled = (values - moments.mean) / jnp.sqrt(moments.var + EPSILON)
     return jnp.clip(scaled, -CLIP, CLIP).astype(jnp.float32)
 
 
 def scale_rewards(return_var: jax.Array, rewards: jax.Array) -> jax.Array:
-    """Rewards over the standard deviation of the running discounted return, not centered; clipped, float32."""
+    """Return rewards divided by the running discounted return's standard deviation; clipped, float32."""
     return jnp.clip(rewards / jnp.sqrt(return_var + EPSILON), -CLIP, CLIP).astype(jnp.float32)

@@ -1,4 +1,4 @@
-"""Tuned PPO hyperparameters for each task, and where every number is from.
+"""Tuned PPO hyperparameters for each task, with their sources.
 
 All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
 22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.

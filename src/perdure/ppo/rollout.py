@@ -1,4 +1,4 @@
-"""Collecting experience: n_steps of every environment as one compiled program.
+"""Collect experience: n_steps of every environment in one compiled program.
 
 The loop does only what the next action depends on, in few large arrays, because each array costs the compiled loop
 about a microsecond a step. Everything else is computed for the whole rollout afterwards.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Lanes(NamedTuple):
-    """Where one seed's environments are."""
+    """State of one seed's environments."""
 
     observations: jax.Array
     """As the world gave them, (n_envs, observation_size), float64."""
@@ -52,20 +52,20 @@ class Lanes(NamedTuple):
 
 
 def start_lanes(config: PPOConfig, observations: jax.Array, uniform: jax.Array) -> Lanes:
-    """Environments that have just been reset; ``uniform`` in [0, 1), shape (n_envs,), draws their horizons."""
+    """Return the state of environments after a reset; ``uniform`` in [0, 1), shape (n_envs,), draws their horizons."""
     zeros = jnp.zeros_like(uniform)
     return Lanes(observations, jnp.stack([zeros, config.protocol.horizon.from_uniform(uniform), zeros, zeros]))
 
 
 class Statistics(NamedTuple):
-    """What the normalizer of one seed has seen."""
+    """Normalizer statistics of one seed."""
 
     observations: RunningMoments
     returns: RunningMoments
 
 
 class Experience(NamedTuple):
-    """What one seed's environments went through, to learn from: float32. Leading axes (n_steps, n_envs)."""
+    """Transitions of one seed for the update: float32. Leading axes (n_steps, n_envs)."""
 
     inputs: jax.Array
     """What the networks saw; here the leading axis is n_steps + 1: the last row follows the rollout."""
@@ -92,7 +92,7 @@ class Episodes(NamedTuple):
 
 
 class SeedRollout(NamedTuple):
-    """What a rollout leaves of one seed."""
+    """Result of one seed's rollout."""
 
     lanes: Lanes
     statistics: Statistics
@@ -101,14 +101,14 @@ class SeedRollout(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """All randomness of a rollout, drawn before it: leading axes (n_steps, n_envs)."""
+    """All random numbers of a rollout, drawn in advance: leading axes (n_steps, n_envs)."""
 
     noise: jax.Array
     horizon: jax.Array
 
 
 class Trace(NamedTuple):
-    """What the loop writes down at each step."""
+    """Values that the loop records at each step."""
 
     inputs: jax.Array
     actions: jax.Array
@@ -127,7 +127,7 @@ class Trace(NamedTuple):
 def network_inputs(
     config: PPOConfig, moments: RunningMoments, observations: jax.Array, elapsed: jax.Array, horizons: jax.Array
 ) -> jax.Array:
-    """Normalized observation and phi side by side, float32. phi passes the normalizer only in a replication."""
+    """Return the normalized observation and phi, float32. phi passes the normalizer only in a replication."""
     phi = config.protocol.embed(elapsed, horizons)
     if config.protocol.normalize_embedding:
         return normalize(moments, jnp.concatenate([observations, phi], axis=-1))
@@ -135,7 +135,7 @@ def network_inputs(
 
 
 def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> RunningMoments:
-    """Moments with the present observation of each environment taken in."""
+    """Return the moments, updated with the current observation of each environment."""
     observations = lanes.observations
     if config.protocol.normalize_embedding:
         phi = config.protocol.embed(lanes.elapsed, lanes.horizons)
@@ -144,13 +144,13 @@ def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> Running
 
 
 Seed = tuple[Lanes, Statistics]
-"""Where one seed stands while it collects."""
+"""State of one seed during collection."""
 
 
 def make_collect(
     world: TracedWorld, spec: TaskSpec, config: PPOConfig
 ) -> Callable[[Handle, Seed, Params, Draws], tuple[Handle, Seed, Trace]]:
-    """The loop over ``config.n_steps`` steps of a seed's environments; to be compiled under x64.
+    """Build the loop over ``config.n_steps`` steps of a seed's environments; to be compiled under x64.
 
     It gives the handle, where the seed stands, and what it wrote down. ``finish`` makes experience of that.
     """
@@ -184,7 +184,7 @@ def make_collect(
 
 
 def draw(key: jax.Array, action_size: int, *, config: PPOConfig) -> Draws:
-    """All randomness that one seed needs in a rollout; to be compiled under x64."""
+    """Return all random numbers of one seed's rollout; to be compiled under x64."""
     noise_key, horizon_key = jax.random.split(key)
     shape = (config.n_steps, config.n_envs)
     noise = jax.random.normal(noise_key, (*shape, action_size), jnp.float32)
@@ -192,7 +192,7 @@ def draw(key: jax.Array, action_size: int, *, config: PPOConfig) -> Draws:
 
 
 def finish(seed: Seed, trace: Trace, *, config: PPOConfig) -> SeedRollout:
-    """What follows from one seed's trace, for all steps at once; to be compiled under x64."""
+    """Return the results of one seed's trace, for all steps at once; to be compiled under x64."""
     lanes, statistics = seed
     elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
     rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))

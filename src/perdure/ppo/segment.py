@@ -1,4 +1,4 @@
-"""One segment of training: fresh environments, a fixed number of iterations.
+"""Run one segment of training: new environments, a fixed number of iterations.
 
 A run is a chain of segments. Each one builds its environments from (seed, segment) alone and cuts running episodes as
 the end of a rollout does, because an engine's inner state and random generator cannot be saved. So a run that was
@@ -37,7 +37,7 @@ class SegmentRunner:
     """Compiled programs for one task and configuration, kept from segment to segment where that is possible."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
-        """Compile nothing yet.
+        """Keep the settings; compilation happens at first use.
 
         Args:
             task: As `make_world` takes it.
@@ -49,7 +49,7 @@ class SegmentRunner:
 
     @cached_property
     def spec(self) -> TaskSpec:
-        """What the task is like; ConfigError for a task with discrete actions."""
+        """Description of the task; ConfigError for a task with discrete actions."""
         world = make_world(self.task, [0])
         spec = world.spec
         world.close()
@@ -62,7 +62,7 @@ class SegmentRunner:
         return Iteration(self.config, self.spec.action_size)
 
     def run(self, state: SeedState, progress: Progress) -> SeedState:
-        """Carry a seed through its next segment.
+        """Train a seed for its next segment.
 
         Weights and optimizer state of ``state`` are used up: their memory becomes that of the state returned.
         """

@@ -1,4 +1,4 @@
-"""What a training run is between two segments: everything that must survive a kill, and nothing else."""
+"""State of a training run between two segments: what a resumed run needs, and no more."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SeedState:
     """One row for each iteration: ITERATION_COLUMNS, shape (iterations, 7)."""
 
     def extended(self, episodes: NDArray[np.float64], iterations: NDArray[np.float64]) -> SeedState:
-        """The same run with more rows in its curves."""
+        """Return the same run with more rows in its curves."""
         return dataclasses.replace(
             self,
             episodes=np.concatenate([self.episodes, episodes]),
@@ -59,7 +59,7 @@ class SeedState:
 
 
 def start_state(seed: int, spec: TaskSpec, config: PPOConfig) -> SeedState:
-    """A run that has not begun. The same seed gives the same start weights."""
+    """Return the initial state of a run. The same seed gives the same initial weights."""
     embedded = config.protocol.embedding_size
     normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
     with jax.enable_x64(True):
@@ -77,7 +77,7 @@ def start_state(seed: int, spec: TaskSpec, config: PPOConfig) -> SeedState:
 
 
 def stream(seed: int, *path: int) -> jax.Array:
-    """A random key that depends on the seed and on a path of numbers, so that nothing has to be stored to resume."""
+    """Return a random key of the seed and a path of numbers, so that no generator state is stored."""
     key = jax.random.key(seed)
     for number in path:
         key = jax.random.fold_in(key, number)
@@ -85,5 +85,5 @@ def stream(seed: int, *path: int) -> jax.Array:
 
 
 def lane_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
-    """Seeds of the environments of one seed in one segment: 31-bit numbers that share no simple pattern."""
+    """Return seeds of the environments of one seed in one segment: 31-bit numbers that share no simple pattern."""
     return [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(n_envs, np.uint32) >> 1]

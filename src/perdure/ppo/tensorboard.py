@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
-    """Give a function of reports that writes ``train/seed-N/mean_return`` at the seed's step.
+    """Return a function of reports that writes ``train/seed-N/mean_return`` at the seed's step.
 
     Raises:
         ConfigError: If tensorboardX is not installed.

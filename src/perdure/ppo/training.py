@@ -28,7 +28,7 @@ CHECKPOINT = "checkpoint.safetensors"
 
 @dataclass(frozen=True)
 class TrainRun:
-    """What is trained. Two runs that are equal give the same files, bit for bit, on the same machine."""
+    """A training run. Equal runs give the same files, bit for bit, on the same machine."""
 
     task: str
     method: str
@@ -49,12 +49,12 @@ class TrainRun:
             raise ConfigError(f"seeds must be different numbers from 0 up, got {list(self.seeds)}")
 
     def key(self, seed: int) -> str:
-        """The readable identity of one seed's run."""
+        """Return the readable identity of one seed's run."""
         variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
         return f"{self.task.replace(':', '_')}/{variant}/seed-{seed}"
 
     def identity(self, seed: int) -> dict[str, Any]:
-        """Everything the result of one seed depends on."""
+        """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
         return identity if self.preset == ZOO else {**identity, "preset": self.preset}
 
@@ -75,7 +75,7 @@ class TrainRun:
 
 @dataclass(frozen=True)
 class Report:
-    """What an observer of training is told."""
+    """Progress report of a training run."""
 
     seed: int
     """Which seed has made progress."""

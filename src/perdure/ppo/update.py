@@ -51,14 +51,14 @@ LOSSES = ("policy_loss", "value_loss", "approx_kl", "clip_fraction")
 
 
 def start_adam(params: Params) -> AdamState:
-    """Zero moments."""
+    """Return zero moments."""
     return AdamState(
         jax.tree.map(jnp.zeros_like, params), jax.tree.map(jnp.zeros_like, params), jnp.zeros((), jnp.float32)
     )
 
 
 def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, jax.Array]:
-    """Clipped surrogate, minus the entropy bonus, plus the squared value error of one minibatch; and LOSSES, (4,)."""
+    """Return the loss of one minibatch (surrogate, entropy bonus, squared value error), and LOSSES, shape (4,)."""
     advantages = batch.advantages
     if advantages.shape[0] > 1:
         advantages = (advantages - advantages.mean()) / (advantages.std(ddof=1) + 1e-8)
@@ -77,7 +77,7 @@ def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, ja
 def adam_step(
     params: Params, state: AdamState, gradient: Params, learning_rate: jax.Array | float, max_grad_norm: float
 ) -> tuple[Params, AdamState]:
-    """One Adam step along the gradient cut to ``max_grad_norm``.
+    """Make one Adam step along the gradient cut to ``max_grad_norm``.
 
     The bias corrections are folded into the step size and epsilon (Kingma and Ba, section 2, last paragraph), which
     leaves one division and one square root for each weight.
@@ -99,7 +99,7 @@ def adam_step(
 def epoch(
     params: Params, adam: AdamState, batch: Batch, order: jax.Array, config: PPOConfig
 ) -> tuple[Params, AdamState, jax.Array]:
-    """One pass over a rollout.
+    """Make one pass over a rollout.
 
     Args:
         params: Weights before.
@@ -125,14 +125,14 @@ def epoch(
 
 
 def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
-    """Adam's step size after so many Adam steps."""
+    """Return Adam's step size after ``count`` steps."""
     if config.learning_rate_decay == "none":
         return config.learning_rate
     return config.learning_rate * (1 - (_iteration(config, count) + 1) / config.iterations)
 
 
 def _log_std_ceiling(config: PPOConfig, count: jax.Array) -> jax.Array:
-    """Largest log standard deviation after so many Adam steps."""
+    """Return the largest log standard deviation after ``count`` Adam steps."""
     assert config.log_std_end is not None
     begin, end = config.log_std_fall
     share = jnp.clip((_iteration(config, count) / config.iterations - begin) / (end - begin), 0.0, 1.0)

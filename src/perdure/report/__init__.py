@@ -1,4 +1,4 @@
-"""Tables in, figures and a page out: reads extrapolation tables, never simulates.
+"""Reports: figures and an HTML page from extrapolation tables, without simulation.
 
     schema.py           the Parquet table: columns, version, read_table, write_table
     lanes.py            a table without repetition: one row for each lane, curves as matrices

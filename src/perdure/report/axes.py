@@ -1,4 +1,4 @@
-"""What all figures share: axes in words, the look of each thing, data as plain values."""
+"""Shared parts of figures: axis titles, styles, and data as plain values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DIGITS = 6
 
 @dataclass(frozen=True)
 class Axis:
-    """What one axis shows."""
+    """Quantity and range of one axis."""
 
     title: str
     """In words, with the unit and n."""
@@ -38,7 +38,7 @@ class Axis:
     """Names of the places 0, 1, 2, ...: a list, not a scale."""
 
     def bounds(self, values: Sequence[float]) -> tuple[float, float]:
-        """Return where the axis begins and ends: 0 is on it unless it is logarithmic or told otherwise."""
+        """Return the ends of the axis: 0 is included unless the axis is logarithmic or sets its own limits."""
         low, high = (0.0, 1.0) if self.percent else (min(values, default=0.0), max(values, default=1.0))
         if not (self.percent or self.log):
             low, high = min(low, 0.0), max(high, 0.0)
@@ -113,7 +113,7 @@ class Look(Protocol):
 
     @property
     def style(self) -> Style:
-        """How it is told from others."""
+        """Its style."""
 
 
 def looks(things: Sequence[Look], legend: bool = False) -> tuple[alt.Color, alt.StrokeDash, alt.Shape]:

@@ -1,4 +1,4 @@
-"""Clocks of one policy against each other, by paired differences on common start states."""
+"""Compare clocks of one policy by paired differences on common start states."""
 
 from __future__ import annotations
 

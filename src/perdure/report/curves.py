@@ -1,4 +1,4 @@
-"""Figures of curves. Two points are never joined by a line, and every curve is named at its end."""
+"""Draw curves: two points are never joined by a line, and every curve is labeled at its end."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Marker:
-    """An upright line with a label."""
+    """A vertical line with a label."""
 
     at: float
     label: str
@@ -193,7 +193,7 @@ def _end_names(
 
 
 def _marker_layers(markers: Sequence[Marker], across: alt.X, *places: float) -> list[alt.Chart]:
-    """Upright lines, their labels on the side that has room; `places` are 0 at the left end and 1 at the right."""
+    """Draw vertical lines with labels on the side with space; `places` run from 0 (left) to 1 (right)."""
     import altair as alt
 
     layers = []

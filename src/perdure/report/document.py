@@ -1,4 +1,4 @@
-"""One HTML document that needs no network: figures that Vega draws, tables, the command that made it.
+"""Build an HTML document that works offline: figures that Vega draws, tables, the command that made it.
 
 Every text is escaped. The document's policy (Content-Security-Policy) lets run only the two scripts that stand in it,
 named by their SHA-256, forbids eval and every request.

@@ -1,5 +1,5 @@
-"""The report's own exception."""
+"""Errors of reports."""
 
 
 class ReportError(ValueError):
-    """A table or a request cannot be reported on; the message names the thing and says why."""
+    """A table or an argument is invalid; the message names it and says why."""

@@ -1,4 +1,4 @@
-"""What is estimated about a group, once, for the figures, the table and the verdict alike."""
+"""Estimates of a group, shared by figures, table and verdict."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def estimate_group(group: Group, rng: np.random.Generator, how: Bootstrap = DEFA
 
 
 def _working(group: Group, kept: IntArray, rng: np.random.Generator, how: Bootstrap) -> Interval:
-    """Kaplan-Meier over all lanes; the interval is that of the share that has failed by then, lanes watched alike."""
+    """Return the Kaplan-Meier curve over all lanes; the interval is that of the share of failed lanes."""
     unfailed = ~group.failed & (np.array(group.verdicts) != "never worked")
     without = unfailed[:, None] | (group.failed_steps[:, None] > group.steps[None, kept])
     without &= (np.array(group.verdicts) != "never worked")[:, None]

@@ -1,4 +1,4 @@
-"""What the columns of an extrapolation table may hold, and what the columns of a row have in common."""
+"""Valid values of the columns of an extrapolation table, and consistency rules between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which figures a table gives: failures, survival and reward over steps, the choice of C, the score at the end."""
+"""The figures of a table: failures, survival and reward over steps, the choice of C, the score at the end."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
 
 
 def overview(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Choose what the first figures show: all groups, or the best C of each line and kind and all without C."""
+    """Choose the groups of the first figures: all groups, or the best C of each line and kind and all without C."""
     if len(estimates) <= MOST_CURVES:
         return list(estimates)
     best: dict[tuple[str, str], Estimate] = {}
@@ -64,7 +64,7 @@ def _score(estimate: Estimate) -> float:
 
 
 def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
-    """All C of one line and kind, beside every policy without a clock."""
+    """Return all C of one line and kind, with every policy without a clock."""
     baselines = [item for item in estimates if item.group.clock_kind == NO_CLOCK]
     sweeps: dict[tuple[str, str], list[Estimate]] = {}
     for item in estimates:
@@ -75,7 +75,7 @@ def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
 
 
 def _styles(chosen: Sequence[Estimate]) -> list[Style]:
-    """Styles by C where one line is swept, by name otherwise."""
+    """Return styles: by C if one line is swept, else by name."""
     tuned = [item.group for item in chosen if item.group.is_tuned_by_steps]
     values = sorted({group.clock_steps for group in tuned})
     if len(values) < 4 or len({(group.line, group.clock_kind) for group in tuned}) > 1:
@@ -91,7 +91,7 @@ def _styles(chosen: Sequence[Estimate]) -> list[Style]:
 
 
 def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival", "working"]) -> list[Curve]:
-    """One curve for each group: returns divided by the steps so far, or a share of episodes."""
+    """Return one curve for each group: returns divided by the steps so far, or a share of episodes."""
     per_step = what == "returns"
     tuned = {(item.group.line, item.group.clock_kind) for item in chosen if item.group.is_tuned_by_steps}
     found = []
@@ -122,14 +122,14 @@ def _step_axis(chosen: Sequence[Estimate]) -> Axis:
 
 
 def _markers(chosen: Sequence[Estimate]) -> tuple[Marker, ...]:
-    """Where training horizons end, inside the drawn steps; infinite and unknown ones have no place on the axis."""
+    """Return markers at the ends of training horizons within the drawn steps; infinite and unknown ones have none."""
     low, high = float(chosen[0].steps[0]), float(chosen[0].steps[-1])
     horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
     return tuple(Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons)
 
 
 def _reward_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
-    """Reward per step so far. A cumulative return over a logarithmic axis would bend what grows evenly."""
+    """Draw reward per step so far. On a logarithmic axis, a cumulative return with linear growth would be curved."""
     chart = curve_chart(
         _curves(chosen, "returns"),
         _step_axis(chosen),
@@ -175,7 +175,7 @@ def _episodes(chosen: Sequence[Estimate]) -> str:
 
 
 def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
-    """Say what the intervals are and over how many, and what is drawn where there are too few."""
+    """Return the note on intervals: kind, sample size, and what is drawn if there are too few units."""
     intervals = [getattr(item, what) for item in chosen]
     parts = []
     many = [each for each in intervals if each.count >= FEWEST_FOR_INTERVAL]
@@ -243,7 +243,7 @@ def _bounds(interval: Interval) -> tuple[float, float]:
 
 
 def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
-    """Hold score at the end, where it is known of any policy; of the first figures' groups where there are too many."""
+    """Draw the hold score at the end, if it is known; only of the first figures' groups if there are too many."""
     shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
     known = [item for item in shown if np.isfinite(float(item.final_hold.estimate))]
     if not known:

@@ -1,4 +1,4 @@
-"""Groups: the lanes of a table that share task, policy and clock. What a curve, a row, a dot is made of."""
+"""Groups: the lanes of a table that share task, policy and clock. A curve, a row or a dot shows one group."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Group:
 
     @property
     def label(self) -> str:
-        """What a reader calls it, e.g. "geometric, always 500 steps to go"."""
+        """Label for readers, e.g. "geometric, always 500 steps to go"."""
         if self.clock_kind == NO_CLOCK:
             return self.line
         known = np.isfinite(self.clock_steps)
@@ -79,7 +79,7 @@ class Group:
 
     @property
     def is_tuned_by_steps(self) -> bool:
-        """Whether the clock has a number C to choose."""
+        """Whether the clock has a parameter C."""
         return self.clock_kind in ("constant", "periodic")
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A table without repetition: what is true of a lane once, and its curves as matrices.
+"""Convert a table to lanes: one row of facts for each lane, and curves as matrices.
 
 A table repeats a lane's labels at every checkpoint. A large one has millions of rows and thirty columns, so columns are
 looked at one by one, and only the rows of each lane's last checkpoint are kept of most.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from perdure.report.errors import ReportError
 
 LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
-"""Columns that tell lanes apart."""
+"""Columns that identify a lane."""
 OF_LANE = ("method", "train_horizon", "clock_kind", "clock_steps")
 """Columns that are the same in all rows of a lane."""
 CURVES = ("step", "return", "alive")

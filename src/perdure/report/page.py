@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs no network, and each figure as a picture file beside it."""
+"""Write the report: one HTML page that works offline, and an image file of each figure."""
 
 from __future__ import annotations
 

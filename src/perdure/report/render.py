@@ -31,7 +31,7 @@ _NAME = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*")
 
 @dataclass(frozen=True)
 class Figure:
-    """A chart with its title and what a reader must know to read it."""
+    """A chart with its title and note."""
 
     name: str
     """For files and anchors: lower-case letters and digits, dashes between them, see `slug`."""
@@ -137,7 +137,7 @@ def script_json(value: Any) -> str:
 
 
 def slug(*words: str) -> str:
-    """Reduce words to what a file may be called anywhere."""
+    """Convert words to a file name that is valid on all systems."""
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")[:80].strip("-") or "figure"
 
 

@@ -1,4 +1,4 @@
-"""Figures with rows: points with intervals, or bars with texts, below each other."""
+"""Draw figures with rows: points with intervals, or bars with texts."""
 
 from __future__ import annotations
 

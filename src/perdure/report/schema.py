@@ -7,7 +7,7 @@
 | task | text | e.g. "Hopper-v3" |
 | train_seed | int | seed of the training run |
 | train_horizon | float | longest training horizon [steps]; inf: trained without an end; nan: unknown |
-| clock | text | what the policy was told about time, e.g. "constant(500)"; "none" for a policy without embedding |
+| clock | text | the clock of the policy, e.g. "constant(500)"; "none" for a policy without embedding |
 | clock_kind | text | "constant", "periodic", "countdown", "none" |
 | clock_steps | float | the clock's number, e.g. C = 500; nan where there is none |
 | eval_seed | int | start state: the same for every policy and clock of a task |
@@ -278,7 +278,7 @@ def _checked_notes(content: bytes) -> dict[str, str]:
 
 
 def _sealed(content: bytes) -> bytes:
-    """Put the SHA-256 of the file, its seal's digits taken as zeros, into the seal.
+    """Write the SHA-256 of the file into its seal; the seal's own digits count as zeros.
 
     It is checked before Polars sees the file: a flipped bit in a length can make Polars abort the process.
     """
@@ -289,7 +289,7 @@ def _sealed(content: bytes) -> bytes:
 
 
 def _digest(column: Columns, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
-    """SHA-256 of metadata and content. Parquet's own page checks let most flipped bits through (measured: 98 %)."""
+    """Return the SHA-256 of metadata and content. Parquet's own page checks miss most flipped bits (measured: 98 %)."""
     digest = hashlib.sha256(repr(sorted(notes.items())).encode())
     for name, kind in columns.items():
         series = column(name)

@@ -54,7 +54,7 @@ _STATISTICS: dict[str, Callable[..., Any]] = {"mean": _mean, "iqm": _middle_mean
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """How bootstrap intervals are made."""
+    """Settings of bootstrap intervals."""
 
     statistic: Statistic = "mean"
     """"mean", or "iqm": the mean of the middle half (a quarter of the units is cut at each end)."""
@@ -80,7 +80,7 @@ DEFAULT = Bootstrap()
 
 @dataclass(frozen=True)
 class Units:
-    """What is resampled: one row per training run, or per lane when there is one training run only."""
+    """Resampling units: one row per training run, or per lane when there is one training run only."""
 
     values: FloatArray
     """Shape (count, *rest)."""
@@ -217,7 +217,7 @@ def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator, 
 def survival_interval(
     alive: ArrayLike, runs: ArrayLike, rng: np.random.Generator, how: Bootstrap = DEFAULT
 ) -> Interval:
-    """Share of lanes still alive, with an interval at every step on its own.
+    """Estimate the share of lanes still alive, with an interval at every step on its own.
 
     With one training run the lanes are independent yes-or-no trials and the interval is Wilson's score interval
     [Wilson, 1927], which keeps a width when all lanes survive. With several runs the runs' shares are the units of
@@ -239,7 +239,7 @@ def survival_interval(
 
 
 def wilson(share: ArrayLike, count: int, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Wilson's score interval for a share p of n yes-or-no trials.
+    """Return Wilson's score interval for a share p of n yes-or-no trials.
 
     (p + z^2/2n -+ z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z the normal quantile [Wilson, 1927, JASA 22, p. 209].
 
@@ -258,7 +258,7 @@ def wilson(share: ArrayLike, count: int, confidence: float = 0.95) -> tuple[Floa
 
 
 def difference_interval(left: Units, right: Units, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Interval:
-    """Difference of two independent groups' statistics, left minus right, with an interval.
+    """Estimate the difference of two independent groups' statistics, left minus right, with an interval.
 
     With fewer than `FEW_UNITS` units in a group it is Welch's t interval (Yuen's for the IQM), else a bootstrap in
     which both groups are resampled, each within itself. Units that belong together in pairs are better served by
@@ -297,7 +297,7 @@ def difference_interval(left: Units, right: Units, rng: np.random.Generator, how
 
 
 def _welch_half_width(left: FloatArray, right: FloatArray, how: Bootstrap) -> FloatArray:
-    """Half the width of Welch's interval: t(f) sqrt(d1 + d2), f = (d1 + d2)^2 / (d1^2/f1 + d2^2/f2)."""
+    """Return half the width of Welch's interval: t(f) sqrt(d1 + d2), f = (d1 + d2)^2 / (d1^2/f1 + d2^2/f2)."""
     from scipy.special import stdtrit
 
     (first, first_freedom), (second, second_freedom) = (
@@ -313,7 +313,7 @@ def _welch_half_width(left: FloatArray, right: FloatArray, how: Bootstrap) -> Fl
 def _resample(
     data: tuple[FloatArray, ...], statistic: Callable[..., FloatArray], rng: np.random.Generator, how: Bootstrap
 ) -> tuple[FloatArray, FloatArray]:
-    """Bounds for each column of `data`; every array is (count, columns)."""
+    """Return bounds for each column of `data`; every array is (count, columns)."""
     if how.method == "BCa":
         return _bca(data, statistic, rng, how)
     batch, found = _batch(data, how), []

@@ -37,7 +37,7 @@ class Row:
 
 
 def make_rows(estimates: Sequence[Estimate]) -> tuple[Row, ...]:
-    """One row for each estimate, in their order."""
+    """Return one row for each estimate, in their order."""
     return tuple(_row(item) for item in estimates)
 
 

@@ -1,4 +1,4 @@
-"""How every figure looks: colors, dash patterns, shapes, fonts, sizes.
+"""Style of all figures: colors, dash patterns, shapes, fonts, sizes.
 
 Colors follow Okabe and Ito, "Color Universal Design" (2008); the scale for ordered values follows viridis (Smith and
 van der Walt, 2015), cut where it would vanish into the background. A color never stands alone: a dash pattern, a shape
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 WIDTH, WIDE, HEIGHT = 660, 1120, 290
-"""Of a figure that takes half a page, of one that takes a whole one; of the area between the axes. [px]"""
+"""Width of half-page and of full-page figures, and height, each of the area between the axes. [px]"""
 PNG_SCALE = 2.0
 """Pixels of a PNG for each of these."""
 FONT, FONT_SIZE, TITLE_SIZE = "Helvetica, Arial, sans-serif", 11, 14
@@ -55,7 +55,7 @@ _SHAPES = ("circle", "square", "triangle-up", "diamond", "cross", "triangle-down
 
 @dataclass(frozen=True)
 class Style:
-    """How one thing is told from others."""
+    """Color, dash pattern and shape of one item."""
 
     color: str
     """One of `DARK`."""

@@ -1,4 +1,4 @@
-"""The verdict on each policy and clock, and the words for it on top of the page.
+"""The verdict on each policy and clock, and its text at the top of the page.
 
 Each episode has a verdict of its own in the table. A group of episodes *holds* if at least HOLDING_SHARE of
 its episodes do; otherwise it gets the commonest failure.
@@ -63,7 +63,7 @@ class Verdict:
 
 
 def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Verdict:
-    """Judge a group of episodes."""
+    """Return the verdict on a group of episodes."""
     counts = Counter(group.verdicts)
     holding = np.array([verdict == "holds" for verdict in group.verdicts])
     share = survival_interval(holding.astype(np.float64), group.runs, rng, how)
@@ -75,7 +75,7 @@ def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> V
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
-    """Name the verdict on every policy and clock of one task; where there are many, how many have each.
+    """Return the verdict on every policy and clock of one task; if there are many, counts of each verdict.
 
     Args:
         verdicts: At least one, all of one task.
@@ -118,7 +118,7 @@ def _evidence(group: Group, label: str) -> str:
 
 
 def _instead(group: Group, failed: BoolArray) -> list[str]:
-    """Say what robots do that fail silently, and how many of them."""
+    """Return the behavior of robots that fail silently, with counts, as text."""
     last, first = group.movement_last[failed], group.movement_first[failed]
     early = group.failed_steps[failed] < 0.1 * group.test_horizon
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""How numbers are written for people."""
+"""Format numbers for readers."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 
 def whole(value: float) -> str:
-    """100000 -> "100,000"; infinity and nan in words."""
+    """Format 100000 as "100,000", and infinity and nan in words."""
     if math.isnan(value):
         return "unknown"
     return f"{value:,.0f}" if math.isfinite(value) else "\u221e"
 
 
 def share(value: float) -> str:
-    """0.833 -> "83 %". Only all is 100 % and only none is 0 %."""
+    """Format 0.833 as "83 %". Only 1 becomes 100 % and only 0 becomes 0 %."""
     if math.isnan(value):
         return "\u2013"
     text = f"{100.0 * value:.0f}"
@@ -36,7 +36,7 @@ def quantity(value: float) -> str:
 
 
 def clock(kind: str, steps: str) -> str:
-    """Say what a policy is told about time: "constant", "500" -> "always 500 steps to go"."""
+    """Return the clock in words: "constant", "500" -> "always 500 steps to go"."""
     known = {
         "constant": f"always {steps} steps to go",
         "countdown": f"countdown from {steps}",
@@ -46,7 +46,7 @@ def clock(kind: str, steps: str) -> str:
 
 
 def sample(counts: Sequence[int], noun: str) -> str:
-    """Say how many there are: [6, 6], "episode" -> "n = 6 episodes each"; [4, 6] -> "n = 4 to 6 episodes"."""
+    """Return the sample size in words: [6, 6], "episode" -> "n = 6 episodes each"; [4, 6] -> "n = 4 to 6 episodes"."""
     least, most = min(counts), max(counts)
     if least < most:
         return f"n = {least:,} to {count(most, noun)}"
@@ -54,12 +54,12 @@ def sample(counts: Sequence[int], noun: str) -> str:
 
 
 def horizon(value: float) -> str:
-    """Say what the training horizon was."""
+    """Return the training horizon in words."""
     if math.isnan(value):
         return "the training horizon is unknown"
     return f"the training horizon was {whole(value)} steps" if math.isfinite(value) else "it was trained without an end"
 
 
 def count(number: int, noun: str) -> str:
-    """1, "lane" -> "1 lane"; 3, "lane" -> "3 lanes"."""
+    """Format (1, "lane") as "1 lane" and (3, "lane") as "3 lanes"."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

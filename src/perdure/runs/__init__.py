@@ -1,20 +1,20 @@
-"""All long work: units with a key and a config, run once each, on this machine or on a cluster, resumable.
+"""Resumable units of work with a key and a config: run once each, on this machine or on a cluster.
 
-    unit.py       Unit: key, config, function; attempt: runs one, up to its end or its next checkpoint
+    unit.py       Unit: key, config, function; attempt: runs one to its end or its next checkpoint
     run.py        run_units: a graph of units on workers; status, failures
     workers.py    worker processes on this machine
     on_ray.py     tasks on a Ray cluster
     cores.py      which cores are free
     progress.py   a bar in a terminal, a line every half minute elsewhere
-    store.py      Store: one folder per finished unit, written whole
+    store.py      Store: one folder per finished unit, written atomically
     identity.py   the SHA-256 of a config, and a unit's record
-    source.py     which source code made a unit
-    whole.py      write_whole: one file, either the old or the new, never half of it
-    rescue.py     write_result: a finished result is kept elsewhere where its disk takes nothing
+    source.py     digest of the source code that made a unit
+    whole.py      write_whole: replaces a file atomically
+    rescue.py     write_result: saves to a temporary folder if the disk is full or read-only
     lock.py       advisory locks that the kernel releases when a process dies
     errors.py     StoreError, UnitBusyError, RunError, OtherSourceWarning
 
-Of perdure the package imports only `schema`.
+The only other part of perdure that this package imports is `schema`.
 """
 
 from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError

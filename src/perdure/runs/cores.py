@@ -1,4 +1,4 @@
-"""Which cores a process may take for itself.
+"""Find and reserve idle cores.
 
 A loop that hands over to another thread at every step, as EnvPool's do, is much faster when both threads share a core
 than when each wakes the other on a second one. So workers are bound to cores, and to such as nobody else is using.
@@ -17,16 +17,16 @@ from pathlib import Path
 
 STAT = Path("/proc/stat")
 LOOK = 0.2
-"""Seconds for which the cores are watched."""
+"""Seconds for which core usage is measured."""
 BUSY = 0.5
-"""A core that worked for more than this share of that time is somebody else's."""
+"""A core that was busy for more than this share of that time is in use."""
 
 
 @contextmanager
 def own_cores(count: int) -> Iterator[list[int]]:
-    """Idle cores, at most ``count``, that no other process of ours has taken so far; they are let go of at the end.
+    """Reserve at most ``count`` idle cores that no other perdure process has reserved, for the duration of a block.
 
-    Two commands that begin at the same moment would else choose the same ones.
+    Otherwise two commands that start at the same time would choose the same cores.
     """
     with ExitStack() as stack:
         taken: list[int] = []
@@ -44,7 +44,7 @@ def _lock(core: int) -> int | None:
         folder.mkdir(mode=0o700, exist_ok=True)
         owner = folder.lstat()
         if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
-            return None  # somebody else's: without locks two commands may choose the same core, which is only slower
+            return None  # another user's: without locks two commands may choose the same core, which is only slower
         flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
     except OSError:
@@ -60,7 +60,7 @@ def _lock(core: int) -> int | None:
 
 
 def idle_cores(counters: Path = STAT) -> list[int]:
-    """Cores this process may run on and nobody is using, those with least to do first.
+    """Return idle cores that this process may run on, least busy first.
 
     Empty where the system does not say what its cores do.
     """
@@ -80,7 +80,7 @@ def idle_cores(counters: Path = STAT) -> list[int]:
 
 
 def _times(counters: Path) -> dict[int, tuple[int, int]]:
-    """For each core the ticks it worked and the ticks that passed, since the system began (proc(5))."""
+    """Return each core's busy ticks and all ticks since boot (proc(5))."""
     times = {}
     for line in counters.read_text().splitlines():
         name, *ticks = line.split()

@@ -1,4 +1,4 @@
-"""The package's own exceptions."""
+"""Exceptions and warnings of the package."""
 
 
 class StoreError(ValueError):
@@ -6,7 +6,7 @@ class StoreError(ValueError):
 
 
 class UnitBusyError(StoreError):
-    """Another process is at work on the unit."""
+    """Another process is running the unit."""
 
 
 class RunError(ValueError):
@@ -14,4 +14,4 @@ class RunError(ValueError):
 
 
 class OtherSourceWarning(UserWarning):
-    """Finished units were made by other source code of perdure and are reused as they are."""
+    """Finished units were made by another version of perdure's source code and are reused."""

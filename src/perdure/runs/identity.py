@@ -1,4 +1,4 @@
-"""What makes a unit: a readable key and the SHA-256 of its config."""
+"""Identity of a unit: a readable key and the SHA-256 of its config."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SHOWN = 6
 
 @dataclass(frozen=True)
 class Identity:
-    """One unit: the key people read and the config that must not differ under it."""
+    """One unit: a readable key and the config that belongs to it."""
 
     key: str
     """Parts joined by "/", e.g. "Hopper-v3/geometric/seed-0"."""
@@ -54,7 +54,7 @@ class Identity:
         return cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
 
     def write(self, folder: Path) -> None:
-        """Put the record of this unit into `folder`; the source code at work now joins those that were before it."""
+        """Write the record of this unit into `folder`; add the digest of the current source code to earlier ones."""
         before = Identity.read(folder).sources if (folder / RECORD).is_file() else ()
         sources = sorted({*before, source_digest()})
         record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sources}
@@ -137,7 +137,7 @@ def check_key(key: str) -> str:
 
 
 def describe_difference(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
-    """Name the fields in which two configs differ, with both values."""
+    """Return the fields in which two configs differ, with both values, as text."""
     old, new = dict(flatten(stored)), dict(flatten(asked))
     fields = [field for field in sorted(old | new) if _show(old, field) != _show(new, field)]
     shown = [f"{field} is {_show(old, field)} there and {_show(new, field)} here" for field in fields[:_SHOWN]]

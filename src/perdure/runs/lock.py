@@ -1,4 +1,4 @@
-"""Advisory file locks: held by a process, let go of by the kernel when that process dies, however it dies."""
+"""Advisory file locks, which the kernel releases when their process dies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def acquire(path: Path, wait: bool = False) -> int | None:
-    """Lock the file at `path`, creating it when it is not there.
+    """Lock the file at `path`; create it if it does not exist.
 
     Args:
         path: The lock file. Its folder must exist.
@@ -36,7 +36,7 @@ def acquire(path: Path, wait: bool = False) -> int | None:
 
 
 def is_still_at(descriptor: int, path: Path) -> bool:
-    """Say whether the open file `descriptor` is the one that now lies at `path`."""
+    """Return whether the open file `descriptor` is the one that now lies at `path`."""
     try:
         there = os.stat(path)
     except FileNotFoundError:
@@ -45,14 +45,14 @@ def is_still_at(descriptor: int, path: Path) -> bool:
 
 
 def release(descriptor: int, path: Path) -> None:
-    """Remove the lock file and let go of it, in that order, so that nobody can lock a file about to vanish."""
+    """Remove the lock file, then release the lock, so that no process locks a deleted file."""
     path.unlink(missing_ok=True)
     os.close(descriptor)
 
 
 @contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Hold the lock at `path` for the length of a block, waiting for it where needed."""
+    """Hold the lock at `path` for the duration of a block; wait for it if needed."""
     descriptor = acquire(path, wait=True)
     assert descriptor is not None
     try:

@@ -1,4 +1,4 @@
-"""Units as tasks on a Ray cluster. Needs the extra ``perdure[ray]``.
+"""Run units as tasks on a Ray cluster. Needs the extra ``perdure[ray]``.
 
 Every node must see the store's folder under the same path (a shared file system), with perdure installed. A task on a
 node that dies is started again on another one and resumes from the unit's checkpoint.
@@ -20,7 +20,7 @@ class RayWorkers:
     """Tasks on a Ray cluster, as many at once as it has cores for."""
 
     def __init__(self, address: str | None = None, cores: int = 1) -> None:
-        """Connect to nothing yet.
+        """Keep the address; the connection is made on entry.
 
         Args:
             address: Of a running cluster, such as "auto" or "host:6379"; None starts Ray on this machine.

@@ -1,4 +1,4 @@
-"""Showing how far a run is: a bar in a terminal, a line every half minute elsewhere."""
+"""Show the progress of a run: a bar in a terminal, a line every half minute elsewhere."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rich.progress import Progress as Bar
 from perdure.runs.run import Observer, Status
 
 LINE_SECONDS = 30.0
-"""How often a line is printed where there is no terminal."""
+"""Seconds between lines if there is no terminal."""
 
 
 @contextmanager
 def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
-    """Give an observer for `run_units` that shows a run on standard error for as long as the block lasts.
+    """Yield an observer for `run_units` that shows a run on standard error for the duration of a block.
 
     Args:
         title: What runs.
@@ -44,7 +44,7 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
 
 
 class _Rate:
-    """Work done a second since the first report, so that compilation does not count."""
+    """Work per second since the first report, so that compilation does not count."""
 
     def __init__(self, measure: str) -> None:
         self._measure = measure
@@ -77,7 +77,7 @@ class _Lines:
             self._print()
 
     def close(self) -> None:
-        """Print how it ended, if anything was printed before."""
+        """Print the final state if any line was printed before."""
         if self._printed > self._began:
             self._print()
 

@@ -1,4 +1,4 @@
-"""Results of long work on a disk that stops taking them: they are kept elsewhere instead of being lost."""
+"""Save a finished result to a temporary folder if its disk is full."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from perdure.runs.whole import write_whole
 
 
 def write_result(path: Path, data: bytes) -> Path:
-    """Write a result whole, as `write_whole` does; if its disk takes nothing, into a new temporary folder.
+    """Write a result atomically; if that fails, save it to a new temporary folder.
 
     Raises:
-        StoreError: The result lies in the temporary folder; the message says where, and how to go on.
-        OSError: It could be written nowhere.
+        StoreError: The result is in the temporary folder; the message names it and how to continue.
+        OSError: It could not be written to the temporary folder either.
     """
     try:
         return write_whole(path, data)

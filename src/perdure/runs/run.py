@@ -1,4 +1,4 @@
-"""Running a graph of units: each one once, in the order of what depends on what, on whatever workers there are."""
+"""Run a graph of units once each, in dependency order, on the available workers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from perdure.schema import SchemaError, Table, Text, printable, read_json
 
 POLL_SECONDS = 0.25
 BUSY_SECONDS = 1.0
-"""A unit that another command is at work on is tried again after so long."""
+"""Interval at which units that another command is running are tried again."""
 
 FAILURE = Table({"error": Text(100_000, lines=True)})
 """A failure on disk."""
@@ -29,18 +29,18 @@ State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far one unit is."""
+    """Progress of one unit."""
 
     state: State
-    """"busy": another command is at work on it; "blocked": a unit it depends on has failed."""
+    """"busy": another command is running it; "blocked": a unit it depends on has failed."""
     done: float = 0.0
     total: float = 1.0
-    """Work done and in all, in the unit's own measure."""
+    """Work done and total work, in the unit's own measure."""
     facts: Mapping[str, float] = field(default_factory=dict)
-    """Numbers that the unit reports beside it, such as its mean return."""
+    """Further numbers that the unit reports, such as its mean return."""
     error: str = ""
     size: float = 1.0
-    """How much work the unit is beside others."""
+    """Amount of work relative to other units."""
 
     @property
     def share(self) -> float:
@@ -49,7 +49,7 @@ class Progress:
 
 
 Status = Mapping[str, Progress]
-"""Key of each unit to how far it is."""
+"""Key of each unit to its progress."""
 Observer = Callable[[Status], None]
 
 
@@ -61,15 +61,15 @@ def run_units(
     retry: bool = True,
     threads: int = 1,
 ) -> None:
-    """Run every unit that is not finished. The same call goes on where a killed one stopped.
+    """Run every unit that is not finished. The same call resumes a killed one.
 
-    Units of which another command is at work are waited for. A unit that fails does not stop those that do not depend
-    on it; its error is recorded in the store.
+    Units that another command is running are waited for. A unit that fails does not stop those that do not depend on
+    it; its error is recorded in the store.
 
     Args:
         units: The graph. Each comes after those named in its `after`.
         root: Folder of the store.
-        workers: Where to run them; by default in this process, one after the other.
+        workers: Processes that run them; by default this process, one unit after the other.
         observe: Called with the status of all units, about four times a second and at every report in this process.
         retry: Whether units whose failure is on record are tried again.
         threads: Cores for a unit that runs in this process.
@@ -153,7 +153,7 @@ class _Run:
                     self._took(ended)
 
     def look(self) -> Status:
-        """Return the status with the last report of every unit that somebody is at work on."""
+        """Return the status with the last report of every unit that is not finished."""
         for key, each in self._status.items():
             if each.state in ("waiting", "running", "busy"):
                 done, total, facts = read_progress(self._store, key)
@@ -161,7 +161,7 @@ class _Run:
         return self._status
 
     def skip_failed(self) -> None:
-        """Count units with a failure on record as failed."""
+        """Mark units with a recorded failure as failed."""
         for key, each in self._status.items():
             path = self._store.note_path("failures", key)
             if each.state == "waiting" and path.exists():
@@ -197,7 +197,7 @@ class _Run:
         return min(ready, key=lambda each: each[:2])[2] if ready else None
 
     def _wait_for_others(self) -> bool:
-        """Wait a little if another command is at work on a unit; say whether there is one."""
+        """Wait a little if another command is running a unit; return whether there is one."""
         if not any(each.state == "busy" for each in self._status.values()):
             return False
         time.sleep(POLL_SECONDS)
@@ -205,7 +205,7 @@ class _Run:
         return True
 
     def _took(self, ended: Ended) -> None:
-        """Note how an attempt ended."""
+        """Record how an attempt ended."""
         note = self._store.note_path("failures", ended.key)
         if ended.outcome is None:
             with suppress(OSError):  # a disk that takes no record must not hide the error itself

@@ -1,4 +1,4 @@
-"""Which source code made a unit: a config cannot tell, and whoever changes an arm or a skill asks for new results."""
+"""Digest of the source code that made a unit: results of another source version are reused with a warning."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Workspace:
 
 
 class Store:
-    """Units of work in the folder `root`: a key and a config in, a folder written whole out.
+    """Units of work in the folder `root`: each has a key and a config; its result is a folder, written atomically.
 
     The folder is made at the first write. Several processes may use one store; it has to lie on a POSIX file system
     that knows `flock`.
@@ -49,7 +49,7 @@ class Store:
 
     @contextmanager
     def workspace(self, key: str, config: Config) -> Iterator[Workspace]:
-        """Give the work folder of a unit, with whatever an earlier, interrupted block left in it.
+        """Yield the work folder of a unit, with the files of an earlier, interrupted block.
 
         When the block ends without error the folder becomes the unit, unless the block set `complete` to False. When
         the block fails, or its process dies, the folder stays for the next attempt. One process at a time may hold it.
@@ -75,7 +75,7 @@ class Store:
             lock.release(descriptor, lock_path)
 
     def is_busy(self, key: str) -> bool:
-        """Say whether a process is at work on the unit."""
+        """Return whether a process is running the unit."""
         if not self._lock_path(key).exists():
             return False
         descriptor = lock.acquire(self._lock_path(key))
@@ -86,7 +86,7 @@ class Store:
 
     @contextmanager
     def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
-        """Hold the whole store for one purpose, waiting for another process that does.
+        """Lock the whole store for one purpose; wait for another process that has locked it.
 
         Args:
             name: The purpose.
@@ -108,7 +108,7 @@ class Store:
         return self.root / f".{kind}" / f"{_flat(check_key(key))}.json"
 
     def done(self, key: str, config: Config | None = None) -> bool:
-        """Say whether the unit is finished.
+        """Return whether the unit is finished.
 
         Raises:
             StoreError: It is, but with another config than the one given.
@@ -139,9 +139,10 @@ class Store:
         return dict(Identity.read(self.get(key)).config)
 
     def warn_of_other_source(self, keys: Iterable[str]) -> None:
-        """Warn (`OtherSourceWarning`) when other source code than this had a hand in finished units among `keys`.
+        """Warn when finished units among `keys` were made by another version of the source code.
 
-        They are reused: not every change of the code changes a result. Units that do not name their source are skipped.
+        The warning is an `OtherSourceWarning`. The units are reused, because not every change of the code changes a
+        result. Units without a recorded source are skipped.
         """
         folders = [self._folder(key) for key in keys if self.done(key)]
         others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]

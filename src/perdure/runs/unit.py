@@ -1,4 +1,4 @@
-"""A unit of work: a key, a config and a function. Whoever runs it, and wherever, the result is the same folder."""
+"""A unit of work: a key, a config and a function. The result does not depend on who runs it or where."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from perdure.runs.store import Store
 from perdure.schema import Real, SchemaError, Table, read_json
 
 Report = Callable[..., None]
-"""Called as ``report(done, total, **facts)``: work done so far and in all, in any unit; numbers to show beside it."""
+"""Called as ``report(done, total, **facts)``: work done and total work, in any unit; further numbers to show."""
 
 Outcome = Literal["finished", "unfinished", "busy"]
 
@@ -35,7 +35,7 @@ REPORT_SECONDS = 0.5
 
 @dataclass(frozen=True)
 class Unit:
-    """What is to be done, as plain data, so that any process can do it."""
+    """A unit of work as plain data, so that any process can run it."""
 
     key: str
     """Readable identity and place in the store, such as "Hopper-v3/geometric/seed-0"."""
@@ -49,9 +49,9 @@ class Unit:
     after: tuple[str, ...] = ()
     """Keys of units that must be finished before this one begins."""
     size: float = 1.0
-    """How much work this is beside other units, for progress and remaining time."""
+    """Amount of work relative to other units, for progress and remaining time."""
     cores: int = 1
-    """Cores it can make use of."""
+    """Cores it can use."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the unit as plain JSON values."""
@@ -65,10 +65,10 @@ class Unit:
 
 @dataclass(frozen=True)
 class Work:
-    """What a unit's function is given."""
+    """The argument of a unit's function."""
 
     folder: Path
-    """Where its result goes; holds what an earlier, interrupted attempt left."""
+    """Folder for its result; an interrupted attempt may have left files there."""
     threads: int
     """Cores it may use. No result may depend on it."""
     report: Report
@@ -79,12 +79,12 @@ def attempt(root: str | Path, unit: Unit, threads: int = 1, report: Report | Non
 
     Args:
         root: Folder of the store.
-        unit: What is run; nothing happens if it is finished.
+        unit: The unit; nothing happens if it is finished.
         threads: Cores it may use.
         report: Called with every report; by default reports go to a file that `read_progress` reads.
 
     Returns:
-        "finished", "unfinished" (to be called again), or "busy": another process is at work on it.
+        "finished", "unfinished" (to be called again), or "busy": another process is running it.
 
     Raises:
         StoreError: The unit cannot be stored.
@@ -102,7 +102,7 @@ def attempt(root: str | Path, unit: Unit, threads: int = 1, report: Report | Non
     except UnitBusyError:
         return "busy"
     except StoreError:
-        if store.done(unit.key, unit.config):  # somebody else finished it between two of our looks
+        if store.done(unit.key, unit.config):  # another process finished it in the meantime
             return "finished"
         raise
     return "finished" if workspace.complete else "unfinished"

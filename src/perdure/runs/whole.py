@@ -1,4 +1,4 @@
-"""One file, written whole: a reader, a crash or a full disk sees the old file or the new one, never half of it."""
+"""Replace a file atomically: readers see the old or the new file, also after a crash or on a full disk."""
 
 from __future__ import annotations
 

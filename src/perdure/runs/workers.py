@@ -1,4 +1,4 @@
-"""Worker processes on this machine: for each core one, with single-threaded arithmetic, that end with this process."""
+"""Worker processes on this machine: they use reserved cores and end with this process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _START = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.
 
 @dataclass(frozen=True)
 class Ended:
-    """An attempt at a unit that has ended."""
+    """A finished attempt at a unit."""
 
     key: str
     outcome: Outcome | None
@@ -42,11 +42,11 @@ class Ended:
 
 
 class Workers(Protocol):
-    """Processes that attempt units. Used as a context manager; leaving it ends them all at once."""
+    """Interface of worker processes. Used as a context manager; leaving it ends all of them."""
 
     @property
     def free(self) -> int:
-        """How many more units can be started now."""
+        """Number of units that can be started now."""
 
     def start(self, root: Path, unit: Unit) -> None:
         """Begin an attempt at a unit of the store in `root`."""
@@ -100,14 +100,14 @@ def core_count(cores: int | None) -> int:
 
 
 class LocalWorkers:
-    """Processes on this machine, each bound to cores that nobody else uses where there are enough of them.
+    """Processes on this machine, each bound to idle cores if there are enough.
 
     They are started by a command line rather than by `multiprocessing`, so the caller's script is not imported again
     and needs no main guard.
     """
 
     def __init__(self, count: int, cores: int = 1) -> None:
-        """Start nothing yet.
+        """Keep the settings; processes start with their units.
 
         Args:
             count: Processes, at least 1.
@@ -167,7 +167,7 @@ class LocalWorkers:
 
 
 class _Process:
-    """One worker, seen from the process that started it."""
+    """One worker process."""
 
     def __init__(self, cores: Sequence[int], selector: selectors.BaseSelector) -> None:
         self.cores, self._selector = cores, selector
@@ -198,7 +198,7 @@ class _Process:
         self._process.kill()
 
     def end(self) -> str:
-        """Release what it held and say how it ended, in one line."""
+        """Release the resources of the process and return how it ended, in one line."""
         assert self._process.stdout is not None
         assert self._process.stdin is not None
         self._process.kill()
@@ -218,7 +218,7 @@ class _Process:
 
 
 def serve() -> None:
-    """Attempt units as a worker process: a job per line on standard input, an answer per line on standard output.
+    """Run a worker process: read one job per line from stdin, write one answer per line to stdout.
 
     What units print goes to standard error.
     """
@@ -235,7 +235,7 @@ def serve() -> None:
 
 
 def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
-    """Attempt a unit and return {"outcome": ...}, or {"error": ...} in one line if it fails."""
+    """Run a unit and return {"outcome": ...}, or {"error": ...} in one line if it fails."""
     try:
         return {"outcome": attempt(root, unit, threads)}
     except Exception as error:
@@ -253,7 +253,7 @@ def one_line(error: BaseException) -> str:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent is gone, however that ended. Files are written whole, so none is left half."""
+    """End this process when its parent has ended. Files are written atomically, so none is left incomplete."""
     while os.getppid() == parent:
         time.sleep(PARENT_SECONDS)
     os._exit(1)

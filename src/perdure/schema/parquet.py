@@ -49,7 +49,7 @@ def read_notes(content: bytes) -> dict[str, str]:
 
 @contextmanager
 def _decoding() -> Iterator[None]:
-    """Turn whatever Polars raises into a SchemaError."""
+    """Convert any error of Polars to a SchemaError."""
     import polars as pl
 
     try:

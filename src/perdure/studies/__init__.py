@@ -2,10 +2,10 @@
 
 | file | what it holds |
 |---|---|
-| `study.py` | what a study is: scales, steps of work, analysis; the registry |
-| `run.py` | carrying out the steps that are not finished, then the analysis |
-| `status.py` | what a study costs and how far it is, from its stores alone |
-| `speed.py` | how fast this machine steps a task |
+| `study.py` | `Study`: scales, resumable steps, analysis; the registry |
+| `run.py` | run the unfinished steps, then the analysis |
+| `status.py` | remaining time and progress, read from the stores |
+| `speed.py` | simulation speed of a task on this machine |
 | `errors.py` | `StudyError` |
 | `horizon/` | does a policy hold beyond its training horizon, and does a constant time-to-go help? |
 | `placement/` | do placed objects stay, and which release strategy and which world decide it? |

@@ -1,4 +1,4 @@
-"""Small tables as text, the same bytes from the same numbers."""
+"""Read and write small tables as CSV: equal numbers give equal bytes."""
 
 from __future__ import annotations
 

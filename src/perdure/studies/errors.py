@@ -1,5 +1,5 @@
-"""The studies' own error."""
+"""Errors of studies."""
 
 
 class StudyError(ValueError):
-    """A study, a scale, a claim or a table that does not make sense. The message says what to do."""
+    """A study, a scale, a claim or a table is invalid. The message says what to do."""

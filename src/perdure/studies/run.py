@@ -1,4 +1,4 @@
-"""Carrying out a study: every step that is not finished, in order; then the analysis."""
+"""Run a study: every unfinished step, in order; then the analysis."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def run_steps(
     sizes: Mapping[str, float] | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Finish every step. A step whose predecessors failed is left out; the others go on.
+    """Finish every step. A step is skipped if its predecessors failed; the others continue.
 
     Args:
         steps: In their order.
@@ -56,7 +56,7 @@ def run_steps(
 
 
 def _show(caught: Sequence[warnings.WarningMessage]) -> None:
-    """Repeat warnings; those about other source code, of which every step may have one, as one."""
+    """Show warnings again; those about other source versions are merged into one."""
     others = [each for each in caught if not issubclass(each.category, OtherSourceWarning)]
     for each in others:
         warnings.warn(each.message, each.category, stacklevel=3)
@@ -83,7 +83,7 @@ class _Board:
             self._all[step.key] = Progress("finished" if finished else "waiting", count.share, 1.0, {}, "", size)
 
     def set(self, key: str, state: str) -> None:
-        """Note what became of a step."""
+        """Record the state of a step."""
         self._all[key] = replace(self._all[key], state=state)  # type: ignore[arg-type]
         self._observe(self._all)
 

@@ -1,4 +1,4 @@
-"""How fast one core of this machine steps a task: what estimates of time are made from."""
+"""Measure how fast one core of this machine steps a task, for estimates of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study costs and how far it is, from its stores alone: any terminal may ask while another one computes."""
+"""Remaining time and progress of a study, read from its stores, also while another process runs it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from perdure.studies.study import Count, Step
 
 @dataclass(frozen=True)
 class Line:
-    """Steps of one stage together."""
+    """Summary of the steps of one stage."""
 
     stage: str
     steps: int
@@ -71,7 +71,7 @@ def _hours(step: Step, count: Count, speeds: Mapping[str, float] | None) -> floa
 
 
 def cost_text(found: Sequence[Line], cores: int) -> str:
-    """Say what is left to do and how long it takes."""
+    """Return remaining work and time as text."""
     rows = [
         f"  {line.stage:24} {line.left:>18,.0f} of {line.amount:,.0f} {line.measure} left, {_duration(line.hours)}"
         for line in found
@@ -81,7 +81,7 @@ def cost_text(found: Sequence[Line], cores: int) -> str:
 
 
 def status_text(found: Sequence[Line]) -> str:
-    """Say how many units are done, running, failed."""
+    """Return the counts of done, running and failed units as text."""
     rows = []
     for line in found:
         count = line.count

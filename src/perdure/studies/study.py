@@ -1,4 +1,4 @@
-"""What a study is: a question, scales, steps of work whose results are kept, and an analysis of what they left."""
+"""A study: a question, scales, resumable steps and an analysis of their results."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from perdure.runs import Observer
 from perdure.studies.errors import StudyError
 
 _STUDIES = {"horizon": "perdure.studies.horizon.study", "placement": "perdure.studies.placement.study"}
-"""Name to the module that holds it as STUDY."""
+"""Name to the module that defines it as STUDY."""
 
 
 @dataclass(frozen=True)
 class Count:
-    """How far a step is, in its units."""
+    """Progress of a step, in units of work."""
 
     total: int
     done: int
     running: int = 0
-    """Units that a process is at work on now."""
+    """Units that a process is running now."""
     failed: int = 0
     """Units whose last attempt ended with an error."""
     share: float = 0.0
@@ -39,11 +39,11 @@ class How:
     cores: int | None = None
     observe: Observer = lambda status: None
     waiting: Callable[[], None] = lambda: None
-    """Called once if another command is at work on the same step, which is waited for."""
+    """Called once if another command is running the same step, before waiting for it."""
 
 
 class Step(Protocol):
-    """A part of a study that a store keeps. The same step, run twice, costs once."""
+    """A resumable part of a study; a finished step is not run again."""
 
     @property
     def key(self) -> str:
@@ -59,11 +59,11 @@ class Step(Protocol):
 
     @property
     def task(self) -> str:
-        """The task that is stepped, as `make_world` takes it; "" where no speed is measured."""
+        """Name of the task that is stepped, for `make_world`; "" if no speed is measured."""
 
     @property
     def amount(self) -> float:
-        """All the work, in the stage's measure."""
+        """Total work, in the stage's measure."""
 
     @property
     def measure(self) -> str:
@@ -73,10 +73,10 @@ class Step(Protocol):
         """Return the core-seconds of the whole step where one core makes `speed` lane steps of the task a second."""
 
     def count(self) -> Count:
-        """Return how far it is, read from the store."""
+        """Return its progress, read from the store."""
 
     def run(self, how: How) -> None:
-        """Finish it.
+        """Run it to its end.
 
         Raises:
             RunError: A unit failed.
@@ -85,7 +85,7 @@ class Step(Protocol):
 
 @dataclass(frozen=True)
 class Scale:
-    """How much of a study is carried out."""
+    """Size of a study: rows, seeds and steps."""
 
     name: str
     about: str
@@ -94,13 +94,13 @@ class Scale:
 
 @dataclass(frozen=True)
 class Study:
-    """A question with everything that answers it."""
+    """A question with its scales, steps and analysis."""
 
     name: str
     question: str
     scales: tuple[Scale, ...]
     phases: tuple[int, ...]
-    """Phases that are carried out unless told otherwise."""
+    """Phases that run by default."""
     plan: Callable[[str, Path, Sequence[int]], Sequence[Step]]
     """From (scale, folder of the results, phases) to all steps, in their order."""
     analyze: Callable[[str, Path], Sequence[Path]]

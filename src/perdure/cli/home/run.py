@@ -43,14 +43,15 @@ class HomeRun:
     policies: tuple[str, ...] = ()
     """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
-    """When a released object can touch the robot again: never (M3) or once they are apart (habitat-lab)."""
+    """When a released object can touch the robot again: never (hab-mobile-manipulation) or once they are apart
+    (habitat-lab)."""
     rolling: Literal["friction", "drag"] = "friction"
     """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
     apple: Literal["sphere", "hull"] = "sphere"
     """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
     release_velocity: Literal["kept", "base-removed", "zero"] = "kept"
-    """Velocity of an object as the hand opens: unchanged; without the moving base's part (M3 teleports the base with
-    what it holds); or zero."""
+    """Velocity of an object as the hand opens: unchanged; without the moving base's part
+    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
     physics_hz: int = 120
     """Physics steps per second."""
     max_lanes: int = 50
@@ -58,7 +59,8 @@ class HomeRun:
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
-    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
+    cluster)."""
     out: Path = Path("home-runs")
     """Folder of the logs."""
 

@@ -36,7 +36,8 @@ class HomeTrain:
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
-    """Where to run: local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray cluster)."""
+    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
+    cluster)."""
 
 
 def main(args: list[str]) -> None:

@@ -24,10 +24,10 @@ AZIMUTH, ELEVATION = 90.0, -15.0
 
 
 class Camera:
-    """Follows the robot of one environment. Use it in a `with`, in the thread that made it."""
+    """A camera that follows the robot of one environment. Use it as a context manager in the thread that made it."""
 
     def __init__(self, env: Any, size: tuple[int, int]) -> None:
-        """Opens an OpenGL context.
+        """Open an OpenGL context.
 
         Args:
             env: A MuJoCo environment of Gymnasium.
@@ -61,13 +61,13 @@ class Camera:
         return camera
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """Return itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Gives the graphics memory back."""
+        """Release the graphics memory."""
         self._context.make_current()
         self._drawing.free()
         self._context.free()
@@ -88,7 +88,7 @@ class Camera:
 
 
 def _widen_floor(model: Any, plane: int) -> None:
-    """Draw floors without an edge, as they are felt: robots run far. Their texture repeats every meter."""
+    """Draw floors without an edge, as in the simulation: robots run far. Their texture repeats every meter."""
     floors = model.geom_type == plane
     model.geom_size[floors, :2] = 0.0
     materials = model.geom_matid[floors]

@@ -1,4 +1,4 @@
-"""Words over and under the pictures of a film."""
+"""Captions above and below the frames of a video."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FAILED = (178, 34, 34)
 
 @dataclass(frozen=True)
 class Caption:
-    """What is written on one panel."""
+    """Text of one panel."""
 
     title: str
     """First line over the picture, in the outcome's color."""
@@ -64,7 +64,7 @@ def _font(size: int) -> Any:
 
 
 def _fitting(draw: Any, text: str, width: int, size: int) -> Any:
-    """The largest font up to a size in which the text is no wider than that."""
+    """Return the largest font, up to a size, in which the text fits the width."""
     while size > 8 and draw.textlength(text, font=_font(size)) > width:
         size -= 1
     return _font(size)

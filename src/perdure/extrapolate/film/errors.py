@@ -1,4 +1,4 @@
-"""Why there is no film."""
+"""Errors of videos."""
 
 
 class FilmError(ValueError):

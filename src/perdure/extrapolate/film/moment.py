@@ -1,4 +1,4 @@
-"""Episodes judged in the environment that is filmed."""
+"""Run and judge episodes in the environment that is filmed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FAILURES = ("falls", "fails silently", "decays", "diverges")
 
 @dataclass(frozen=True, eq=False)
 class JudgedLane:
-    """One episode and what became of it."""
+    """One episode and its outcome."""
 
     clock: Clock | None
     eval_seed: int
@@ -39,10 +39,10 @@ class JudgedLane:
 
 
 class Judge:
-    """Judges episodes of one policy: what it does within its training horizon is measured here, too."""
+    """Judges episodes of one policy; also measures its episodes within the training horizon."""
 
     def __init__(self, policy: Policy, source: OpenEnv, steps: int) -> None:
-        """Measures idle robots and the policy itself.
+        """Measure idle robots and the policy itself.
 
         Args:
             policy: Who acts.

@@ -1,4 +1,4 @@
-"""A film as a file, whole or not at all: H.264 by the ffmpeg that imageio-ffmpeg brings along."""
+"""Write a video as H.264 with the ffmpeg of imageio-ffmpeg; a failed write leaves no file."""
 
 from __future__ import annotations
 

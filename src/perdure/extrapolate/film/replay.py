@@ -1,4 +1,4 @@
-"""A judged episode stepped once more, with its simulation to look at."""
+"""Replay a judged episode with access to its simulation."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def replay(policy: Policy, lane: JudgedLane, twin: Twin, stop: int) -> Iterator[
 def _afterwards(
     policy: Policy, lane: JudgedLane, env: Any, observations: Any, steps: range, total: float
 ) -> Iterator[Instant]:
-    """The policy goes on acting; nothing of it counts."""
+    """Yield further steps of the policy after the end, which do not count."""
     for step in steps:
         elapsed = np.array([step - 1.0])
         action = policy.act(observations, elapsed, lane.clock)[0]

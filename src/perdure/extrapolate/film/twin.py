@@ -1,4 +1,4 @@
-"""The Gymnasium environment that stands in for a task: EnvPool steps fast, but shows nothing.
+"""The Gymnasium equivalent of a task, for rendering: EnvPool cannot render.
 
 EnvPool's and Gymnasium's robots of one name move alike to rounding (`tests/envs/test_gymnasium_parity.py`), on another
 build of MuJoCo. After some hundred steps of contacts that is another trajectory. So the failure to be shown is looked
@@ -33,7 +33,7 @@ ZERO_FORCES = {("Ant", "v3"), ("Ant", "v2"), ("Humanoid", "v2"), ("Humanoid", "v
 
 
 class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
-    """Zeros in place of the contact forces, or after the rest where there are none."""
+    """Zeros in place of the contact forces, or appended if there are none."""
 
     def __init__(self, env: Any, size: int) -> None:
         super().__init__(env)
@@ -76,7 +76,7 @@ class Twin:
 
 
 def _mujoco() -> Any:
-    """MuJoCo, which loads what MUJOCO_GL names when it is imported."""
+    """Return MuJoCo, which loads what MUJOCO_GL names when it is imported."""
     try:
         return import_module("mujoco")
     except Exception as error:  # every driver fails in its own way

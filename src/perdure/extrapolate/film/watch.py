@@ -1,4 +1,4 @@
-"""A film of a policy, at the moment at which it fails or from its first step on."""
+"""Make a video of a policy, at its failure or from its first step."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SIZE = (480, 360)
 
 @dataclass(frozen=True)
 class Film:
-    """What was filmed."""
+    """A finished video and its facts."""
 
     path: Path
     lanes: tuple[JudgedLane, ...]
@@ -43,7 +43,7 @@ class Film:
 
     @property
     def sentences(self) -> list[str]:
-        """What can be seen, in words."""
+        """Description of the video."""
         return [f"{_clock(lane)}, start state {lane.eval_seed}: {_outcome(lane)}" for lane in self.lanes]
 
 
@@ -59,7 +59,7 @@ def watch(
     first_eval_seed: int = 0,
     size: tuple[int, int] = SIZE,
 ) -> Film:
-    """Film a policy, on the left the episode that holds, if one does.
+    """Film a policy; the left panel shows an episode that holds, if there is one.
 
     Args:
         policy: Who acts.
@@ -101,7 +101,7 @@ def watch(
 
 
 class _Scene:
-    """Which steps are shown, and how."""
+    """Steps and camera of one part of the video."""
 
     def __init__(self, judge: Judge, twin: Twin, size: tuple[int, int], failing: JudgedLane | None) -> None:
         env = twin.build()

@@ -1,4 +1,4 @@
-"""Agents: what acts in a skill.
+"""Agents: learned policies, the oracle and release strategies.
 
 Contents:
     Actor         the interface: actions for some lanes at a time

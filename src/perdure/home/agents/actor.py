@@ -1,4 +1,4 @@
-"""The interface of whatever acts in a skill: a learned policy, the oracle, a scripted motion, a release strategy."""
+"""Interface of agents in a skill: a learned policy, the oracle, a scripted motion, a release strategy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How phi joins an observation and its space: beside it in a dictionary, or appended to a flat vector."""
+"""Add phi to an observation and its space: as an entry of a dictionary, or appended to a flat vector."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OBSERVATION, TIME_TO_GO = "observation", "time_to_go"
 
 
 def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Space[Any]:
-    """The space of observations with phi.
+    """Return the space of observations with phi.
 
     Args:
         space: Space of the observations of one environment.
@@ -37,7 +37,7 @@ def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces
 
 
 def append(space: spaces.Space[Any], observation: Any, phi: NDArray[np.float64]) -> Any:
-    """The observation with phi, as a member of ``space``.
+    """Return the observation with phi, as a member of ``space``.
 
     Args:
         space: From :func:`appended_space`.

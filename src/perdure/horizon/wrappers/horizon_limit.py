@@ -1,4 +1,4 @@
-"""Episodes of random length in a single environment."""
+"""Random horizons in a single environment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Act = TypeVar("Act")
 
 
 class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
-    """Draws a horizon T at every reset and ends the episode on step T.
+    """Draw a horizon T at every reset and end the episode on step T.
 
     On that step exactly one flag is true: ``terminated`` if the task itself ended there or ``end="terminated"``
     (nothing follows: the learner must not bootstrap), else ``truncated`` (it bootstraps the last observation).
@@ -33,7 +33,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
     """Steps since reset."""
 
     def __init__(self, env: gymnasium.Env[Obs, Act], distribution: HorizonDistribution, end: End) -> None:
-        """Wraps an environment that has no shorter limit of its own.
+        """Wrap an environment that has no shorter limit of its own.
 
         Args:
             env: For one made by Gymnasium, ``gymnasium.make(name, max_episode_steps=-1)`` has no limit.
@@ -52,7 +52,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         self._generator: np.random.Generator | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
-        """Starts an episode with a new horizon.
+        """Start an episode with a new horizon.
 
         Args:
             seed: Restarts the horizons' random numbers and those of the environment; None lets them run on.
@@ -65,7 +65,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         return observation, info
 
     def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:
-        """One step; on step T one of the two flags is set.
+        """Make one step; on step T one of the two flags is set.
 
         Args:
             action: Handed on.

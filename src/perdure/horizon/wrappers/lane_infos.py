@@ -1,4 +1,4 @@
-"""Single lanes of the batched observations and info dictionaries of a Gymnasium vector environment.
+"""Read and replace single lanes of the batched observations and info dictionaries of a Gymnasium vector environment.
 
 Gymnasium keeps the entry ``key`` of all lanes in one array and says in the mask ``_key`` which lanes have one.
 """
@@ -17,7 +17,7 @@ from perdure.horizon.errors import HorizonError
 
 
 def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
-    """The info dictionary of one lane.
+    """Return the info dictionary of one lane.
 
     Args:
         infos: Of all lanes.
@@ -28,7 +28,7 @@ def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
 
 
 def forget_lane(infos: dict[str, Any], lane: int) -> None:
-    """Removes one lane's entries, in place; an entry that no lane has left goes altogether.
+    """Remove one lane's entries, in place; delete an entry that no lane has any more.
 
     Args:
         infos: Of all lanes.
@@ -45,7 +45,7 @@ def forget_lane(infos: dict[str, Any], lane: int) -> None:
 
 
 def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArray[np.bool_]) -> None:
-    """Takes over, in place, infos without masks, as EnvPool gives them: one row for each lane that was reset.
+    """Merge, in place, infos without masks, as EnvPool returns them: one row for each lane that was reset.
 
     Args:
         infos: Of a step, all lanes.
@@ -61,7 +61,7 @@ def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArra
 
 
 def lane_observation(space: spaces.Space[Any], observations: Any, lane: int) -> Any:
-    """A copy of one lane's observation.
+    """Return a copy of one lane's observation.
 
     Args:
         space: Of the batch.
@@ -72,7 +72,7 @@ def lane_observation(space: spaces.Space[Any], observations: Any, lane: int) -> 
 
 
 def replace_lanes(observations: Any, fresh: Any, lanes: NDArray[np.bool_]) -> Any:
-    """Observations in which those of ``lanes`` are fresh.
+    """Return observations with those of ``lanes`` replaced.
 
     Args:
         observations: Of a step, all lanes: an array, or dictionaries and tuples of arrays.

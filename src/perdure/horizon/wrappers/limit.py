@@ -1,4 +1,4 @@
-"""What the single and the vector limit share."""
+"""Helpers of the single and the vector limit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ stream, long episodes would go with certain start states."""
 
 
 def horizon_generator(seed: int | None) -> np.random.Generator:
-    """The generator that draws the horizons of one environment.
+    """Return the generator that draws the horizons of one environment.
 
     Args:
         seed: The environment's seed; None takes fresh entropy.
@@ -28,7 +28,7 @@ def horizon_generator(seed: int | None) -> np.random.Generator:
 
 
 def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generator) -> float:
-    """T of the next episode, in steps.
+    """Return T of the next episode, in steps.
 
     Args:
         distribution: Distribution of T.
@@ -38,7 +38,7 @@ def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generat
 
 
 def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
-    """Refuses a limit that cannot mean what it says.
+    """Refuse an invalid limit.
 
     Args:
         env: Environment or vector environment to be limited.
@@ -63,7 +63,7 @@ def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
 
 
 def own_limit(env: Any) -> float:
-    """Steps after which the environment truncates by itself, as far as can be seen from outside; else infinity.
+    """Return the environment's own step limit if it can be read; else infinity.
 
     Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv) and EnvPool's max_episode_steps.
 

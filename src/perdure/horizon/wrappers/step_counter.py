@@ -1,4 +1,4 @@
-"""Elapsed steps of each lane of a vector environment, in the three autoreset modes."""
+"""Count the elapsed steps of each lane of a vector environment, in the three autoreset modes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from perdure.horizon.errors import HorizonError
 
 
 class StepCounter:
-    """Counts the steps since reset of n lanes, and says which lanes have just started an episode.
+    """Counts the steps since reset of n lanes, and reports which lanes have just started an episode.
 
     ``NEXT_STEP``: the step after an episode's end is the reset. ``SAME_STEP``: the step that ends an episode is also
     the reset. ``DISABLED``: the user resets.
     """
 
     def __init__(self, num_lanes: int, mode: AutoresetMode) -> None:
-        """All lanes at 0 steps.
+        """Begin with all lanes at 0 steps.
 
         Args:
             num_lanes: n.
@@ -32,7 +32,7 @@ class StepCounter:
         """Lanes whose episode has ended and which have not been reset yet, shape (n,)."""
 
     def reset(self, lanes: NDArray[np.bool_]) -> None:
-        """Puts lanes back to 0.
+        """Reset lanes to 0 steps.
 
         Args:
             lanes: Mask of shape (n,).
@@ -41,7 +41,7 @@ class StepCounter:
         self.ended[lanes] = False
 
     def advance(self) -> NDArray[np.bool_]:
-        """Counts a step; returns the mask of the lanes that it has reset instead (NEXT_STEP only).
+        """Count a step; return the mask of the lanes that it has reset instead (NEXT_STEP only).
 
         Raises:
             HorizonError: If a lane has ended and nothing resets it (DISABLED).
@@ -57,7 +57,7 @@ class StepCounter:
         return restarted
 
     def end(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Takes note of the episodes that ended on this step; returns the mask of those reset on it (SAME_STEP only).
+        """Record the episodes that ended on this step; return the mask of lanes reset on it (SAME_STEP only).
 
         Args:
             done: Mask of shape (n,).
@@ -70,7 +70,7 @@ class StepCounter:
 
 
 def autoreset_mode(env: VectorEnv[Any, Any, Any]) -> AutoresetMode:
-    """How the vector environment resets its lanes.
+    """Return how the vector environment resets its lanes.
 
     Args:
         env: A vector environment.
@@ -89,7 +89,7 @@ def autoreset_mode(env: VectorEnv[Any, Any, Any]) -> AutoresetMode:
 
 
 def reset_lanes(num_lanes: int, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-    """Mask of the lanes that a call of ``reset(options=options)`` resets, shape (n,).
+    """Return the mask of the lanes that a call of ``reset(options=options)`` resets, shape (n,).
 
     Args:
         num_lanes: n.

@@ -1,4 +1,4 @@
-"""The time-to-go observation in a single environment."""
+"""Time-to-go observation of a single environment."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from perdure.horizon.wrappers.horizon_limit import HorizonLimit
 
 
 class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Tells the agent the time: appends phi(t, T) to the observation.
+    """Append phi(t, T) to the observation.
 
     In training (t, T) are those of the :class:`HorizonLimit` beneath. In deployment they are what a clock says,
     whatever the environment does: ``TimeToGoObservation(env, Geometric(10), clock=Constant(500))``.
@@ -31,7 +31,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         clock: Clock | None = None,
         dict: bool = False,
     ) -> None:
-        """Wraps an environment.
+        """Wrap an environment.
 
         Args:
             env: With a :class:`HorizonLimit` somewhere beneath, unless a clock is given.
@@ -51,7 +51,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         self.observation_space = appended_space(env.observation_space, embedding.size, as_dict=dict)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode at t = 0.
+        """Start an episode at t = 0.
 
         Args:
             seed: Handed on.
@@ -62,7 +62,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         return self._append(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """One step, t one more.
+        """Make one step.
 
         Args:
             action: Handed on.
@@ -82,7 +82,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
 
 
 def find_limit(env: gymnasium.Env[Any, Any]) -> HorizonLimit[Any, Any]:
-    """The HorizonLimit beneath.
+    """Return the HorizonLimit among the wrapped environments.
 
     Args:
         env: A stack of wrappers.

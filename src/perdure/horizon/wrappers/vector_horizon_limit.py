@@ -1,4 +1,4 @@
-"""Episodes of random length above a vector environment."""
+"""Random horizons in a vector environment."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
     """T of the episodes that the last step belonged to, shape (n,): before the resets of SAME_STEP."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], distribution: HorizonDistribution, end: End) -> None:
-        """Wraps a vector environment that has no shorter limit of its own.
+        """Wrap a vector environment that has no shorter limit of its own.
 
         Args:
             env: The vector environment.
@@ -75,7 +75,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts episodes with new horizons, in all lanes or those of ``options["reset_mask"]``.
+        """Start episodes with new horizons, in all lanes or those of ``options["reset_mask"]``.
 
         Args:
             seed: Restarts the horizons' random numbers and those of the environments: lane i gets seed + i, or seed[i].
@@ -93,7 +93,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
         return observations, infos
 
     def step(self, actions: Any) -> StepResult:
-        """One step of all lanes; on step T of a lane one of its two flags is set.
+        """Make one step of all lanes; on step T of a lane one of its two flags is set.
 
         Args:
             actions: Handed on.
@@ -109,7 +109,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
         return self._finish(*self._limit(*result))
 
     def _restart(self, lanes: NDArray[np.bool_], result: StepResult) -> StepResult:
-        """NEXT_STEP: the world below does not know that these lanes have ended and has stepped them; reset them now."""
+        """Reset ended lanes in NEXT_STEP mode, because the wrapped environment has stepped them."""
         if not lanes.any():
             return result
         observations, rewards, terminated, truncated, infos = result
@@ -117,7 +117,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
         return observations, np.where(lanes, 0, rewards), terminated & ~lanes, truncated & ~lanes, infos
 
     def _limit(self, observations: Any, rewards: Any, terminated: Any, truncated: Any, infos: Any) -> StepResult:
-        """Sets the flags of the lanes on their last step."""
+        """Set the flags of the lanes on their last step."""
         on_limit = self._counter.elapsed >= self.horizons
         self._cut = on_limit & ~(terminated | truncated)
         terminated = terminated | (on_limit & (self.end == "terminated"))
@@ -125,7 +125,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
         return observations, rewards, terminated, truncated, infos
 
     def _finish(self, observations: Any, rewards: Any, terminated: Any, truncated: Any, infos: Any) -> StepResult:
-        """SAME_STEP: resets the lanes that ended, keeping what they saw last."""
+        """Reset ended lanes in SAME_STEP mode, and keep their final observations."""
         self.last_horizons = self.horizons.copy()
         restarted = self._counter.end(terminated | truncated)
         lanes = restarted & self._cut

@@ -1,4 +1,4 @@
-"""The time-to-go observation above a vector environment."""
+"""Time-to-go observation of a vector environment."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         clock: Clock | LaneClocks | None = None,
         dict: bool = False,
     ) -> None:
-        """Wraps a vector environment.
+        """Wrap a vector environment.
 
         Args:
             env: With a :class:`VectorHorizonLimit` somewhere beneath, unless a clock is given.
@@ -58,7 +58,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts episodes at t = 0, in all lanes or those of ``options["reset_mask"]``.
+        """Start episodes at t = 0, in all lanes or those of ``options["reset_mask"]``.
 
         Args:
             seed: Handed on.
@@ -72,7 +72,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         return append(self.observation_space, observations, self._phi()), infos
 
     def step(self, actions: Any) -> StepResult:
-        """One step of all lanes.
+        """Make one step of all lanes.
 
         Args:
             actions: Handed on.
@@ -109,7 +109,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
 
 
 def find_limit(env: VectorEnv[Any, Any, Any]) -> VectorHorizonLimit:
-    """The VectorHorizonLimit beneath.
+    """Return the VectorHorizonLimit among the wrapped environments.
 
     Args:
         env: A stack of vector wrappers.

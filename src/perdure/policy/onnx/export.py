@@ -1,4 +1,4 @@
-"""A policy as an ONNX model, whole: normalizer, time-to-go, network, action box."""
+"""Export a policy as a complete ONNX model: normalizer, time-to-go, network, action box."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _act(graph: Graph, policy: Policy, phi: Value | None) -> Value:
 
 
 def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None) -> Value:
-    """What the network sees: normalized observation and phi, 32 bits."""
+    """Return the network's input: normalized observation and phi, 32 bits."""
     if phi is not None:
         phi = _for_each_row(graph, observation, phi)
     normalizer = policy.normalizer
@@ -144,7 +144,7 @@ def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None)
 
 
 def _for_each_row(graph: Graph, observation: Value, phi: Value) -> Value:
-    """A phi that stands still is one row; it is repeated for every observation."""
+    """Repeat a constant phi, which is one row, for every observation."""
     first = graph.node("Slice", observation, np.array([0]), np.array([1]), np.array([1]))
     return graph.node("Add", graph.node("Mul", first, np.zeros(1)), phi) if _is_constant(graph, phi) else phi
 

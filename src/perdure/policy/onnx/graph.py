@@ -1,7 +1,7 @@
-"""An ONNX graph that is built by operators.
+"""Build an ONNX graph with Python operators.
 
 Embeddings and clocks are written with operators only, so that one body serves NumPy and traced JAX arrays. The same
-body, given a `Value`, leaves its nodes in a graph: an embedding of somebody else's is exported without a line of ONNX.
+body, given a `Value`, leaves its nodes in a graph: a third-party embedding is exported without ONNX code.
 """
 
 from __future__ import annotations
@@ -118,6 +118,6 @@ class Value:
         return self.graph.node("Unsqueeze", self, axes, ndim=self.ndim + 1)
 
     def clip(self, min: float | None = None, max: float | None = None) -> Value:
-        """Cut to a range, as NumPy's method."""
+        """Clip to a range, like NumPy's method."""
         result = self if min is None else self._with("Max", min)
         return result if max is None else result._with("Min", max)

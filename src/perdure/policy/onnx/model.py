@@ -1,4 +1,4 @@
-"""An ONNX model of any origin as a function of observations."""
+"""Use any ONNX model as a function of observations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from perdure.policy.errors import PolicyError, PolicyFileError
 
 DOMAINS = ("", "ai.onnx", "ai.onnx.ml", "com.microsoft")
-"""Operators that onnxruntime brings along. Any other would need a library of somebody else's code."""
+"""Operators that onnxruntime includes. Any other would need third-party code."""
 TIMES = ("elapsed", "horizon")
 """Names of inputs that hold the time."""
 ACTIONS = ("action", "actions")
-"""Names of the output that is taken where there are several; else the first."""
+"""Names of the action output if there are several outputs; else the first output is used."""
 MAX_BYTES = 500_000_000
 
 
@@ -37,7 +37,7 @@ class OnnxModel:
     """
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Takes the model over.
+        """Load the model.
 
         Args:
             data: The file.
@@ -102,7 +102,7 @@ class OnnxModel:
         return np.concatenate([self._run(part) for part in _batches(feed, self._input.shape[0])])[: len(rows)]
 
     def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """Observations in the model's own shape and type of number."""
+        """Return observations in the model's own shape and dtype."""
         shape = [size if isinstance(size, int) else -1 for size in self._input.shape[1:]]
         try:
             return rows.reshape(len(rows), *shape).astype(_dtype(self._input.type))
@@ -130,7 +130,7 @@ def _batches(feed: dict[str, NDArray[Any]], size: Any) -> Iterator[dict[str, NDA
 
 
 def _dtype(kind: str) -> Any:
-    """NumPy's type of "tensor(float)"."""
+    """Return NumPy's type of "tensor(float)"."""
     names = {"float": np.float32, "double": np.float64, "float16": np.float16, "uint8": np.uint8, "int64": np.int64}
     name = kind.removeprefix("tensor(").rstrip(")")
     if name not in names:

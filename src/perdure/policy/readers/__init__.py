@@ -1,4 +1,4 @@
-"""Policies of other libraries, read without running the code in their files.
+"""Read policies of other libraries without running the code in their files.
 
 | file | what it holds |
 |---|---|

@@ -1,4 +1,4 @@
-"""A model of CleanRL's `ppo_continuous_action` becomes a policy of this library.
+"""Convert a model of CleanRL's `ppo_continuous_action` to a `Policy`.
 
 CleanRL saves the state dict of its Agent: actor and critic, each a chain of linear layers with tanh between them, and
 the logarithm of the standard deviation. Gymnasium's wrappers normalize what the Agent sees (`NormalizeObservation`, cut
@@ -26,7 +26,7 @@ from perdure.policy.task import TaskInfo
 NO_NORMALIZER = "none"
 """Says that the model saw raw observations."""
 CLIP = 10.0
-"""CleanRL cuts normalized observations to +-CLIP."""
+"""CleanRL clips normalized observations to +-CLIP."""
 GAMMA = 0.99
 """CleanRL's default; the file does not hold it, and acting does not depend on it."""
 MAX_BYTES = 500_000_000
@@ -80,7 +80,7 @@ def import_cleanrl(
 
 
 def _layers(state: TorchState, ours: str, theirs: str, what: str) -> list[tuple[str, NDArray[np.float32]]]:
-    """Weights (in, out) and biases of one network under our names, in the order of its layers."""
+    """Return weights (in, out) and biases of one network under our names, in the order of its layers."""
     found = [re.fullmatch(rf"{theirs}\.(\d+)\.weight", name) for name in state.names]
     numbers = sorted(int(match[1]) for match in found if match)
     if not numbers or "actor_logstd" not in state.names:

@@ -1,4 +1,4 @@
-"""What decides the outcome of an import: the contents of files, and the versions of libraries."""
+"""Identity of an import: the contents of files and the versions of libraries."""
 
 from __future__ import annotations
 

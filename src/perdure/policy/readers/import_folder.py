@@ -1,4 +1,4 @@
-"""A model is imported into a folder once; the file is found again by what it was made of."""
+"""Import a model into a folder once; a later import of the same files finds it there."""
 
 from __future__ import annotations
 

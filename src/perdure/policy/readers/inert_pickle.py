@@ -1,4 +1,4 @@
-"""A pickle read as data: nothing is imported and nothing is called.
+"""Read a pickle as data: nothing is imported and nothing is called.
 
 A pickle is a program for a stack machine. This reader carries out the instructions that build plain values. Where the
 program asks for a function or a class by name, the name must be on the caller's list, and the call is written down as a
@@ -21,14 +21,14 @@ PERSISTENT = "persistent id"
 
 @dataclass(frozen=True)
 class Name:
-    """A function or class that the pickle asks for, such as "numpy.dtype"."""
+    """A function or class that the pickle refers to, such as "numpy.dtype"."""
 
     path: str
 
 
 @dataclass(eq=False)
 class Call:
-    """A call that the pickle asks for. It is never made."""
+    """A call in the pickle. It is never made."""
 
     function: str
     arguments: tuple[Any, ...]
@@ -73,7 +73,7 @@ class _Machine:
         self._memo: dict[int, Any] = {}
 
     def pop(self) -> Any:
-        """Take the topmost value."""
+        """Remove and return the topmost value."""
         return self._stack.pop()
 
     def carry_out(self, name: str, argument: Any) -> None:

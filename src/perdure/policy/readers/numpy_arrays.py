@@ -1,4 +1,4 @@
-"""NumPy arrays out of a pickle that was read as data (`inert_pickle.py`)."""
+"""Extract NumPy arrays from a pickle that was read as data (`inert_pickle.py`)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from perdure.policy.errors import PolicyFileError
 from perdure.policy.readers.inert_pickle import Call
 
 _CORES = ("numpy.core", "numpy._core")
-"""The home of NumPy's functions in NumPy 1 and in NumPy 2."""
+"""Modules of NumPy's functions in NumPy 1 and NumPy 2."""
 RECONSTRUCT = {f"{core}.multiarray._reconstruct" for core in _CORES}
 SCALAR = {f"{core}.multiarray.scalar" for core in _CORES}
 FROM_BUFFER = {f"{core}.numeric._frombuffer" for core in _CORES}
 NUMPY_NAMES = frozenset({"numpy.dtype", "numpy.ndarray", "_codecs.encode", *RECONSTRUCT, *SCALAR, *FROM_BUFFER})
-"""What a pickle of arrays asks for."""
+"""Names that a pickle of arrays may refer to."""
 
 
 def read_numbers(node: Any, what: str) -> NDArray[np.float64]:

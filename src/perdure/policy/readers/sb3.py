@@ -1,4 +1,4 @@
-"""A Stable-Baselines3 or sb3-contrib zip, read without either of them, without PyTorch and without running its code."""
+"""Read a Stable-Baselines3 or sb3-contrib zip without these libraries, without PyTorch and without running its code."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class State(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Sb3Model:
-    """What is needed of a zip."""
+    """Contents of a zip that a policy needs."""
 
     settings: Sb3Settings
     layers: list[Layer]

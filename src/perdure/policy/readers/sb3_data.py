@@ -1,4 +1,4 @@
-"""The settings in a Stable-Baselines3 zip: the plain JSON values of its member `data`.
+"""Read the settings in a Stable-Baselines3 zip: the plain JSON values of its member `data`.
 
 Whatever is not plain JSON is stored there as pickled code (`:serialized:`). It is never decoded. Beside it stand the
 texts of its parts, which say enough: the class of the activation function, the shape and the bounds of a space.
@@ -24,7 +24,7 @@ ACTOR_CRITIC = "stable_baselines3.common.policies"
 SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
 TD3 = "stable_baselines3.td3.policies"
 DEFAULT_ACTIVATION = {ACTOR_CRITIC: "tanh", SAC: "relu", TQC: "relu", TD3: "relu"}
-"""Modules of the policy classes that are read, and the activation function each uses unless told otherwise."""
+"""Modules of the policy classes that are read, and the default activation function of each."""
 TORCH_ACTIVATIONS = {
     **{"ReLU": "relu", "Tanh": "tanh", "ELU": "elu", "SELU": "selu", "LeakyReLU": "leaky_relu", "Sigmoid": "sigmoid"},
     **{"SiLU": "silu", "GELU": "gelu", "Softplus": "softplus", "Mish": "mish"},
@@ -49,7 +49,7 @@ _HARMLESS = {
 
 @dataclass(frozen=True, eq=False)
 class Sb3Settings:
-    """What a zip says about its policy."""
+    """Settings of the policy in a zip."""
 
     algorithm: str
     """Such as "PPO"."""
@@ -136,7 +136,7 @@ def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64
 
 
 def _written_numbers(text: Any) -> NDArray[np.float64] | None:
-    """Numbers as NumPy prints them; None where it leaves some out."""
+    """Parse numbers as NumPy prints them; return None if some are abbreviated."""
     if not isinstance(text, str) or "..." in text:
         return None
     try:

@@ -1,4 +1,4 @@
-"""A Stable-Baselines3 model becomes a policy of this library, checked against its environment."""
+"""Convert a Stable-Baselines3 model to a `Policy`, and check it against its environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A PyTorch state dict read without PyTorch and without running its pickle.
+"""Read a PyTorch state dict without PyTorch and without running its pickle.
 
 `torch.save` (since version 1.6) writes a zip archive: a pickle that describes the tensors, and one member with the raw
 numbers of each storage.
@@ -24,14 +24,14 @@ _REBUILD = "torch._utils._rebuild_tensor_v2"
 _STORAGES = {"torch.HalfStorage": "<f2", "torch.FloatStorage": "<f4", "torch.DoubleStorage": "<f8"}
 _OTHER_STORAGES = {f"torch.{kind}Storage" for kind in ("BFloat16", "Bool", "Byte", "Char", "Short", "Int", "Long")}
 ALLOWED = {"collections.OrderedDict", "torch.Size", _REBUILD, *_STORAGES, *_OTHER_STORAGES}
-"""What the pickle of a state dict asks for."""
+"""Names that the pickle of a state dict may refer to."""
 
 
 class TorchState:
     """The tensors of a state dict, by name; the numbers of a tensor are read when it is asked for."""
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Reads the description of the tensors.
+        """Read the description of the tensors.
 
         Args:
             data: What `torch.save(module.state_dict(), ...)` wrote.

@@ -1,4 +1,4 @@
-"""Models loaded by Stable-Baselines3 itself, which runs the code pickled in them: for files that the user trusts."""
+"""Load models with Stable-Baselines3 itself, which runs the code pickled in them: for files that the user trusts."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class _TorchTensors:
 
 @contextlib.contextmanager
 def _named(what: str) -> Iterator[None]:
-    """Whatever foreign code raises becomes one line that names the file."""
+    """Convert errors of third-party code to one line that names the file."""
     try:
         yield
     except (PolicyFileError, OSError):

@@ -1,4 +1,4 @@
-"""Observation statistics of Stable-Baselines3's `VecNormalize`, read without running its pickle."""
+"""Read observation statistics of Stable-Baselines3's `VecNormalize` without running its pickle."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ALLOWED = {VEC_NORMALIZE, RUNNING_MEAN_STD, "collections.OrderedDict", *NUMPY_NA
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """What a VecNormalize does to observations."""
+    """Observation statistics of a VecNormalize."""
 
     normalizer: Normalizer | None
     """None if it normalizes rewards only."""

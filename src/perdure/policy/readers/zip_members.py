@@ -1,4 +1,4 @@
-"""Members of a zip archive from somebody else: sizes are checked before and while they are read."""
+"""Read members of an untrusted zip archive: sizes are checked before and during reading."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ZipMembers:
     """A zip archive in memory."""
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Reads the table of contents.
+        """Read the table of contents.
 
         Args:
             data: The archive.

@@ -1,4 +1,4 @@
-"""Generalized advantage estimation with the four ways a step can be followed kept apart.
+"""Generalized advantage estimation that distinguishes the four ways a step can end or continue.
 
 Schulman et al., High-dimensional continuous control using generalized advantage estimation (2016), eq. 16, with
 
@@ -53,7 +53,7 @@ class Discounted:
 
 
 def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, horizon_terminates: bool) -> jax.Array:
-    """V'_t for every step.
+    """Return V'_t for every step.
 
     Args:
         values: V(s_t), with V of the state after the rollout as last row; shape (n_steps + 1, n_envs).
@@ -72,6 +72,6 @@ def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, hori
 def advantages(
     rewards: jax.Array, values: jax.Array, following: jax.Array, done: jax.Array, gamma: float, gae_lambda: float
 ) -> jax.Array:
-    """A_t for every step; all arrays have shape (n_steps, n_envs)."""
+    """Return A_t for every step; all arrays have shape (n_steps, n_envs)."""
     deltas = rewards + gamma * following - values
     return sum_traces(deltas, gamma * gae_lambda * (1.0 - done.astype(rewards.dtype)))

@@ -1,4 +1,4 @@
-"""What an advantage estimator is: it turns a rollout into advantages and value targets, and may keep a state.
+"""Interface of advantage estimators: they turn a rollout into advantages and value targets, and may keep a state.
 
 The state is a tree of arrays. It is saved in every checkpoint without being named anywhere else.
 """
@@ -28,7 +28,7 @@ class Ends(NamedTuple):
 
 
 class Transitions(NamedTuple):
-    """A rollout as an estimator sees it. Unless stated otherwise the shape is (n_steps, n_envs)."""
+    """A rollout, the input of an estimator. Unless stated otherwise the shape is (n_steps, n_envs)."""
 
     rewards: jax.Array
     """Scaled rewards r_t."""
@@ -61,7 +61,7 @@ class Estimator(Protocol):
 
 
 def sum_traces(deltas: jax.Array, decay: jax.Array) -> jax.Array:
-    """A_t = delta_t + decay_t A_{t+1}, with A = 0 after the last row; shapes (n_steps, n_envs)."""
+    """Return A_t = delta_t + decay_t A_{t+1}, with A = 0 after the last row; shapes (n_steps, n_envs)."""
 
     def backwards(later: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         delta, weight = step

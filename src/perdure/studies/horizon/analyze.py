@@ -1,4 +1,4 @@
-"""The analysis: tables, figures, the claim table and the page, from tables alone."""
+"""Analyze the results: write tables, figures, the claim table and the page."""
 
 from __future__ import annotations
 

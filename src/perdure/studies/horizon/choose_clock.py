@@ -1,4 +1,4 @@
-"""Choosing C by cross-validation, beside the optimistic choice.
+"""Choose C by cross-validation, and by the optimistic choice.
 
 C for a training run is the one under which the *other* training runs earn most on validation start states. What that
 run earns under it on test start states is reported: neither run nor start states took part in the choice. The
@@ -21,7 +21,7 @@ Kind = str
 
 @dataclass(frozen=True)
 class Choice:
-    """The clocks that were chosen for the training runs of one row, and what they earn on test start states."""
+    """Chosen clocks of the training runs of one row, and their returns on test start states."""
 
     clocks: Mapping[int, str]
     """By training seed."""

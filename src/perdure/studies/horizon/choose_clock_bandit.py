@@ -1,4 +1,4 @@
-"""Choosing C without a sweep, by trial: successive halving over clocks with short rollouts.
+"""Choose C without a sweep: successive halving over clocks with short rollouts.
 
 Every candidate runs from a few start states for a short time; the better half runs again from new start states, twice
 as long, and so on until one is left [Karnin, Koren and Somekh, 2013, "Almost Optimal Exploration in Multi-Armed

@@ -1,4 +1,4 @@
-"""Choosing C without a sweep, by the critic: the C that promises the most reward per remaining step.
+"""Choose C without a sweep, by the critic: the C with the largest predicted reward per remaining step.
 
 The critic was trained as V(s, steps to go). For states s that the policy visits in a short rollout, V(s, C) / C is the
 reward rate it expects of the next C steps. The C with the highest mean is taken.

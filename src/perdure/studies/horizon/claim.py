@@ -1,4 +1,4 @@
-"""A testable sentence: which two conditions it compares, by which measure, and when it counts as supported.
+"""A testable claim: the conditions it compares, the measure, and the criterion for support.
 
     Claim(
         "constant-beats-discounted",
@@ -92,7 +92,7 @@ class Condition:
 
     @property
     def words(self) -> str:
-        """What a reader calls it, such as "geometric (chosen)"."""
+        """Label for readers, such as "geometric (chosen)"."""
         return self.method if self.clock == "none" else f"{self.method} ({self.clock})"
 
 

@@ -1,4 +1,4 @@
-"""The claim table: each testable sentence, our figure and interval, the decision, and what would change it."""
+"""Write the claim table: each claim with estimate, interval, decision, and the condition that would change it."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _would_change(each: ClaimDecision) -> str:
 
 
 def _task_change(claim: Claim, task: TaskDecision) -> str:
-    """Say how many runs would decide, or how far the interval is from the threshold."""
+    """Return the number of runs that would decide, or the distance of the interval from the threshold, as text."""
     found = task.difference
     if found is None:
         return f"{task.task}: its evaluation."

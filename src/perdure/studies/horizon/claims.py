@@ -1,4 +1,4 @@
-"""The testable sentences of chapter 3 and appendix A, and our own first questions, written before test seeds were run.
+"""Testable claims of chapter 3 and appendix A, and our own first questions, written before test seeds were run.
 
 The grid, the seeds and these claims were fixed after looking at training curves and validation seeds only. A claim that
 is added later goes below `CLAIMS`, into a tuple of its own, with the reason.

@@ -1,4 +1,4 @@
-"""Deciding claims from tables: a comparison for each task, then one verdict for the sentence."""
+"""Decide claims from tables: a comparison for each task, then one decision for the claim."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class TaskDecision:
 
     @property
     def after_holm(self) -> Decision:
-        """The decision that remains when all comparisons are counted."""
+        """The decision after Holm's correction for all comparisons."""
         return _survivor(self.decision, self.adjusted_p)
 
 

@@ -91,7 +91,7 @@ def bounds(interval: Interval) -> tuple[float, float, float]:
 
 
 def interval_note(intervals: list[Interval], what: str) -> str:
-    """Say what the intervals are and over how many training runs."""
+    """Return the kind of the intervals and the number of training runs as text."""
     many = [each for each in intervals if each.count >= FEWEST_FOR_INTERVAL]
     if not many:
         return f"No intervals: fewer than {FEWEST_FOR_INTERVAL} training runs."

@@ -1,4 +1,4 @@
-"""Evaluating a row of the grid on one split of start states: one step of the study."""
+"""Evaluate a row of the grid on one split of start states: one step of the study."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from perdure.studies.study import Count, How
 TABLE = "lanes.parquet"
 GROUPS = "groups"
 START_SECONDS = 4.0
-"""What starting processes takes."""
+"""Seconds for starting processes."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ SO_FAR = "Return so far, divided by the steps so far; an ended episode earns not
 
 
 def training_horizon_figures(results: Results) -> Iterator[Figure]:
-    """Figure 3-1: trained in episodes of 200 steps, and of 1,000."""
+    """Draw figure 3-1: trained in episodes of 200 steps, and of 1,000."""
     for setting in results.grid.settings:
         found = _estimates(results, setting, (Condition("ppo-short"), Condition("ppo")))
         if len(found) == 2:
@@ -31,7 +31,7 @@ def training_horizon_figures(results: Results) -> Iterator[Figure]:
 
 
 def survival_figures(results: Results) -> Iterator[Figure]:
-    """The share of episodes that have not failed, for the thesis' four methods."""
+    """Draw the share of episodes that have not failed, for the thesis' four methods."""
     for setting in results.grid.settings:
         found = _estimates(results, setting, COMPARED)
         if not found:
@@ -48,7 +48,7 @@ def survival_figures(results: Results) -> Iterator[Figure]:
 
 
 def clock_figures(results: Results) -> Iterator[Figure]:
-    """Figures A-2 and A-3: every C, constant and as a repeated countdown, beside the countdown and the baselines."""
+    """Draw figures A-2 and A-3: every C, constant and periodic, with the countdown and the baselines."""
     for kind, name in (("constant", "figure-a-2"), ("periodic", "figure-a-3")):
         for setting in results.grid.settings:
             found = _sweep(results, setting, kind)

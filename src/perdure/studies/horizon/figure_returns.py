@@ -35,7 +35,7 @@ RULES = tuple(Condition("geometric", rule) for rule in ("best", "chosen", "value
 
 
 def return_figures(results: Results) -> Iterator[Figure]:
-    """Figure 3-2, the controls and the rules that choose C: return of the whole test horizon by setting."""
+    """Draw figure 3-2, the controls and the rules that choose C: return of the whole test horizon by setting."""
     horizon = wording.whole(float(results.grid.steps))
     yield from _figure(results, "figure-3-2", f"Return of {horizon} steps", FIGURE_3_2)
     title, note = f"Return of {horizon} steps: the method and its controls", "C is cross-validated."
@@ -116,7 +116,7 @@ def _scaled(values: Mapping[int, float], scale: float) -> dict[int, float]:
 
 
 def bias_figure(results: Results, bias: pl.DataFrame) -> Iterator[Figure]:
-    """How much a figure that shows the best C of a sweep promises too much."""
+    """Draw the optimistic bias of showing the best C of a sweep."""
     if bias.is_empty():
         return
     names = [words.setting(setting) for setting in bias["setting"]]

@@ -1,4 +1,4 @@
-"""The grid: which training runs there are, and how they are evaluated. Immutable; extend it by a line.
+"""The grid of training runs and evaluations. Immutable; extend it by a line.
 
 A *setting* is a task with a preset of hyperparameters: "HalfCheetah-v3" (RL Baselines3 Zoo, as in the thesis) or
 "Hopper-v3@cleanrl" (CleanRL's; with the Zoo's settings Hopper and Walker2d learn to stand still).

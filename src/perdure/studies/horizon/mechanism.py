@@ -1,4 +1,4 @@
-"""The stage "mechanism": why a policy holds or falls, from short rollouts under the conditions of its training.
+"""Stage "mechanism": why a policy holds or falls, from short rollouts under the conditions of its training.
 
 Every lane has a horizon T drawn as in training (evenly over its distribution) and counts down to it. Three tables:
 `mechanism_rewards` (reward and falls against steps to go), `mechanism_values` (error and spread of the critic) and
@@ -47,7 +47,7 @@ def _step(grid: Grid, row: Row, out: Path) -> PerSeed:
 
 
 def measure(work: Work, *, path: str, lanes: int) -> None:
-    """Leave the mechanism tables of one policy in the work folder; the function of the stage's units."""
+    """Write the mechanism tables of one policy in the work folder; the function of the stage's units."""
     policy = load_policy(path)
     horizons = draw_horizons(policy, lanes)
     timed = policy.protocol.embedding is not None

@@ -1,4 +1,4 @@
-"""How much the action depends on the time-to-go input at all.
+"""Measure how much the action depends on the time-to-go input.
 
 In visited states the policy is asked what it would do with C steps to go in an episode of 1,000. The change is
 |action(C) - action(500)|, averaged over states and components, as a share of the width of the action box.

@@ -1,4 +1,4 @@
-"""The critic against what was really earned (thesis, 3.2.3: variance of the value estimates).
+"""Compare the critic's predictions with observed returns (thesis, 3.2.3: variance of the value estimates).
 
 The return to go of a step is what the critic was trained to predict: the sum of rewards up to the lane's horizon where
 its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
@@ -30,7 +30,7 @@ FEWEST_STATES = 2
 
 
 def has_target(policy: Policy) -> bool:
-    """Say whether the value of a policy means a return that can be measured."""
+    """Return whether the value of a policy means a return that can be measured."""
     anchored = policy.protocol.end == "terminated" or policy.protocol.gamma < 1.0
     return anchored and policy.has_critic and policy.return_scale is not None
 

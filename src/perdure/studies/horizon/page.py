@@ -1,4 +1,4 @@
-"""The part of results/horizon/README.md that the analysis writes, between two markers."""
+"""Write the generated part of results/horizon/README.md, between two markers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RULES = {"linear": "constant:500", "geometric": "chosen"}
 
 
 def write_page(path: Path, results: Results, decided: Sequence[ClaimDecision], figures: Sequence[Figure]) -> Path:
-    """Put the generated part between the markers of a page; at its end where it has none."""
+    """Write the generated part between the markers of a page, or at its end if it has no markers."""
     old = path.read_text() if path.is_file() else TITLE
     before, _, rest = old.partition(BEGIN)
     after = rest.partition(END)[2] if rest else "\n"

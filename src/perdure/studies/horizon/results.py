@@ -1,4 +1,4 @@
-"""Everything the steps of the study left, read once."""
+"""Read the results of all steps of the study, once."""
 
 from __future__ import annotations
 

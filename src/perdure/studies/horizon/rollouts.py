@@ -1,4 +1,4 @@
-"""Short rollouts that keep what was seen and earned: what mechanism tables and the critic's rule are made from."""
+"""Record observations and rewards of short rollouts, for the mechanism tables and the critic's rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rule that chooses C without a sweep comes back with."""
+"""Result of a rule that chooses C without a sweep."""
 
 from __future__ import annotations
 

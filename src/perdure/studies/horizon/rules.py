@@ -1,4 +1,4 @@
-"""The stage "rules": what rules without a sweep choose for each training run, and what that costs."""
+"""Stage "rules": the choices of rules without a sweep for each training run, and their cost."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _step(grid: Grid, row: Row, out: Path) -> PerSeed:
 
 
 def choose(work: Work, *, path: str, candidates: list[float], most_steps: int) -> None:
-    """Leave the choice of every rule for one policy in the work folder; the function of the stage's units."""
+    """Write the choice of every rule for one policy in the work folder; the function of the stage's units."""
     policy, clocks = load_policy(path), [Constant(steps) for steps in candidates]
     found = [choose_by_value(policy, clocks), choose_by_halving(policy, clocks, most_steps)]
     choices: list[dict[str, Any]] = [

@@ -26,7 +26,7 @@ def plan(scale: str, out: Path, phases: Sequence[int]) -> list[Step]:
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
-    """Write tables, figures, the claim table and the page from what is there, whatever phase it belongs to."""
+    """Write tables, figures, the claim table and the page from the available results of all phases."""
     from perdure.studies.horizon.analyze import analyze as write
 
     return write(GRIDS[scale], out)

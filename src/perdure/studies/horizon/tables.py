@@ -1,4 +1,4 @@
-"""From extrapolation tables to one number for each training run, clock and measure."""
+"""Reduce extrapolation tables to one number for each training run, clock and measure."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _read_row(grid: Grid, row: Row, out: Path, split: str) -> pl.DataFrame | Non
 
 
 def name_clocks(frame: pl.DataFrame) -> pl.DataFrame:
-    """Name clocks as a command line does: "constant:500", "periodic:500", "countdown" (to the test horizon)."""
+    """Return clocks as on a command line: "constant:500", "periodic:500", "countdown" (to the test horizon)."""
     number = pl.col("clock_steps").fill_nan(0.0).cast(pl.Int64).cast(pl.String)
     whole = (pl.col("clock_kind") == "countdown") & (pl.col("clock_steps") == pl.col("test_horizon"))
     name = (
@@ -161,7 +161,7 @@ def all_runs(tables: Mapping[str, RowTable]) -> pl.DataFrame:
 
 
 def failure_places(tables: Mapping[str, RowTable]) -> pl.DataFrame:
-    """Count which component of the observation was first to leave its training range in lanes that failed."""
+    """Count, in failed lanes, the observation components that were first to leave their training range."""
     return pl.concat(list(_places(tables)) or [_NO_PLACES])
 
 

@@ -1,4 +1,4 @@
-"""Training a row of the grid: one step of the study."""
+"""Train a row of the grid: one step of the study."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LANE_STEPS_PER_TRAINING_STEP = {"HalfCheetah": 10.0, "Hopper": 2.6, "Walker2d": 
 estimates). Tasks without a number count as Hopper."""
 
 COMPILE_SECONDS = 10.0
-"""What starting a process and compiling take for each seed."""
+"""Seconds for starting a process and compiling, for each seed."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What readers of figures and tables call methods, settings and clocks."""
+"""Names of methods, settings and clocks in figures and tables."""
 
 from __future__ import annotations
 

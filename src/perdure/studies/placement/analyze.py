@@ -1,4 +1,4 @@
-"""The analysis: tables, figures and the page, from logs where there are some and from the committed tables."""
+"""Analyze the results: write tables, figures and the page from logs, if any, and the committed tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures 2-1 and 2-3: what became of the episodes, under the policy alone and with inverse kinematics."""
+"""Figures 2-1 and 2-3: outcomes of the episodes, under the policy alone and with inverse kinematics."""
 
 from __future__ import annotations
 

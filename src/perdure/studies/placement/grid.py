@@ -1,4 +1,4 @@
-"""The grid: which release strategies run in which tasks, worlds and splits. Immutable; extend it by a line."""
+"""The grid of release strategies, tasks, worlds and splits. Immutable; extend it by a line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What training sees of standing still: apples that stay when a robot halts and lets go under exploration noise.
+"""Measure placements under exploration noise: do apples stay if the robot stops before it releases them?
 
 SetTable's apples without rolling resistance, val starts without clutter. Place's shipped policy (training seed 0)
 carries the apple until it commands the hand to open while the apple is in its goal region. Then it either goes on, or
@@ -73,7 +73,7 @@ def _unit(halts: bool, noise: str, parts: str, episodes: int) -> Unit:
 
 
 def measure(work: Work, *, halts: bool, noise: str, parts: str, episodes: int) -> None:
-    """Leave one row of the table; the function of the units."""
+    """Write one row of the table; the function of the units."""
     path = shipped_policy(TASK, "place", 0)
     assert path is not None
     found = outcomes(load_policy(path), episodes, halts, noise, parts)

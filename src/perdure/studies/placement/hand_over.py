@@ -1,4 +1,4 @@
-"""What descent and speed of the hand-over by inverse kinematics change: SetTable, shipped policies, no friction.
+"""Measure the effect of descent and speed of the hand-over by inverse kinematics: SetTable, no friction.
 
 Each row places the same episodes with the same policies (training seed 0). A descent of 0 stops and goes nowhere.
 """
@@ -57,7 +57,7 @@ def _unit(descent: float, speed: float, episodes: int) -> Unit:
 
 
 def measure(work: Work, *, descent: float, speed: float, episodes: int) -> None:
-    """Leave one row of the table; the function of the units."""
+    """Write one row of the table; the function of the units."""
     actors = make_actors(choose_policies(TASK, 0), "rl")
     ik = actors["place"] = Ik(actors["place"], epsilon=descent, speed=speed)
     options = ExecutorOptions(scene=SceneOptions(rolling="drag"), threads=work.threads)

@@ -1,4 +1,4 @@
-"""How fast an object may move when it is released: the share of placements that stay, by release speed.
+"""Share of placements that stay, by release speed.
 
 Counted are all placements of eval episodes in the world without rolling resistance, of all tasks and training seeds.
 Placements of policies alone (`rl`, `delta-N`) are kept apart from those of strategies that come to rest before they

@@ -1,4 +1,4 @@
-"""What is known: the committed table of strategies, and what logs add to it."""
+"""Results: the committed table of strategies, and the rows of new logs."""
 
 from __future__ import annotations
 

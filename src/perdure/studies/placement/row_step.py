@@ -1,4 +1,4 @@
-"""Running a row of the grid: one step of the study."""
+"""Run a row of the grid: one step of the study."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ that the time of resets would be measured."""
 EPISODE_COST = {"set_table": 2_800, "tidy_house": 4_000, "prepare_groceries": 1_700}
 """What an episode costs beside one step of the yardstick (measured on one core)."""
 START_SECONDS = 10.0
-"""What reading policies and building scenes takes."""
+"""Seconds for reading policies and building scenes."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From logs to rows of the table: success, stages, failures and paired differences."""
+"""Summarize logs as rows of the table: success, stages, failures and paired differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The committed tables of the study, and what logs and measurements add to them."""
+"""The committed tables of the study, and the rows of new logs and measurements."""
 
 from __future__ import annotations
 

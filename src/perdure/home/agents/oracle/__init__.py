@@ -1,6 +1,6 @@
 """A scripted oracle: the field's sense-plan-act baseline, with full knowledge of the world.
 
-It shows that the benchmark can be solved: what a policy lacks is the policy's.
+It shows that the benchmark is solvable, so the failures of a learned policy are its own.
 
 Contents:
     Oracle    acts in every skill but `reset_arm`, which is scripted anyway

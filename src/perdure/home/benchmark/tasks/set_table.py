@@ -1,4 +1,4 @@
-"""SetTable: the bowl from a closed drawer and the apple from the closed fridge to a table, everything closed again."""
+"""SetTable: bring the bowl from a closed drawer and the apple from the closed fridge to a table, then close both."""
 
 from perdure.home.benchmark.tasks.sets import CLUTTERED, DRAWERS, FRIDGE_MIDDLE, MIDDLE_HALF, PANTRY, TABLE_1, TABLE_2
 from perdure.home.benchmark.tasks.task import HomeTask, PlacementRule, TargetRule, make_stages, with_resets

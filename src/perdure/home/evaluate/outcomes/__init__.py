@@ -5,7 +5,7 @@ Contents:
     read_notes, noted_policies,                 what the writer of a file added to it: the policies, the outcomes of
     noted_hand_overs                            the release strategy
     latched, stabilizing, stages_stabilizing    both ways of counting, from a record
-    placement_cause, label, outcome         why it failed; `causes` holds the rules and thresholds
+    placement_cause, label, outcome         why it failed; `failure_causes` holds the rules and thresholds
     analyze, Analysis                           all tables
     paired_difference                           two release strategies on the same episodes
     find_overlaps, Overlap                      objects at rest that lie inside each other

@@ -1,4 +1,4 @@
-"""Figures of placements: which objects stayed (figure 2-5), and how they were let go."""
+"""Figures of placements: which objects stayed (figure 2-5), and how they were released."""
 
 from __future__ import annotations
 

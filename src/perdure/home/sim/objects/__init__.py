@@ -5,7 +5,7 @@ Contents:
     short_name      a YCB name without its number
     Placement       where an object lies
     YcbObjects      boxes of the kinds, and how to add an object to a model
-    AppleShape      what an apple is to the physics
+    AppleShape      collision shape of the apple
     OBJECT_BIT      collision bit that all objects share
 """
 

@@ -1,4 +1,4 @@
-"""Bowl and apple as they are seen: round shells, turned on a lathe around the pieces that collide."""
+"""Visual geometry of bowl and apple: surfaces of revolution around the collision shapes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What of the Fetch collides: eleven boxes, cylinders and capsules, sized like the URDF's collision meshes.
+"""Collision geometry of the Fetch: eleven boxes, cylinders and capsules, sized like the URDF's collision meshes.
 
-Contacts. The robot meets furniture, floor and objects, never itself, but for one thing: what comes after the elbow
-carries a second bit with which it meets base, torso and head, so that the hand cannot pass through the body.
+Contacts. The robot meets furniture, floor and objects, but not itself, with one exception: the links
+after the elbow carry a second bit and meet base, torso and head, so that the hand cannot pass through the body.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The one stepper of training, oracle and execution: scenes, lanes, the magic grasp, state.
+"""The simulation that training, oracle and evaluation share: scenes, lanes, magic grasp, state.
 
 Contents:
     SceneOptions, Scene, build_scene                   compiled models
     World                                              many lanes in a pool of threads
     Lane                                               one of them
-    PrivilegedState, SkillGoal                                    what is known of a lane, and what it is about
+    PrivilegedState, SkillGoal                         privileged state of all lanes, and the goal of the current skill
     ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         parts and sizes of an action
 """
 

@@ -1,8 +1,8 @@
-"""The base bumper: it keeps the robot off furniture and out from under tables, as M3's navigation mesh does.
+"""The base bumper: it keeps the robot off furniture and out from under tables, like the navigation mesh of M3.
 
 M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge. Here
-bases are pushed by forces. Without more than the robot's own shapes one gets under a table until a leg stops it, where
-wheels that do not slip sideways hold it for good.
+forces move the base. With only its own collision shapes the robot can drive under a table and get stuck against a leg,
+because its wheels do not slip sideways.
 """
 
 from __future__ import annotations

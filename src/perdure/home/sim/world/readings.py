@@ -1,4 +1,4 @@
-"""What was read off every lane after its last step, kept as arrays, so that sensing is a matter of slicing."""
+"""Sensor readings of all lanes after the last step, as arrays."""
 
 from __future__ import annotations
 
