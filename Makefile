@@ -17,7 +17,7 @@ PROCESSES ?= 2
 PYTEST    ?=
 
 PYTHONS   ?= python3.11 python3.12 python3.13 python3
-EXTRAS    ?= dev,docs,tensorboard,home
+EXTRAS    ?= dev,docs,tensorboard,home,onnx
 BIN       := .venv/bin
 SHIPPED   := src/perdure/policy/shipped
 ONE_THREAD = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
