@@ -2,12 +2,13 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from perdure.runs import Store, attempt
-from perdure.studies import How
+from perdure.studies import How, StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
 from perdure.studies.placement.hand_over import SCHEMA, hand_over_step
 from perdure.studies.placement.release_speed import release_speeds, speed_figures, speed_table
@@ -37,6 +38,12 @@ def subject(row):
 def test_a_finished_step_has_nothing_left(out):
     count = RunRow(GRID, ROW, out).count()
     assert (count.total, count.done, count.share) == (1, 1, 1.0)
+
+
+def test_a_row_without_policies_fails_alone(out):
+    missing = RunRow(GRID, replace(ROW, place="delta-7"), out)
+    with pytest.raises(StudyError, match="no policy is shipped for delta-7 on set_table"):
+        missing.run(How(cores=1))
 
 
 def test_logs_replace_their_row_and_no_other(out):
