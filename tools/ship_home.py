@@ -1,12 +1,12 @@
-"""Takes home policies over from a folder of runs: copies them, scores them, draws how they were learned.
+"""Score trained home policies, ship those that are good enough, and draw their learning curves.
 
 python tools/ship_home.py RUNS [seed ...]
 python tools/ship_home.py again [task/policy/seed ...]
 
-RUNS is the `--out` of `perdure home train`. Every policy there is run from 400 val starts with clutter, one that places
-in the world `drag`, too. The scores enter tools/home_skills.json, the table in docs/home/training.md and
+RUNS is the `--out` of `perdure home train`. Every policy there runs from 400 val starts with clutter. A place policy
+also runs in the world `drag`. The scores enter tools/home_skills.json, the table in docs/home/training.md and
 docs/images/home-learning-*.png. A policy that succeeds often enough goes to src/perdure/policy/shipped/home, without
-its critic (acting does not need it) and with weights of 16 bits, as it is scored. `again` scores what is shipped anew,
+its critic (acting does not need it) and with weights of 16 bits, as it is scored. `again` scores shipped policies anew,
 after a change of the world.
 """
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from perdure.home.errors import HomeError
 from perdure.home.evaluate.protocol import episode_blocks, run_protocol
-from perdure.runs import Store
+from perdure.runs import Store, StoreError
+from perdure.studies.errors import StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
 from perdure.studies.study import Count, How
 
@@ -59,15 +62,22 @@ class RunRow:
         return count_keys(runs_folder(self.out), sizes)
 
     def run(self, how: How) -> None:
-        """See `Step`."""
-        run_protocol(
-            self.row.protocol(),
-            runs_folder(self.out),
-            cores=how.cores,
-            on=how.on,
-            command=self.row.command,
-            observe=how.observe,
-        )
+        """See `Step`.
+
+        Raises:
+            RunError: A block of episodes failed.
+            StudyError: A policy is missing, or the store holds these episodes with other settings.
+        """
+        settings: dict[str, Any] = {
+            "cores": how.cores,
+            "on": how.on,
+            "command": self.row.command,
+            "observe": how.observe,
+        }
+        try:
+            run_protocol(self.row.protocol(), runs_folder(self.out), **settings)
+        except (HomeError, StoreError) as error:
+            raise StudyError(str(error)) from error
 
 
 def count_keys(folder: Path, sizes: dict[str, int]) -> Count:
