@@ -14,7 +14,8 @@ import perdure
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-NOT_SOURCE = (".git", ".venv*", "build", "dist", "*.egg-info", "_build", "demo", "runs", "home-runs", "__pycache__")
+NOT_SOURCE = (".git", ".venv*", "build", "dist", "demo", "runs", "home-runs", "results")
+"""Folders beside the source; inside the package such a name is source."""
 
 
 def test_every_file_names_the_same_version():
@@ -42,7 +43,16 @@ def test_continuous_integration_covers_every_python_version_that_the_package_nam
 def fresh(tmp_path_factory):
     """The bin folder of a new virtual environment with the wheel in it, which was built from the sdist."""
     folder = tmp_path_factory.mktemp("release")
-    shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(*NOT_SOURCE), symlinks=True)
+    beside, anywhere = (
+        shutil.ignore_patterns(*NOT_SOURCE),
+        shutil.ignore_patterns("*.egg-info", "_build", "__pycache__"),
+    )
+    shutil.copytree(
+        ROOT,
+        folder / "source",
+        ignore=lambda where, names: anywhere(where, names) | (beside(where, names) if Path(where) == ROOT else set()),
+        symlinks=True,
+    )
     call(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "source")
     (wheel,) = (folder / "dist").glob("*.whl")
     assert (folder / "dist" / f"perdure-{perdure.__version__}.tar.gz").exists()
