@@ -3,7 +3,7 @@
 python benchmarks/scale.py evaluate [LANES ...]   Swimmer-v3, 300 steps (more for fewer than 100 lanes), one core
 python benchmarks/scale.py report [LANES ...]     a synthetic table: 145 rows for each lane, as 100,000 steps give
 
-Each row is measured in a process of its own. Times are those of the processor. The time of a lane-step leaves out the
+Each row is measured in a separate process. Times are CPU times. The time of a lane-step leaves out the
 start: the same evaluation with one lane and one step. Memory is the largest sum of resident memory over the process and
 its workers, looked at every 20 ms; shared pages count in each process.
 """
@@ -125,7 +125,7 @@ MEASUREMENTS: dict[str, Callable[[int, Path], dict[str, float]]] = {"evaluate": 
 
 
 def measured(name: str, lanes: int) -> dict[str, float]:
-    """Run one measurement in a process of its own and add its peak memory."""
+    """Run one measurement in a separate process and add its peak memory."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, __file__, "--measure", name, str(lanes)]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)

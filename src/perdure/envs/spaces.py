@@ -117,7 +117,7 @@ def batch_of(space: gymnasium.Space[Any] | None, rows: FloatArray) -> Any:
         rows: Shape (n, observation_size), as `gymnasium.spaces.flatten` makes them.
 
     Returns:
-        An array of shape (n, *space.shape) and the space's number type, in memory of its own; for Dict and Tuple a
+        An array of shape (n, *space.shape) and the space's number type, in newly allocated memory; for Dict and Tuple a
         dict or tuple of such arrays.
     """
     from gymnasium import spaces

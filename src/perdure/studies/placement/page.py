@@ -23,7 +23,9 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
     results = tables.results
     parts = [
         "# Placement study\n\nWritten by `perdure study placement`. "
-        f"{QUESTION}\n\n## Result\n\n{result_text(results)}\n",
+        f"{QUESTION}\n\nRows that have not been run again keep the numbers of an earlier run, whose logs were not kept. "
+        "Until then the tables of descent, noise and release speed are copies of published pages, rounded as there. "
+        f"`perdure study placement --scale thesis` replaces them.\n\n## Result\n\n{result_text(results)}\n",
         _part("Success on unseen layouts, no rolling resistance", headline(results.rows, results.pairs)),
         _part("Paired differences on unseen layouts", difference_table(results.rows, results.pairs)),
         _part("Descent and speed of `ik`", hand_over_measured(tables.hand_over)) if len(tables.hand_over) else "",
