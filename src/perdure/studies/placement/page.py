@@ -23,7 +23,7 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
     results = tables.results
     parts = [
         "# Placement study\n\nWritten by `perdure study placement`. "
-        f"{QUESTION}\n\nRows that have not been run again keep the numbers of an earlier run, whose logs were not kept. "
+        f"{QUESTION}\n\nRows that have not been run again keep numbers of an earlier run, whose logs were not kept. "
         "Until then the tables of descent, noise and release speed are copies of published pages, rounded as there. "
         f"`perdure study placement --scale thesis` replaces them.\n\n## Result\n\n{result_text(results)}\n",
         _part("Success on unseen layouts, no rolling resistance", headline(results.rows, results.pairs)),
