@@ -26,8 +26,11 @@ COMMANDS = {
     ),
     "extrapolate": ("extrapolate", "Hopper-v3/ppo", "--steps", "3000", "--eval-seeds", "4", "--out", "out"),
     "home run": ("home", "run", "set_table", "--policies", "oracle", "--episodes", "2", "--lanes", "1", "--out", "out"),
+    "study": ("study", "horizon", "--scale", "smoke", "--out", "out"),
 }
 """Long commands: whoever adds one adds it here. Each writes into the folder `out`."""
+LONGEST_WAIT = 20.0
+"""Seconds until an interruption; a study of minutes is interrupted many times on its way."""
 
 
 def start(command, folder):
@@ -85,7 +88,9 @@ def test_interrupted_commands_leave_no_process_and_continue_to_the_same_bytes(tm
         process = start(command, folder)
         how = rng.choice(SIGNALS)
         # After the last interruption it is left alone.
-        wait = rng.uniform(0.0, 1.2 * seconds) if interrupted < INTERRUPTIONS // len(COMMANDS) else None
+        wait = (
+            rng.uniform(0.0, min(1.2 * seconds, LONGEST_WAIT)) if interrupted < INTERRUPTIONS // len(COMMANDS) else None
+        )
         try:
             _, errors = process.communicate(timeout=wait)
         except subprocess.TimeoutExpired:

@@ -9,20 +9,6 @@ from perdure.runs import Store, Unit, make_workers, run_units
 HERE = Path(__file__).parent
 
 
-@pytest.fixture
-def cluster():
-    pytest.importorskip("ray", reason="make verify installs it")
-    from ray.cluster_utils import Cluster
-
-    # The head has no cores, so that every unit runs on a node that can die.
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    cluster.add_node(num_cpus=1)
-    cluster.add_node(num_cpus=1)
-    cluster.wait_for_nodes()
-    yield cluster
-    cluster.shutdown()
-
-
 @pytest.mark.verify
 def test_a_node_that_dies_midway_changes_no_result(cluster, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(HERE))

@@ -34,14 +34,18 @@ def files(out):
     }
 
 
+def units(out):
+    """How many units of work are finished."""
+    return len(list(out.rglob("unit.json")))
+
+
 def kill_and_go_on(out, kills, seed, *options):
     """Kill the command at random times, then let it finish. Return how many kills hit it at work."""
     rng, hits = random.Random(seed), 0
     for _ in range(kills):
         process = subprocess.Popen(command(out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        before = len(list(out.rglob("unit.json")))
-        end = time.monotonic() + 120
-        while process.poll() is None and len(list(out.rglob("unit.json"))) <= before and time.monotonic() < end:
+        before, end = units(out), time.monotonic() + 120
+        while process.poll() is None and units(out) <= before and time.monotonic() < end:
             time.sleep(0.02)
         time.sleep(rng.uniform(0.0, 0.5))
         hits += process.poll() is None
@@ -127,4 +131,20 @@ def test_twenty_kills(whole, tmp_path):
     out = tmp_path / "study"
     write_training(out)
     assert kill_and_go_on(out, 20, 1) > 5
+    assert files(out) == files(whole)
+
+
+@pytest.mark.verify
+def test_a_cluster_that_loses_a_node_gives_the_same_files(whole, tmp_path, cluster):
+    out = tmp_path / "study"
+    write_training(out)
+    options = command(out, "--on", f"ray:{cluster.address}")
+    process = subprocess.Popen(options, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    before = units(out)
+    while process.poll() is None and units(out) <= before:
+        time.sleep(0.05)
+    assert process.poll() is None, process.stderr.read()
+    cluster.remove_node(max(cluster.worker_nodes, key=id), allow_graceful=False)
+    _, errors = process.communicate(timeout=600)
+    assert process.returncode == 0, errors
     assert files(out) == files(whole)
