@@ -47,6 +47,11 @@ SUMMARY = (
         ("extrapolate.HalfCheetah-v3.vs_sb3_fastest",),
     ),
     (
+        "a slice of the horizon study, training and evaluation, two cores (HalfCheetah)",
+        "Stable-Baselines3 and its `evaluate_policy`, two processes",
+        ("study.HalfCheetah-v3.vs_sb3",),
+    ),
+    (
         "home: place environment, full scene, whole tasks (simulated seconds)",
         "gymnasium-robotics' FetchPickAndPlace-v4",
         tuple(f"home.{part}.vs_fetch_env" for part in ("place", "scene", "tasks")),
@@ -164,6 +169,32 @@ def evaluate_sb3(task: str, forms: tuple[str, ...], how: str) -> Figure:
     return Figure(*alternate(both_cores, best_form), "env steps/s", how)
 
 
+def study(task: str) -> Figure:
+    """Steps a second of a slice of the horizon study, training and evaluation in its proportion of about 1:7."""
+    config = {**sb3_config(task, 0, 40), "seeds": [0, 1], "start_states": 8, "cores": 2}
+    config["test_steps"] = 7 * int(config["total_steps"]) // 16
+    steps = 2 * (config["total_steps"] + 2 * config["start_states"] * config["test_steps"])
+
+    def ours_now() -> float:
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder, "config.json")
+            source.write_text(json.dumps(config))
+            command = ["taskset", "-c", "0,1", sys.executable, str(HERE / "study_slice.py"), str(source)]
+            output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+        return steps / float(json.loads(output.splitlines()[-1])["seconds"])
+
+    def peer_now() -> float:
+        configs = [{**config, "seed": seed} for seed in config["seeds"]]
+        return steps / max(float(each["seconds"]) for each in peers("0,1", "sb3_study.py", configs))
+
+    how = (
+        f"a slice of the horizon study from nothing to the table: 2 training runs of {config['total_steps']:,} steps, "
+        f"2 clocks, 8 start states, {config['test_steps']:,} test steps; two cores, start-up and compilation included, "
+        "against two processes of Stable-Baselines3 with `evaluate_policy`, one environment each"
+    )
+    return Figure(*alternate(ours_now, peer_now), "steps/s", how)
+
+
 def home(what: str, cores: str, how: str) -> Figure:
     """Simulated seconds a second of ours, against gymnasium-robotics' FetchPickAndPlace-v4 in its own environment."""
 
@@ -200,6 +231,7 @@ def cases() -> dict[str, Callable[[], Figure]]:
         ("subprocesses", "envpool"),
         "evaluation, one process per core, against the faster of SubprocVecEnv and a 48-lane EnvPool VecEnv",
     )
+    table["study.HalfCheetah-v3.vs_sb3"] = lambda: study("HalfCheetah-v3")
     peer = "gymnasium-robotics' FetchPickAndPlace-v4 (physics step 2 ms), one core"
     for what, cores, how in (
         (

@@ -1,0 +1,43 @@
+"""A slice of the horizon study, from nothing to the table of lanes: prints one JSON line.
+
+python benchmarks/study_slice.py CONFIG.json
+
+CONFIG.json is also what benchmarks/peers/sb3_study.py reads: the same training runs, clocks, start states and steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from perdure.envs import make_world
+from perdure.extrapolate import Extrapolation, extrapolate
+from perdure.ppo import TrainRun, method_config, train
+
+
+def study(config: dict[str, Any], out: Path) -> float:
+    """Return the seconds from the start of the training runs to the written table."""
+    task, total = config["task"], config["total_steps"]
+    world = make_world(task, [0])
+    settings = method_config("geometric", task, world.spec.observation_size)
+    world.close()
+    settings = dataclasses.replace(settings, total_steps=total, segment_steps=total)
+    began = time.perf_counter()
+    run = TrainRun(task, "geometric", settings, tuple(config["seeds"]))
+    policies = tuple(train(run, out / "training", cores=config["cores"], on="local"))
+    evaluation = Extrapolation(policies, config["test_steps"], ("constant:500", "countdown"), config["start_states"])
+    result = extrapolate(evaluation, out / "evaluation", cores=config["cores"])
+    seconds = time.perf_counter() - began
+    assert len(result.final()) == 2 * len(policies) * config["start_states"]
+    return seconds
+
+
+if __name__ == "__main__":
+    values = json.loads(Path(sys.argv[1]).read_text())
+    with tempfile.TemporaryDirectory() as folder:
+        print(json.dumps({"seconds": study(values, Path(folder))}))
