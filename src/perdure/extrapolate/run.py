@@ -84,14 +84,14 @@ def extrapolate(
     _check(policies)
     Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
     lanes = _plan(evaluation, policies)
-    digests = [_digest(path) for path in evaluation.policies]
+    digests = [policy_digest(path) for path in evaluation.policies]
     for number, (path, digest) in enumerate(zip(evaluation.policies, digests, strict=True)):
         if digest in digests[:number]:
             first = evaluation.policies[digests.index(digest)]
             raise ExtrapolationError(f"{first} and {path} hold the same policy: name one of them")
     store = Store(out)
     with store.exclusive("extrapolate", waiting):
-        finished = _finished(store, evaluation.steps)
+        finished = _finished(store, evaluation.steps, _versions())
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
         measurements = _measurements(policies, evaluation.policies, digests)
@@ -100,14 +100,47 @@ def extrapolate(
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         if units:
             run_units(units, out, make_workers(on, units, cores), observe)
-        groups = [unit.key for unit in units if unit.key.startswith(GROUPS)]
-        labels = policy_labels(evaluation.policies, policies)
-        frame = _collect(store, [*dict.fromkeys(kept.values()), *groups], lanes, digests, labels)
-        score_scales = _score_scales(store, policies, digests)
-        frame = judge_table(frame, [score_scales[lane.policy] for lane in lanes])
+        frame = _table(store, evaluation, policies, lanes, digests, _versions())
         from perdure.report import write_table
 
         return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
+
+
+def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
+    """Return the table of an evaluation whose lanes are all in ``out``; simulate and write nothing.
+
+    Raises:
+        StoreError: If a lane is missing.
+        PolicyFileError: If a policy file cannot be read.
+    """
+    store = Store(out)
+    policies = [load_policy(path) for path in evaluation.policies]
+    digests = [policy_digest(path) for path in evaluation.policies]
+    return _table(store, evaluation, policies, _plan(evaluation, policies), digests, _stored_versions(store))
+
+
+def finished_lanes(out: str | Path, steps: int) -> set[Identity]:
+    """Return the lanes in ``out``, of so many steps, that `read_lanes` can read."""
+    store = Store(out)
+    return set(_finished(store, steps, _stored_versions(store)))
+
+
+def _table(
+    store: Store,
+    evaluation: Extrapolation,
+    policies: Sequence[Policy],
+    lanes: Sequence[LaneSpec],
+    digests: Sequence[str],
+    versions: Versions,
+) -> pl.DataFrame:
+    finished = _finished(store, evaluation.steps, versions)
+    wanted = [_identity(lane, digests) for lane in lanes]
+    if missing := [lane for lane in wanted if lane not in finished]:
+        raise StoreError(f"{len(missing)} of {len(lanes)} lanes are not in {store.root}")
+    groups = list(dict.fromkeys(finished[lane] for lane in wanted))
+    frame = _collect(store, groups, lanes, digests, policy_labels(evaluation.policies, policies))
+    score_scales = _score_scales(store, policies, digests, versions)
+    return judge_table(frame, [score_scales[lane.policy] for lane in lanes])
 
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
@@ -159,12 +192,24 @@ def _identity(lane: LaneSpec, digests: Sequence[str]) -> Identity:
     return digests[lane.policy], "none" if lane.clock is None else lane.clock.label, lane.eval_seed
 
 
-def _digest(path: Path) -> str:
+def policy_digest(path: Path) -> str:
+    """Return what identifies a policy file in a store."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _versions() -> dict[str, str]:
+Versions = dict[str, str]
+"""Of what a lane was computed with."""
+
+
+def _versions() -> Versions:
     return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "numpy")}
+
+
+def _stored_versions(store: Store) -> Versions:
+    """Return the installed versions if a lane was computed with them, otherwise those of most groups."""
+    found = [tuple(sorted(store.config(key).get("versions", {}).items())) for key in store.keys(GROUPS)]
+    installed = tuple(sorted(_versions().items()))
+    return dict(installed if installed in found or not found else max(found, key=found.count))
 
 
 def _units(
@@ -187,12 +232,12 @@ def _units(
         )
 
 
-def _finished(store: Store, steps: int) -> dict[Identity, str]:
+def _finished(store: Store, steps: int, versions: Versions) -> dict[Identity, str]:
     """Return every lane that is in the store already, and the key of its group."""
     found: dict[Identity, str] = {}
     for key in store.keys(GROUPS):
         config = store.config(key)
-        if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, _versions()):
+        if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, versions):
             continue
         try:
             GROUP.check(config)
@@ -205,8 +250,8 @@ def _finished(store: Store, steps: int) -> dict[Identity, str]:
     return found
 
 
-def _reference_unit(digest: str, path: Path = Path()) -> Unit:
-    config = {"policy": digest, "versions": _versions()}
+def _reference_unit(digest: str, versions: Versions, path: Path = Path()) -> Unit:
+    config = {"policy": digest, "versions": versions}
     arguments = {"path": str(path.resolve())}
     function = "perdure.extrapolate.run:measure_policy"
     return Unit(f"{REFERENCES}/{config_digest(config)[:16]}", config, function, arguments, size=20_000.0)
@@ -217,7 +262,7 @@ def _measurements(policies: Sequence[Policy], paths: Sequence[Path], digests: Se
     yield idle_unit(policies[0].task.name, _versions())
     for policy, path, digest in zip(policies, paths, digests, strict=True):
         if policy.reference is None:
-            yield _reference_unit(digest, path)
+            yield _reference_unit(digest, _versions(), path)
 
 
 def measure_policy(work: Work, *, path: str) -> None:
@@ -226,14 +271,16 @@ def measure_policy(work: Work, *, path: str) -> None:
     save_policy(replace(policy, reference=measure_reference(policy)), work.folder / MEASURED)
 
 
-def _score_scales(store: Store, policies: Sequence[Policy], digests: Sequence[str]) -> list[ScoreScale]:
+def _score_scales(
+    store: Store, policies: Sequence[Policy], digests: Sequence[str], versions: Versions
+) -> list[ScoreScale]:
     task = policies[0].task.name
-    idle = read_idle(store.get(idle_unit(task, _versions()).key))
+    idle = read_idle(store.get(idle_unit(task, versions).key))
     found = []
     for policy, digest in zip(policies, digests, strict=True):
         reference = policy.reference
         if reference is None:
-            reference = load_policy(store.get(_reference_unit(digest).key) / MEASURED).reference
+            reference = load_policy(store.get(_reference_unit(digest, versions).key) / MEASURED).reference
             assert reference is not None
         found.append(make_score_scale(reference, idle, task_rate(task)))
     return found
@@ -245,7 +292,7 @@ def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[S
         return
     used = list(dict.fromkeys(digest for digest, _, _ in lanes))
     for digest in used:
-        if _digest(Path(policies[digest])) != digest:
+        if policy_digest(Path(policies[digest])) != digest:
             raise ExtrapolationError(f"{policies[digest]} has changed since this evaluation began")
     loaded = [load_policy(policies[digest]) for digest in used]
     specs = [

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 
 from perdure.extrapolate import Extrapolation, extrapolate
-from perdure.horizon import clock_from_json
+from perdure.extrapolate.run import finished_lanes, policy_digest, read_lanes
+from perdure.report import read_table
 from perdure.runs import Store
 from perdure.studies.horizon.grid import Grid, Row, Split, evaluation_folder
 from perdure.studies.horizon.training import policy_paths
@@ -68,10 +71,14 @@ class EvaluateRow:
         )
 
     @property
+    def clocks(self) -> tuple[str, ...]:
+        """Labels of the clocks; "none" for a method without time-to-go input."""
+        return tuple(clock.label for clock in self.evaluation.deployment_clocks(None)) or ("none",)
+
+    @property
     def lanes(self) -> int:
         """How many there are."""
-        clocks = len(self.evaluation.deployment_clocks(None)) if self.grid.clocks(self.row) else 1
-        return len(self.row.seeds) * clocks * self.split.seeds
+        return len(self.row.seeds) * len(self.clocks) * self.split.seeds
 
     @property
     def amount(self) -> float:
@@ -86,23 +93,34 @@ class EvaluateRow:
         """See `Step`; units are lanes, running and failed ones are groups of them."""
         if not self.folder.is_dir():
             return Count(self.lanes, 0)
-        store = Store(self.folder)
-        done = min(self.lanes, len(self._finished(store)))
+        store, done = Store(self.folder), int(self._finished().sum())
         busy = sum(store.is_busy(key) for key in store.begun())
         failed = len(store.noted("failures"))
         return Count(self.lanes, done, busy, failed, done / self.lanes)
 
-    def _finished(self, store: Store) -> set[tuple[str, str, int]]:
-        """Return the planned lanes that are in the store, as (policy's digest, clock, start state)."""
-        digests = {_digest(path) for path in self.evaluation.policies if path.is_file()}
-        clocks = {clock.label for clock in self.evaluation.deployment_clocks(None)} | {"none"}
-        first, count = self.split.first_seed, self.split.seeds
-        return {
-            (digest, clock, seed)
-            for key in store.keys(GROUPS)
-            for digest, clock, seed in map(_lane, _lanes(store.config(key), self.grid.steps))
-            if digest in digests and clock in clocks and first <= seed < first + count
-        }
+    def _finished(self) -> NDArray[np.bool_]:
+        """Return which lanes are in the store, shape (policies, clocks, start states)."""
+        lanes = finished_lanes(self.folder, self.grid.steps)
+        digests = [policy_digest(path) if path.is_file() else "" for path in self.evaluation.policies]
+        first = self.split.first_seed
+        seeds = range(first, first + self.split.seeds)
+        return np.array([[[(d, clock, seed) in lanes for seed in seeds] for clock in self.clocks] for d in digests])
+
+    def read(self) -> pl.DataFrame | None:
+        """Return the table of finished lanes; None where there is none. Nothing is simulated.
+
+        A clock is in it if every policy was evaluated under it, with those start states, from the first on, that every
+        policy has. Without groups of lanes, `lanes.parquet` is read as it is.
+        """
+        if not (self.folder / GROUPS).is_dir():
+            return read_table(self.folder / TABLE)[0] if (self.folder / TABLE).is_file() else None
+        start_states = np.cumprod(self._finished().all(axis=0), axis=1).sum(axis=1)
+        parts = []
+        for count in sorted(set(start_states[start_states > 0].tolist()), reverse=True):
+            clocks = [clock for clock, has in zip(self.clocks, start_states, strict=True) if has == count]
+            known = ("default",) if clocks == ["none"] else tuple(clocks)
+            parts.append(read_lanes(replace(self.evaluation, clocks=known, eval_seeds=count), self.folder))
+        return pl.concat(parts) if parts else None
 
     def run(self, how: How) -> None:
         """See `Step`."""
@@ -116,16 +134,3 @@ class EvaluateRow:
             observe=how.observe,
             waiting=how.waiting,
         )
-
-
-def _lanes(config: dict[str, Any], steps: int) -> list[Any]:
-    return list(config["lanes"]) if config.get("steps") == steps else []
-
-
-def _lane(written: Any) -> tuple[str, str, int]:
-    digest, clock, seed = written
-    return digest, "none" if clock is None else clock_from_json(clock).label, int(seed)
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from perdure.report import read_table
 from perdure.report.groups import LANE_FAILURES
-from perdure.studies.horizon.evaluation import TABLE, EvaluateRow
+from perdure.studies.horizon.evaluation import EvaluateRow
 from perdure.studies.horizon.grid import Grid, Row
-from perdure.studies.study import How
 
 WITHIN = 1000
 """Steps of the measure "return within"."""
@@ -79,13 +77,9 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
 
 def _read_row(grid: Grid, row: Row, out: Path, split: str) -> pl.DataFrame | None:
     step = EvaluateRow(grid, row, grid.split(split), out)
-    path = step.folder / TABLE
-    if not path.is_file():
-        count = step.count()
-        if count.done < count.total:
-            return None
-        step.run(How(on="here"))  # all lanes are in the store: this only puts the table together
-    frame, _ = read_table(path)
+    frame = step.read()
+    if frame is None:
+        return None
     first, seeds = step.split.first_seed, step.split.seeds
     frame = name_clocks(frame).filter(
         pl.col("eval_seed").is_between(first, first + seeds - 1) & pl.col("train_seed").is_in(row.seeds)
