@@ -1,21 +1,23 @@
-"""Parquet of unknown origin, decoded by Polars without its panics on standard error."""
+"""Parquet of unknown origin, decoded by Polars in a process of its own: see `decoder.py`."""
 
 from __future__ import annotations
 
 import io
+import json
 import os
-import tempfile
+import subprocess
+import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from perdure.schema.errors import SchemaError
 
 if TYPE_CHECKING:
     import polars as pl
 
-_ONE_AT_A_TIME = threading.Lock()
+SERVE = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.schema.decoder import serve; serve()"
 
 
 def read_parquet(content: bytes, columns: Sequence[str] | None = None) -> pl.DataFrame:
@@ -24,58 +26,89 @@ def read_parquet(content: bytes, columns: Sequence[str] | None = None) -> pl.Dat
     Raises:
         SchemaError: Polars cannot decode it; one line says why.
     """
-    import polars as pl
-
-    with _decoding():
-        return pl.read_parquet(io.BytesIO(content), columns=None if columns is None else list(columns))
+    return _frame(_decoder.ask(content, "table", columns))
 
 
 def read_columns(content: bytes) -> dict[str, object]:
     """Return name and type of each column of a Parquet file; SchemaError where Polars cannot read it."""
-    import polars as pl
-
-    with _decoding():
-        return dict(pl.read_parquet_schema(io.BytesIO(content)))
+    return dict(_frame(_decoder.ask(content, "schema")).schema)
 
 
 def read_notes(content: bytes) -> dict[str, str]:
     """Return the key-value metadata of a Parquet file; SchemaError where Polars cannot read it."""
+    return dict(json.loads(_decoder.ask(content, "notes")))
+
+
+def _frame(answer: bytes) -> pl.DataFrame:
     import polars as pl
 
-    with _decoding():
-        notes = pl.read_parquet_metadata(io.BytesIO(content))
-    return {name: value for name, value in notes.items() if name != "ARROW:schema"}
+    return pl.read_ipc(io.BytesIO(answer))
 
 
-@contextmanager
-def _decoding() -> Iterator[None]:
-    """Convert any error of Polars to a SchemaError."""
-    import polars as pl
+class _Decoder:
+    """The decoding process: started when it is needed, and again when it has ended or this process is a fork."""
 
-    try:
-        with _quiet():
-            yield
-    except (
-        *(pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, TypeError, OverflowError),
-        MemoryError,
-    ) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise SchemaError(f"it is no readable Parquet: {reason[:200]}") from None
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        self._content: bytes | None = None
+
+    def ask(self, content: bytes, what: str, columns: Sequence[str] | None = None) -> bytes:
+        """Return the answer to a request; SchemaError if there is none."""
+        with self._lock:
+            try:
+                error, answer = self._exchange(content, what, columns)
+            except (OSError, ValueError):  # no answer, or half of one
+                self._end()
+                error, answer = "Polars gave up its process over it", b""
+            except BaseException:  # an interrupt: the rest of the answer must not be taken for the next one
+                self._end()
+                raise
+        if error is not None:
+            raise SchemaError(f"it is no readable Parquet: {error}")
+        return answer
+
+    def _exchange(self, content: bytes, what: str, columns: Sequence[str] | None) -> tuple[str | None, bytes]:
+        process = self._running()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        known = content is self._content
+        request = {
+            "what": what,
+            "columns": None if columns is None else list(columns),
+            "size": 0 if known else len(content),
+        }
+        self._content = content
+        process.stdin.write(json.dumps(request).encode() + b"\n" + (b"" if known else content))
+        process.stdin.flush()
+        head: dict[str, Any] = json.loads(process.stdout.readline())
+        answer = process.stdout.read(head["size"])
+        if len(answer) < head["size"]:
+            raise OSError
+        return head["error"], answer
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
+            self._end()
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", SERVE, json.dumps(sys.path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is for the user's process, whose end ends this one
+            )
+            self._owner = os.getpid()
+        return self._process
+
+    def _end(self) -> None:
+        if self._process is not None and self._owner == os.getpid():
+            self._process.kill()
+            self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                with suppress(OSError):
+                    pipe.close()  # type: ignore[union-attr]
+        self._process = self._content = None
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep what native code writes to standard error away from the user: a panic prints pages before it is raised."""
-    with _ONE_AT_A_TIME, tempfile.TemporaryFile() as swallowed:
-        try:
-            before = os.dup(2)
-        except OSError:  # there is no standard error
-            yield
-            return
-        os.dup2(swallowed.fileno(), 2)
-        try:
-            yield
-        finally:
-            with suppress(OSError):
-                os.dup2(before, 2)
-            os.close(before)
+_decoder = _Decoder()
