@@ -14,7 +14,7 @@ from perdure.envs.traced import WorldSlot, trace
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.ppo import PPOConfig
 from perdure.ppo.normalizer import start_moments
-from perdure.ppo.rollout import draw, finish, make_collect, network_inputs, observe, start_lanes
+from perdure.ppo.rollout import draw, finish, make_collect, network_inputs, start_lanes, update_moments
 from perdure.ppo.state import start_state
 
 SEEDS = [11, 12]
@@ -41,7 +41,9 @@ def rollout():
         slot.fill(world)
         state = start_state(0, world.spec, CONFIG)
         lanes = start_lanes(CONFIG, jnp.asarray(first), jnp.array([0.3, 0.9]))
-        statistics = state.statistics._replace(observations=observe(CONFIG, state.statistics.observations, lanes))
+        statistics = state.statistics._replace(
+            observations=update_moments(CONFIG, state.statistics.observations, lanes)
+        )
         draws = draw(jax.random.key(3), world.spec.action_size, config=CONFIG)
         collect = jax.jit(make_collect(trace(slot), world.spec, CONFIG))
         _, last, written = collect(slot.handle, (lanes, statistics), state.params, draws)
@@ -100,7 +102,7 @@ def test_the_rollout_holds_falls_and_limits(rollout):
 
 def test_observations_rewards_and_falls_are_those_of_the_world_stepped_by_hand(rollout, by_hand):
     np.testing.assert_array_equal(rollout.trace.observations, by_hand.after)
-    np.testing.assert_array_equal(rollout.trace.outcome[:, 0], by_hand.rewards)
+    np.testing.assert_array_equal(rollout.trace.step_result[:, 0], by_hand.rewards)
     np.testing.assert_array_equal(rollout.result.experience.ends.terminated, by_hand.terminated)
     np.testing.assert_array_equal(rollout.result.episodes.lengths, by_hand.elapsed)
 
@@ -186,7 +188,7 @@ class TestNormalizingPhi:
             observations = jnp.asarray(np.random.default_rng(0).normal(size=(2, SIZE)))
             lanes = start_lanes(config, observations, jnp.zeros(2))
             lanes = lanes._replace(counters=lanes.counters.at[0].set(jnp.array([10.0, 19.0])).at[1].set(20.0))
-            moments = observe(config, start_moments(SIZE + 3 * normalize_embedding), lanes)
+            moments = update_moments(config, start_moments(SIZE + 3 * normalize_embedding), lanes)
             return np.asarray(network_inputs(config, moments, lanes.observations, lanes.elapsed, lanes.horizons))
 
     def test_phi_is_left_as_it_is_by_default(self):

@@ -11,7 +11,7 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportFlags:
     """Write a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx]."""
 
     policy: tyro.conf.Positional[str]
@@ -25,7 +25,7 @@ class Export:
 
 def main(args: list[str]) -> None:
     """``perdure export``."""
-    flags = parse(Export, args, "export")
+    flags = parse(ExportFlags, args, "export")
     from perdure.cli.errors import CommandError
     from perdure.horizon import parse_clock
     from perdure.policy import load_policy

@@ -15,7 +15,7 @@ from perdure.cli.terminal import command_line
 
 
 @dataclass(frozen=True)
-class Extrapolate:
+class ExtrapolateFlags:
     """Run policies for T_test steps under several clocks, write lanes.parquet, report.html and figures."""
 
     policies: tyro.conf.Positional[tuple[str, ...]]
@@ -56,7 +56,7 @@ class Extrapolate:
 
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
-    flags = parse(Extrapolate, args, "extrapolate")
+    flags = parse(ExtrapolateFlags, args, "extrapolate")
     command = command_line("perdure", "extrapolate", *args)
     if any(name.endswith(".onnx") for name in flags.policies):
         _one_model(flags, command)
@@ -89,7 +89,7 @@ def main(args: list[str]) -> None:
     write_and_show(table, flags.out)
 
 
-def _one_model(flags: Extrapolate, command: str) -> None:
+def _one_model(flags: ExtrapolateFlags, command: str) -> None:
     """Evaluate an ONNX model, in this process."""
     from perdure.cli.errors import CommandError
     from perdure.extrapolate import extrapolate

@@ -10,7 +10,7 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Inspect:
+class InspectFlags:
     """Show what is in a policy file."""
 
     policy: tyro.conf.Positional[str]
@@ -19,7 +19,7 @@ class Inspect:
 
 def main(args: list[str]) -> None:
     """``perdure inspect``."""
-    flags = parse(Inspect, args, "inspect")
+    flags = parse(InspectFlags, args, "inspect")
     from perdure.cli import texts
     from perdure.policy import load_policy
     from perdure.policy.shipped import find_policy

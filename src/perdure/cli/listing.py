@@ -11,7 +11,7 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class List:
+class ListFlags:
     """Show what there is."""
 
     what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks"
@@ -22,7 +22,7 @@ class List:
 
 def main(args: list[str]) -> None:
     """``perdure list``."""
-    flags = parse(List, args, "list")
+    flags = parse(ListFlags, args, "list")
     from perdure.cli import texts
 
     print({"tasks": lambda: texts.tasks(flags.suite), "methods": texts.methods, "policies": texts.policies}[

@@ -13,7 +13,7 @@ from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
-class Report:
+class ReportFlags:
     """Make report.html and its figures from a table that `perdure extrapolate` wrote."""
 
     table: tyro.conf.Positional[Path]
@@ -26,7 +26,7 @@ class Report:
 
 def main(args: list[str]) -> None:
     """``perdure report``."""
-    flags = parse(Report, args, "report")
+    flags = parse(ReportFlags, args, "report")
     write_and_show(flags.table, flags.out or flags.table.parent, flags.formats)
 
 

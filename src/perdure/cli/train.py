@@ -16,7 +16,7 @@ from perdure.runs import Status
 
 
 @dataclass(frozen=True)
-class Train:
+class TrainFlags:
     """Train seeds of one task with one method. Interrupt it any time; the same command goes on."""
 
     task: tyro.conf.Positional[str]
@@ -52,10 +52,10 @@ def main(args: list[str]) -> None:
     if args and not args[0].startswith("-"):
         known = look.parse_known_args(args)[0]
         config = method_config(known.method, args[0], _observation_size(args[0]), known.preset)
-        default = Train(args[0], known.method, known.preset, ppo=config)
-        _train(parse(Train, args[1:], "train TASK", default))
+        default = TrainFlags(args[0], known.method, known.preset, ppo=config)
+        _train(parse(TrainFlags, args[1:], "train TASK", default))
     elif any(arg in ("-h", "--help") for arg in args):
-        parse(Train, ["TASK", "--help"], "train TASK")
+        parse(TrainFlags, ["TASK", "--help"], "train TASK")
     else:
         print("perdure: train needs a task first, as in: perdure train Hopper-v3 --method geometric", file=sys.stderr)
         raise SystemExit(2)
@@ -71,7 +71,7 @@ def _task_first(args: list[str]) -> list[str]:
     return args if at is None else [args[at], *args[:at], *args[at + 1 :]]
 
 
-def _train(flags: Train) -> None:
+def _train(flags: TrainFlags) -> None:
     from perdure.ppo.tensorboard import tensorboard
     from perdure.ppo.training import TrainRun, on_report
     from perdure.ppo.training import train as train_run

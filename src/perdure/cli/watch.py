@@ -11,7 +11,7 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Watch:
+class WatchFlags:
     """Film a policy at the moment at which it fails, found by the verdict. Needs the extra perdure[film].
 
     EnvPool cannot render: the film is of Gymnasium's environment of the same name, on another build of MuJoCo, and the
@@ -38,7 +38,7 @@ class Watch:
 
 def main(args: list[str]) -> None:
     """``perdure watch``."""
-    flags = parse(Watch, args, "watch")
+    flags = parse(WatchFlags, args, "watch")
     from perdure.extrapolate.film import watch
     from perdure.horizon import parse_clock
     from perdure.policy import load_policy

@@ -12,9 +12,9 @@ import numpy as np
 from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.foreign import call, read_flag, read_observation, read_reward, read_tuple
-from perdure.envs.lanes import LaneTracker, TrackedWorld
+from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
+from perdure.envs.third_party import call, read_flag, read_observation, read_reward, read_tuple
 from perdure.envs.world import FloatArray, IntArray, Step
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from perdure.envs.environment_id import task_of_environment
 from perdure.envs.errors import WorldError
-from perdure.envs.foreign import call
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.envs.registry import make_world
+from perdure.envs.third_party import call
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import World
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import World, make_world
-from perdure.extrapolate.checkpoints import checkpoint_steps
 from perdure.extrapolate.divergence import DivergenceDetector
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
 from perdure.extrapolate.movement import MovementRecorder
+from perdure.extrapolate.recorded_steps import recorded_steps
 from perdure.policy import Actor, ClosedLoop, LanePolicy
 from perdure.policy.one_thread import one_thread
 
@@ -25,12 +25,12 @@ ProgressCallback = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class LaneRecords:
-    """Results of n lanes at m checkpoints. Memory hardly depends on the number of steps."""
+    """Results of n lanes at m recorded steps. Memory hardly depends on the number of steps."""
 
     steps: NDArray[np.int64]
-    """Checkpoints, shape (m,)."""
+    """Recorded steps, shape (m,)."""
     returns: NDArray[np.float64]
-    """Cumulative return at each checkpoint, shape (n, m); an ended lane keeps its last value."""
+    """Cumulative return at each recorded step, shape (n, m); an ended lane keeps its last value."""
     end_step: NDArray[np.int64]
     """Steps the lane made, its last one included, shape (n,)."""
     end_reason: NDArray[np.int64]
@@ -82,7 +82,7 @@ class _Recorder:
     def __init__(self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int) -> None:
         n = len(lane_policies)
         self._loop = loop
-        self._steps = checkpoint_steps(steps)
+        self._steps = recorded_steps(steps)
         self._next = 0
         self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
@@ -127,7 +127,7 @@ class _Recorder:
         self._observation[lanes] = observations
 
     def records(self) -> LaneRecords:
-        """Return the records; lanes that all ended early keep their values at the checkpoints not reached."""
+        """Return the records; lanes that all ended early keep their values at the recorded steps not reached."""
         if self._next < len(self._steps):
             self._returns[:, self._next :] = self._total[:, None]
         return LaneRecords(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
-from perdure.runs import Unit, Work, config_digest, write_whole
+from perdure.runs import Unit, Work, config_digest, write_atomic
 from perdure.schema import Flag, Real, SchemaError, Table, read_json
 
 EPISODES = 20
@@ -152,7 +152,7 @@ def run_idle(work: Work, *, task: str) -> None:
         idle = measure_idle(world)
     finally:
         world.close()
-    write_whole(work.folder / FILE, json.dumps(asdict(idle)) + "\n")
+    write_atomic(work.folder / FILE, json.dumps(asdict(idle)) + "\n")
 
 
 def read_idle(folder: Path) -> Idle:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.envs import OpenEnv, open_env, refuse_import
+from perdure.extrapolate.baselines import idle_baseline, with_reference
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import ProgressCallback, evaluate_lanes
 from perdure.extrapolate.idle import Idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec
-from perdure.extrapolate.measured import idle_of, measured_actor
 from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
@@ -71,8 +71,8 @@ def extrapolate_policy(
     options = _Options(steps, clocks, eval_seeds, first_eval_seed, training_horizon, recurrent, name)
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(options.env_of(subject, env)) as source:
-        actor = measured_actor(options.actor(subject, source), source)
-        idle = idle_of(source)
+        actor = with_reference(options.actor(subject, source), source)
+        idle = idle_baseline(source)
         frame = _evaluate(actor, source, options, idle, progress)
     result = ExtrapolationResult(frame, None)
     if out is None:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
+from perdure.extrapolate.recorded_steps import window_steps
 from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.verdict import judge_lane
 from perdure.policy import Actor
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def lane_table(
     labels: Sequence[str], policies: Sequence[Actor], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:
-    """Return one row for each lane and checkpoint.
+    """Return one row for each lane and recorded step.
 
     Args:
         labels: Name of each policy.

@@ -116,7 +116,7 @@ class Trace(NamedTuple):
     """After the step, before any reset."""
     counters: jax.Array
     """After the step, before any reset; shape (4, n_envs)."""
-    outcome: jax.Array
+    step_result: jax.Array
     """Rows reward, terminated, truncated; shape (3, n_envs)."""
     moments: jax.Array
     """Mean and variance of the observations, after the step; shape (2, d)."""
@@ -134,7 +134,7 @@ def network_inputs(
     return jnp.concatenate([normalize(moments, observations), phi.astype(jnp.float32)], axis=-1)
 
 
-def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> RunningMoments:
+def update_moments(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> RunningMoments:
     """Return the moments, updated with the current observation of each environment."""
     observations = lanes.observations
     if config.protocol.normalize_embedding:
@@ -173,7 +173,7 @@ def make_collect(
             horizons = config.protocol.horizon.from_uniform(draw.horizon)
             now = Lanes(fresh, jnp.where(done, _restart(horizons), counters))
             seen = Statistics(
-                observe(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
+                update_moments(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
             )
             return (handle, (now, seen)), _trace(acted, stepped, counters, seen)
 
@@ -195,7 +195,7 @@ def finish(seed: Seed, trace: Trace, *, config: PPOConfig) -> SeedRollout:
     """Return the results of one seed's trace, for all steps at once; to be compiled under x64."""
     lanes, statistics = seed
     elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
-    rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))
+    rewards, terminated, truncated = (trace.step_result[:, row] for row in range(3))
     ends = Ends(terminated > 0, truncated > 0, elapsed >= horizons)
     moments = RunningMoments(trace.moments[:, :1], trace.moments[:, 1:], statistics.observations.count)
     experience = Experience(
@@ -241,7 +241,7 @@ def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.A
         actions=acted[1],
         observations=step.observations,
         counters=counters,
-        outcome=jnp.stack([step.rewards, step.terminated, step.truncated]),
+        step_result=jnp.stack([step.rewards, step.terminated, step.truncated]),
         moments=jnp.stack([statistics.observations.mean, statistics.observations.var]),
         return_var=statistics.returns.var,
     )

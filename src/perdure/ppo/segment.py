@@ -19,7 +19,7 @@ from perdure.envs import make_world
 from perdure.envs.traced import Handle, WorldSlot, trace
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.iteration import COMPILER_OPTIONS, Iteration
-from perdure.ppo.rollout import Lanes, make_collect, observe, start_lanes
+from perdure.ppo.rollout import Lanes, make_collect, start_lanes, update_moments
 from perdure.ppo.state import SeedState, lane_seeds, stream
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 RESET_STREAM = 1
 """First number of the random stream that draws the first horizons of a segment."""
 
-Progress = Callable[[int, float], None]
+ProgressCallback = Callable[[int, float], None]
 """Called after each iteration with (environment steps of one seed so far, mean return of the last episodes)."""
 
 
@@ -61,7 +61,7 @@ class SegmentRunner:
     def _iteration(self) -> Iteration:
         return Iteration(self.config, self.spec.action_size)
 
-    def run(self, state: SeedState, progress: Progress) -> SeedState:
+    def run(self, state: SeedState, progress: ProgressCallback) -> SeedState:
         """Train a seed for its next segment.
 
         Weights and optimizer state of ``state`` are used up: their memory becomes that of the state returned.
@@ -97,7 +97,7 @@ class SegmentRunner:
             lanes = start_lanes(
                 self.config, jnp.asarray(observations), jax.random.uniform(key, (self.config.n_envs,), jnp.float64)
             )
-            moments = observe(self.config, state.statistics.observations, lanes)
+            moments = update_moments(self.config, state.statistics.observations, lanes)
         started = dataclasses.replace(state, statistics=state.statistics._replace(observations=moments))
         return compiled, self._slot.handle, lanes, started
 

@@ -20,7 +20,7 @@ from perdure.ppo.export import export_policy, write_curves
 from perdure.ppo.presets import ZOO
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
-from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_whole
+from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_atomic
 
 POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
@@ -126,8 +126,8 @@ def train(
     return [store.get(unit.key) / POLICY for unit in units]
 
 
-def on_report(run: TrainRun, told: Callable[[Report], None]) -> Observer:
-    """Return an observer that calls `told` with a `Report` whenever a seed has made progress."""
+def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
+    """Return an observer that calls `callback` with a `Report` whenever a seed has made progress."""
     last: dict[int, float] = {}
 
     def observe(status: Status) -> None:
@@ -138,7 +138,7 @@ def on_report(run: TrainRun, told: Callable[[Report], None]) -> Observer:
             if progress.facts and progress.done != last.get(seed):
                 last[seed] = progress.done
                 mean = progress.facts.get("return", float("nan"))
-                told(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
+                callback(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
 
     return observe
 
@@ -164,7 +164,7 @@ def train_segment(
         return False
     save_policy(export_policy(run, runner.spec, state), work.folder / POLICY)
     write_curves(state, work.folder)
-    write_whole(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    write_atomic(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
     checkpoint.unlink(missing_ok=True)
     return True
 

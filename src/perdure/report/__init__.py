@@ -18,7 +18,7 @@
 
 Charts are Altair's; vl-convert draws them. `theme` and the three modules after it know nothing of tables.
 
-Of perdure the package imports only `runs.write_whole`. Its parts are loaded when they are first used.
+Of perdure the package imports only `runs.write_atomic`. Its parts are loaded when they are first used.
 """
 
 from importlib import import_module

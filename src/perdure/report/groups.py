@@ -37,7 +37,7 @@ class Group:
     """[steps]; inf: trained without an end; nan: unknown."""
     test_horizon: int
     steps: IntArray
-    """Checkpoints, shape (steps,), rising."""
+    """Recorded steps, shape (steps,), rising."""
     runs: IntArray
     """Which training run each lane belongs to, shape (lanes,)."""
     returns: FloatArray
@@ -89,7 +89,7 @@ class Group:
 
     @cached_property
     def working(self) -> FloatArray:
-        """Share of lanes without a failure so far at each checkpoint, by Kaplan and Meier (1958), shape (steps,).
+        """Share of lanes without a failure so far at each recorded step, by Kaplan and Meier (1958), shape (steps,).
 
         A lane that the environment cut, or that cannot be judged, is watched until it ended. Policies that never worked
         have failed from the start.

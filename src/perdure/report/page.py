@@ -19,7 +19,7 @@ from perdure.report.render import Figure, Format, javascript, save, unique
 from perdure.report.schema import read_lanes
 from perdure.report.table import HEADINGS, make_rows
 from perdure.report.verdict import headline
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 PAGE = "report.html"
 MOST_POINTS = 12
@@ -123,7 +123,7 @@ def write_report(
         figures = unique(make_figures(estimates), taken)
         save(figures, folder, formats)
         sections.append(_section(task, estimates, figures))
-    return write_whole(folder / PAGE, _page(sections, command))
+    return write_atomic(folder / PAGE, _page(sections, command))
 
 
 def _page(sections: Sequence[str], command: str) -> str:

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from perdure.runs import lock
+from perdure.runs.atomic_write import sync_file, sync_folder
 from perdure.runs.errors import OtherSourceWarning, StoreError, UnitBusyError
 from perdure.runs.identity import RECORD, Identity, check_key
 from perdure.runs.source import source_digest
-from perdure.runs.whole import sync_file, sync_folder
 
 Config = Mapping[str, Any]
 

@@ -12,7 +12,7 @@ from perdure.horizon import clock_from_json
 from perdure.runs import Store
 from perdure.studies.horizon.grid import Grid, Row, Split, evaluation_folder
 from perdure.studies.horizon.training import policy_paths
-from perdure.studies.study import Count, How
+from perdure.studies.study import RunOptions, StepProgress
 
 TABLE = "lanes.parquet"
 GROUPS = "groups"
@@ -33,22 +33,22 @@ class EvaluateRow:
 
     @property
     def key(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"{self.stage} {self.row.key}"
 
     @property
     def stage(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"evaluation {self.split.name}"
 
     @property
     def after(self) -> tuple[str, ...]:
-        """See `Step`."""
+        """See `StudyStep`."""
         return (f"training {self.row.key}",)
 
     @property
     def task(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.row.task
 
     @property
@@ -75,22 +75,22 @@ class EvaluateRow:
 
     @property
     def amount(self) -> float:
-        """See `Step`; a lane that falls costs less."""
+        """See `StudyStep`; a lane that falls costs less."""
         return float(self.lanes * self.grid.steps)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`; acting costs a quarter of a lane step beside the bare task (make bench)."""
+        """See `StudyStep`; acting costs a quarter of a lane step beside the bare task (make bench)."""
         return START_SECONDS + 1.25 * self.amount / speed
 
-    def count(self) -> Count:
-        """See `Step`; units are lanes, running and failed ones are groups of them."""
+    def progress(self) -> StepProgress:
+        """See `StudyStep`; units are lanes, running and failed ones are groups of them."""
         if not self.folder.is_dir():
-            return Count(self.lanes, 0)
+            return StepProgress(self.lanes, 0)
         store = Store(self.folder)
         done = min(self.lanes, len(self._finished(store)))
         busy = sum(store.is_busy(key) for key in store.begun())
         failed = len(store.noted("failures"))
-        return Count(self.lanes, done, busy, failed, done / self.lanes)
+        return StepProgress(self.lanes, done, busy, failed, done / self.lanes)
 
     def _finished(self, store: Store) -> set[tuple[str, str, int]]:
         """Return the planned lanes that are in the store, as (policy's digest, clock, start state)."""
@@ -104,17 +104,17 @@ class EvaluateRow:
             if digest in digests and clock in clocks and first <= seed < first + count
         }
 
-    def run(self, how: How) -> None:
-        """See `Step`."""
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`."""
         command = f"perdure study horizon --scale {self.grid.name}"
         extrapolate(
             self.evaluation,
             self.folder,
-            cores=how.cores,
-            on=how.on,
+            cores=options.cores,
+            on=options.on,
             command=command,
-            observe=how.observe,
-            waiting=how.waiting,
+            observe=options.observe,
+            waiting=options.waiting,
         )
 
 

@@ -14,7 +14,7 @@ from perdure.report import read_table
 from perdure.report.groups import LANE_FAILURES
 from perdure.studies.horizon.evaluation import TABLE, EvaluateRow
 from perdure.studies.horizon.grid import Grid, Row
-from perdure.studies.study import How
+from perdure.studies.study import RunOptions
 
 WITHIN = 1000
 """Steps of the measure "return within"."""
@@ -67,7 +67,7 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
         grid: Whose rows.
         out: Folder of the results.
         split: Name of the start states.
-        whole: Keep all checkpoints, for curves; otherwise those that the measures need.
+        whole: Keep all recorded steps, for curves; otherwise those that the measures need.
     """
     found = {}
     for row in grid.rows:
@@ -81,10 +81,10 @@ def _read_row(grid: Grid, row: Row, out: Path, split: str) -> pl.DataFrame | Non
     step = EvaluateRow(grid, row, grid.split(split), out)
     path = step.folder / TABLE
     if not path.is_file():
-        count = step.count()
-        if count.done < count.total:
+        progress = step.progress()
+        if progress.done < progress.total:
             return None
-        step.run(How(on="here"))  # all lanes are in the store: this only puts the table together
+        step.run(RunOptions(on="here"))  # all lanes are in the store: this only puts the table together
     frame, _ = read_table(path)
     first, seeds = step.split.first_seed, step.split.seeds
     frame = name_clocks(frame).filter(
@@ -146,7 +146,7 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _marks(frame: pl.DataFrame) -> tuple[int, int, int]:
-    """Return the checkpoints of "return within", before the last tenth, and at the end."""
+    """Return the recorded steps of "return within", before the last tenth, and at the end."""
     horizon = int(frame["test_horizon"][0])
     steps = frame["step"].unique().sort().to_numpy()
     wanted = (min(WITHIN, horizon), (1.0 - LATE) * horizon)

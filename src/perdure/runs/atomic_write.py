@@ -5,13 +5,15 @@ from __future__ import annotations
 import fcntl
 import os
 import secrets
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from perdure.runs.errors import StoreError
 from perdure.runs.lock import is_still_at
 
 
-def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
+def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
 
     Missing folders are made. A symbolic link at `path` stays, its target is replaced. What a killed writer of the same
@@ -45,6 +47,26 @@ def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
     except OSError as error:
         raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
     return Path(path)
+
+
+def write_result(path: Path, data: bytes) -> Path:
+    """Write a result atomically; if that fails, save it to a new temporary folder.
+
+    Raises:
+        StoreError: The result is in the temporary folder; the message names it and how to continue.
+        OSError: It could not be written to the temporary folder either.
+    """
+    try:
+        return write_atomic(path, data)
+    except OSError as error:
+        try:
+            kept = write_atomic(Path(tempfile.mkdtemp(prefix="perdure-kept-"), path.name), data)
+        except OSError:
+            raise error from None
+        raise StoreError(
+            f"{os.fspath(path)}: {error.strerror}; the finished result is kept in {kept}: make the disk writable, "
+            f"copy it to {os.fspath(path)} and run the same command"
+        ) from error
 
 
 def sync_folder(folder: Path) -> None:

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def call(who: str, method: str, function: Callable[..., T], *args: Any, **keywords: Any) -> T:
-    """Call a method of a foreign environment.
+    """Call a method of a third-party environment.
 
     Args:
         who: Names the environment and, where known, lane and step.
