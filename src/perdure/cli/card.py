@@ -12,7 +12,7 @@ from perdure.cli.parse import parse
 
 @dataclass(frozen=True)
 class CardFlags:
-    """Write the model card of a policy, in the format of Hugging Face: README.md beside its file."""
+    """Write a policy's model card in the format of Hugging Face: README.md beside its file."""
 
     policy: tyro.conf.Positional[str]
     """A policy file, a folder that holds one, or the name of a shipped policy."""

@@ -16,7 +16,11 @@ from perdure.cli.terminal import command_line
 
 @dataclass(frozen=True)
 class ExtrapolateFlags:
-    """Run policies for T_test steps under several clocks, write lanes.parquet, report.html and figures."""
+    """Run policies far beyond their training horizon, under several clocks, and judge them.
+
+    A lane is one deployed episode: a policy under a clock from a start state. Writes lanes.parquet, report.html and
+    figures. An interrupted command resumes when it is given again.
+    """
 
     policies: tyro.conf.Positional[tuple[str, ...]]
     """Policy files, names of shipped policies (`perdure list policies`), or models of Stable-Baselines3
@@ -25,22 +29,22 @@ class ExtrapolateFlags:
     """For models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
     make it; envpool:Hopper-v5 is EnvPool's, which is faster."""
     normalizer: str | None = None
-    """For them: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
+    """For these models: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
     time_feature: str | None = None
-    """For them: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
+    """For these models: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
     environment's own step limit."""
     trust: bool = False
-    """For them: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
+    """For these models: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000
-    """T_test: steps of each lane."""
+    """Steps of each lane, unless it ends earlier."""
     clocks: tuple[str, ...] = ("default",)
-    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown (to T_test), countdown:1000,
+    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to the end),
     default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of 100, and
     countdown)."""
     eval_seeds: int = 20
     """Start states; the same ones for every policy and clock."""
     first_eval_seed: int = 0
-    """The first of them: choose a policy or a clock on some start states, report on others."""
+    """First start state: choose a policy or a clock on some start states, and report on others."""
     out: Path = Path("extrapolation")
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
     cores: int | None = None
@@ -49,7 +53,7 @@ class ExtrapolateFlags:
     """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
     cluster)."""
     max_lanes: int = 48
-    """Lanes that share a process at a time."""
+    """Most lanes in one process at a time. Results do not depend on it; a crash costs at most these lanes."""
     modules: tuple[str, ...] = ()
     """Python modules that the policies' tasks may import; a policy file alone never imports anything."""
 

@@ -12,7 +12,7 @@ from perdure.cli.parse import parse
 
 @dataclass(frozen=True)
 class ImportFlags:
-    """Make a policy file of a Stable-Baselines3 or sb3-contrib model: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG."""
+    """Convert a Stable-Baselines3 or sb3-contrib model to a policy file: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG."""
 
     model: tyro.conf.Positional[Path]
     """The zip that model.save() wrote."""

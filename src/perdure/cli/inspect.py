@@ -11,7 +11,7 @@ from perdure.cli.parse import parse
 
 @dataclass(frozen=True)
 class InspectFlags:
-    """Show what is in a policy file."""
+    """Show what a policy file contains."""
 
     policy: tyro.conf.Positional[str]
     """A policy file, or the name of a shipped policy."""

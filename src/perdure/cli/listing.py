@@ -12,10 +12,10 @@ from perdure.cli.parse import parse
 
 @dataclass(frozen=True)
 class ListFlags:
-    """Show what there is."""
+    """List tasks, training methods, or the policies that come with perdure."""
 
     what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks"
-    """tasks, methods or policies (those shipped with perdure)."""
+    """What to list."""
     suite: str | None = None
     """Only tasks of this suite."""
 

@@ -17,20 +17,20 @@ from perdure.runs import Status
 
 @dataclass(frozen=True)
 class TrainFlags:
-    """Train seeds of one task with one method. Interrupt it any time; the same command goes on."""
+    """Train seeds of one task with one method. An interrupted command resumes when it is given again."""
 
     task: tyro.conf.Positional[str]
     """A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first."""
     method: str = "geometric"
     """A method as `perdure list methods` names it."""
     preset: str = "zoo"
-    """Whose hyperparameters: zoo (RL Baselines3 Zoo, tuned for each task; used by the thesis) or cleanrl (one set)."""
+    """Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one set)."""
     name: str | None = None
-    """A name of your own for settings of your own: OUT/TASK/NAME instead of OUT/TASK/METHOD."""
+    """Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD."""
     seeds: tuple[int, ...] = (0,)
-    """Training seeds, trained side by side; each comes out as if it were trained alone."""
+    """Training seeds, trained side by side; each gives the same result as if trained alone."""
     out: Path = Path("runs")
-    """Where runs are kept, as OUT/TASK/METHOD/seed-N/policy.safetensors."""
+    """Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors."""
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
@@ -45,7 +45,7 @@ class TrainFlags:
 def main(args: list[str]) -> None:
     """``perdure train``: parses flags twice, because task and method set the defaults of the others."""
     look = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    # A missing value is for the second look to complain about.
+    # The second parser reports a missing value.
     look.add_argument("--method", nargs="?", default="geometric", const="geometric")
     args = _task_first(args)
     look.add_argument("--preset", nargs="?", default="zoo", const="zoo")

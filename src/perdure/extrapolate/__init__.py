@@ -1,5 +1,7 @@
 """Closed-loop evaluation far beyond the training horizon.
 
+A lane is one deployed episode: a policy under a clock from a start state.
+
 The package is callable: ``perdure.extrapolate(...)`` calls ``perdure.extrapolate.extrapolate``.
 
 | file | what it holds |

@@ -176,8 +176,8 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
     methods = sorted({estimate.verdict.share.method for estimate in estimates})
     steps = estimates[0].group.test_horizon
     note = (
-        f"Each episode was asked to last {steps:,} steps. Interval: {', '.join(methods)}, over evaluation seeds. An "
-        "episode holds if its reward rate at the end, above that of an idle robot, is at least "
+        f"Each episode has {steps:,} steps, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
+        "seeds. An episode holds if its reward rate at the end, above that of an idle robot, is at least "
         f"{100 * HOLDS_FROM:.0f} % of the policy's own within its training horizon."
     )
     return "\n".join(lines) + f"\n\n{note}"

@@ -47,7 +47,7 @@ def evaluate_lanes(
     policies: Sequence[Actor],
     lanes: Sequence[LaneSpec],
     steps: int,
-    progress: ProgressCallback = lambda step, living: None,
+    progress: ProgressCallback = lambda step, running: None,
     world: World | None = None,
 ) -> LaneRecords:
     """Run lanes for at most ``steps`` steps each, in this process, on one core.
@@ -68,8 +68,8 @@ def evaluate_lanes(
             for step in range(1, steps + 1):
                 recorder.take(step)
                 if step % 500 == 0:
-                    progress(step, len(loop.living))
-                if not len(loop.living):
+                    progress(step, len(loop.running))
+                if not len(loop.running):
                     break
     finally:
         world.close()
@@ -111,8 +111,8 @@ class _Recorder:
         if step == self._steps[self._next]:
             self._returns[:, self._next] = self._total
             self._next += 1
-            living = self._loop.living
-            self._observation[living] = self._loop.observations
+            running = self._loop.running
+            self._observation[running] = self._loop.observations
 
     def _end(
         self,

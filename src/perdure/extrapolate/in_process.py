@@ -38,7 +38,7 @@ def extrapolate_policy(
     name: str | None = None,
     out: str | Path | None = None,
     command: str = "",
-    progress: ProgressCallback = lambda step, living: None,
+    progress: ProgressCallback = lambda step, running: None,
 ) -> ExtrapolationResult:
     """Evaluate one policy far beyond its training horizon, in this process, on one core.
 
@@ -50,7 +50,7 @@ def extrapolate_policy(
             ONNX model, which needs an env.
         env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
             its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
-        steps: How long each episode is asked to last.
+        steps: Steps of each episode, unless it ends earlier.
         clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
             ``elapsed`` and ``horizon``.
         eval_seeds: Start states.

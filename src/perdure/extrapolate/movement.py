@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from perdure.policy import Actor, LaneStep
 
 EVERY = 10
-"""Steps between two looks; what is looked for lasts much longer."""
+"""Steps between two measurements; the events of interest last much longer."""
 MARGIN = 0.5
-"""A component has left its training range when it is further outside than this share of the range."""
+"""A component has left its training range if it is outside by more than this share of the range."""
 
 
 class MovementRecorder:

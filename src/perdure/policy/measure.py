@@ -66,7 +66,7 @@ def measure_reference(
                 ended = result.ended | ~valid
                 lengths[lane_step.lanes[ended]] = step + 1
                 terminated[lane_step.lanes[ended]] = result.terminated[ended]
-                if not len(loop.living):
+                if not len(loop.running):
                     break
     finally:
         world.close()

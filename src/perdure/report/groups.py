@@ -29,7 +29,7 @@ class Group:
 
     task: str
     line: str
-    """Who acts: the method, its training seeds pooled; the policy's label where that would mix policies, or presets."""
+    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies."""
     clock: str
     clock_kind: str
     clock_steps: float
@@ -46,11 +46,11 @@ class Group:
     """Shape (lanes, steps)."""
     end_details: tuple[str, ...]
     verdicts: tuple[str, ...]
-    """Of each lane: its outcome, or what its policy was already within its training horizon."""
+    """Outcome of each lane; "never worked" or "cannot tell" if its policy was that within its training horizon."""
     notes: tuple[str, ...]
     """Evidence for the state of each lane's policy."""
     failed_steps: IntArray
-    """Steps before the lane's failure; without one the steps it was watched, shape (lanes,)."""
+    """Steps before the lane's failure; without a failure, all steps of the lane, shape (lanes,)."""
     end_hold: FloatArray
     """Hold score at the end or before the lane ended, shape (lanes,); nan where it is not known."""
     ever_idle: BoolArray

@@ -11,7 +11,7 @@
 | clock_kind | text | "constant", "periodic", "countdown", "none" |
 | clock_steps | float | the clock's number, e.g. C = 500; nan where there is none |
 | eval_seed | int | start state: the same for every policy and clock of a task |
-| test_horizon | int | steps the lane was asked to last |
+| test_horizon | int | steps of the lane, unless it ended earlier |
 | step | int | a recorded step, > 0 |
 | return | float | sum of rewards over the first `step` steps; an ended lane keeps its last value |
 | alive | bool | the lane completed `step` steps without ending before |
@@ -27,9 +27,9 @@
 | policy_state | text | "worked", "never worked" (within its horizon no better than idle), "cannot tell" |
 | policy_note | text | the evidence for that |
 | outcome | text | "holds", "decays", "fails silently", "falls", "diverges", "cut" or "unknown" |
-| failed_step | int | steps before the failure began; without one the steps watched |
+| failed_step | int | steps before the failure began; without a failure, all steps of the lane |
 | end_hold | float | (rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known |
-| ever_idle | bool | two windows in a row, at any time, were no better than idle |
+| ever_idle | bool | two consecutive windows, at any time, were no better than idle |
 
 Tables of version 1 are read too; they say nothing about idle robots, so their policies are "cannot tell".
 

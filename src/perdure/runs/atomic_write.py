@@ -95,7 +95,7 @@ def _write_all(descriptor: int, payload: bytes) -> None:
 
 
 def _open_temporary(target: Path) -> tuple[Path, int]:
-    """Make a new locked file beside `target`; the lock tells others that its writer lives."""
+    """Make a new locked file beside `target`; the lock shows other processes that its writer is alive."""
     while True:
         temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

@@ -82,7 +82,7 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
         return LocalWorkers(count, max(1, min(total // count, wanted)))
     kind, _, address = on.partition(":")
     if kind != "ray" or on.endswith(":"):
-        raise RunError(f"units run on here, local, ray or ray:ADDRESS, not on {on!r}")
+        raise RunError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}")
     from perdure.runs.on_ray import RayWorkers
 
     return RayWorkers(address or None, min(wanted, total))

@@ -60,7 +60,7 @@ def _decoding() -> Iterator[None]:
         MemoryError,
     ) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise SchemaError(f"it is no readable Parquet: {reason[:200]}") from None
+        raise SchemaError(f"it is not a readable Parquet file: {reason[:200]}") from None
 
 
 @contextmanager

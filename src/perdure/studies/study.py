@@ -32,7 +32,7 @@ class StepProgress:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Where a step is run, and who is informed. No result depends on it."""
+    """Where a step runs, and callbacks for its progress. No result depends on it."""
 
     on: str = "local"
     """See `perdure.runs.make_workers`."""

@@ -3,7 +3,7 @@
 | file | what it holds |
 |---|---|
 | `watch.py` | `watch`: find the moment, render it, write the film |
-| `render_env.py` | the Gymnasium environment that stands in for a task, since EnvPool cannot render |
+| `render_env.py` | the Gymnasium environment that is rendered instead of a task |
 | `judge.py` | run and judge episodes in that environment |
 | `replay.py` | step a judged episode again, with access to its simulation |
 | `camera.py` | pictures of a MuJoCo simulation, with or without a display |

@@ -22,7 +22,7 @@ from perdure.policy import Policy
 BEFORE, AFTER = 5.0, 1.0
 """Seconds shown before a failure and after it."""
 MOST_WINDOW = 10.0
-"""Seconds: a silent failure begins somewhere in a window of rewards, so the window is shown, but no more than this."""
+"""Most seconds shown of the window of rewards in which a silent failure begins."""
 RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
@@ -62,19 +62,19 @@ def watch(
     """Film a policy; the left panel shows an episode that holds, if there is one.
 
     Args:
-        policy: Who acts.
+        policy: The policy.
         out: The film, an .mp4.
-        clock: What it is told about time; None takes its own clock.
+        clock: Clock of the policy; None: its own clock.
         beside: A second clock, from the same start state, over the same steps.
-        until_failure: Look for the first start state from which the policy fails under ``clock``, and film the moment:
-            5 s before it and 1 s after it. Else the first 6 s from the first start state are filmed.
-        steps: How long each episode is asked to last.
-        eval_seeds: Start states among which a failure is looked for.
+        until_failure: Search for the first start state from which the policy fails under ``clock``, and film 5 s before
+            the failure and 1 s after it. Otherwise film the first 6 s from the first start state.
+        steps: Steps of each episode, unless it ends earlier.
+        eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: The first of them.
         size: Width and height of a panel's picture in pixels, even.
 
     Raises:
-        FilmError: If there is no such environment in Gymnasium, no failure, nothing can be drawn or no film be written.
+        FilmError: If Gymnasium lacks the environment, no episode fails, rendering fails, or the file cannot be written.
         PolicyError: If the policy takes no clock.
     """
     out = Path(out)
