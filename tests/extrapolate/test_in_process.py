@@ -184,7 +184,7 @@ class TestEnvironments:
     def test_a_pool_of_envpool_is_refused_with_what_to_give(self):
         import envpool
 
-        with pytest.raises(WorldError, match="of EnvPool give the task's name"):
+        with pytest.raises(WorldError, match="an EnvPool cannot be seeded again: give its task's name"):
             perdure.extrapolate(still, envpool.make_gymnasium("Hopper-v4", num_envs=1), steps=10)
 
 

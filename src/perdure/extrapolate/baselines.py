@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import OpenEnv, World
 from perdure.extrapolate.idle import EPISODES, FIRST_SEED, Idle, measure_idle
-from perdure.policy import Actor, FunctionPolicy, LaneStep, Policy, Reference, measure_reference
+from perdure.policy import FunctionPolicy, LaneStep, Policy, PolicyLike, Reference, measure_reference
 
 
 def idle_baseline(source: OpenEnv) -> Idle:
@@ -23,20 +23,20 @@ def idle_baseline(source: OpenEnv) -> Idle:
             world.close()
 
 
-def with_reference(actor: Actor, source: OpenEnv) -> Actor:
-    """Return the actor with its reference episodes, and a function with the spread of its observations.
+def with_reference(policy: PolicyLike, source: OpenEnv) -> PolicyLike:
+    """Return the policy with its reference episodes, and a function with the spread of its observations.
 
     A `Policy` that holds reference episodes already is returned as it is.
     """
-    if isinstance(actor, Policy) and actor.reference is not None:
-        return actor
-    running_std = _RunningStd(actor.task.observation_size)
-    parts = [measure_reference(actor, world.num_lanes, world, running_std.update) for world in _worlds(source)]
+    if isinstance(policy, Policy) and policy.reference is not None:
+        return policy
+    running_std = _RunningStd(policy.task.observation_size)
+    parts = [measure_reference(policy, world.num_lanes, world, running_std.update) for world in _worlds(source)]
     reference = _joined(parts)
-    if isinstance(actor, Policy):
-        return replace(actor, reference=reference)
-    assert isinstance(actor, FunctionPolicy)
-    return replace(actor, reference=reference, std=running_std.std)
+    if isinstance(policy, Policy):
+        return replace(policy, reference=reference)
+    assert isinstance(policy, FunctionPolicy)
+    return replace(policy, reference=reference, std=running_std.std)
 
 
 def _worlds(source: OpenEnv) -> Iterator[World]:

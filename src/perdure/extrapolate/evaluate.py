@@ -13,7 +13,7 @@ from perdure.extrapolate.divergence import DivergenceDetector
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
 from perdure.extrapolate.movement import MovementRecorder
 from perdure.extrapolate.recorded_steps import recorded_steps
-from perdure.policy import Actor, ClosedLoop, LanePolicy
+from perdure.policy import ClosedLoop, LanePolicy, PolicyLike
 from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
@@ -44,7 +44,7 @@ class LaneRecords:
 
 
 def evaluate_lanes(
-    policies: Sequence[Actor],
+    policies: Sequence[PolicyLike],
     lanes: Sequence[LaneSpec],
     steps: int,
     progress: ProgressCallback = lambda step, running: None,

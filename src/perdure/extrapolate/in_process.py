@@ -17,7 +17,7 @@ from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
-from perdure.policy import Actor, FunctionPolicy, Policy, TaskInfo, load_policy
+from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, load_policy
 from perdure.policy.onnx import OnnxModel
 from perdure.policy.readers import is_sb3_zip
 
@@ -119,7 +119,7 @@ class _Options:
         refuse_import(subject.task.name, (), "the policy")
         return subject.task.name
 
-    def actor(self, subject: Any, source: OpenEnv) -> Actor:
+    def actor(self, subject: Any, source: OpenEnv) -> PolicyLike:
         if isinstance(subject, Policy):
             if self.recurrent or self.training_horizon is not None:
                 raise ExtrapolationError("recurrent and training_horizon are for functions; a Policy knows its own")
@@ -162,7 +162,7 @@ class _Options:
         given = getattr(subject, "__name__", type(subject).__name__)
         return "function" if given == "<lambda>" else str(given)
 
-    def lanes(self, actor: Actor) -> list[LaneSpec]:
+    def lanes(self, actor: PolicyLike) -> list[LaneSpec]:
         clocks: tuple[Clock | None, ...] = (None,)
         if actor.has_clock:
             clocks = self.evaluation.deployment_clocks(actor.clock if isinstance(actor, Policy) else None)
@@ -172,7 +172,9 @@ class _Options:
         return [LaneSpec(0, clock, seed) for clock in clocks for seed in seeds]
 
 
-def _evaluate(actor: Actor, source: OpenEnv, options: _Options, idle: Idle, progress: ProgressCallback) -> pl.DataFrame:
+def _evaluate(
+    actor: PolicyLike, source: OpenEnv, options: _Options, idle: Idle, progress: ProgressCallback
+) -> pl.DataFrame:
     import polars as pl
 
     assert actor.reference is not None

@@ -269,9 +269,9 @@ def _collect(
     """Return the rows of these lanes in their order, policies by their labels."""
     import polars as pl
 
-    told, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
+    label_column, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
     wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
-    wanted = wanted.with_columns(told[[lane.policy for lane in lanes]]).with_row_index("lane")
+    wanted = wanted.with_columns(label_column[[lane.policy for lane in lanes]]).with_row_index("lane")
     files = [(store.get(key) / TABLE).read_bytes() for key in keys]  # Polars takes no path that is not UTF-8
     try:
         found = pl.read_parquet(files, columns=[*identity, "step"])

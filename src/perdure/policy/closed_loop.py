@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from perdure.envs import FloatArray, IntArray, Step, World
 from perdure.horizon import Clock
-from perdure.policy.actor import ActingLanes, Actor
 from perdure.policy.errors import PolicyError
+from perdure.policy.policy_like import ActingLanes, PolicyLike
 
 
 @dataclass(frozen=True, eq=False)
 class LanePolicy:
     """A policy and the clock that sets its time-to-go input; the clock is None for a policy without that input."""
 
-    policy: Actor
+    policy: PolicyLike
     clock: Clock | None
 
 
@@ -134,7 +134,7 @@ def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
     ]
 
 
-def check_fit(policy: Actor, world: World) -> None:
+def check_fit(policy: PolicyLike, world: World) -> None:
     """Refuse a policy for another task.
 
     Raises:

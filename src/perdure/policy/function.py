@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A function as an `Actor`. Every call passes all n lanes of a closed loop, ended ones included.
+    """A function as an `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
 
     | kind | call | returns |
     |---|---|---|
@@ -49,11 +49,11 @@ class FunctionPolicy:
     has_clock: bool = False
     """Whether the function has the arguments ``elapsed`` and ``horizon``."""
     training_horizon: float = float("inf")
-    """See `Actor.training_horizon`."""
+    """See `PolicyLike.training_horizon`."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """See `Actor.provenance`."""
+    """See `PolicyLike.provenance`."""
     reference: Reference | None = None
-    """See `Actor.reference`."""
+    """See `PolicyLike.reference`."""
     std: FloatArray | None = None
     """See `observation_std`; None: not measured."""
 
@@ -63,7 +63,7 @@ class FunctionPolicy:
         return np.zeros(self.task.observation_size) if self.std is None else self.std
 
     def start(self, clocks: Sequence[Clock | None]) -> _FunctionLanes:
-        """See `Actor.start`."""
+        """See `PolicyLike.start`."""
         return _FunctionLanes(self, clocks)
 
 
