@@ -190,10 +190,10 @@ def test_a_unit_cannot_lie_inside_another_or_swallow_one(tmp_path):
     put(store, "a/b")
     with pytest.raises(StoreError, match="lies inside the unit 'a/b'"):
         put(store, "a/b/c")
-    with pytest.raises(StoreError, match="in the way"):
+    with pytest.raises(StoreError, match="blocks the unit"):
         put(store, "a")
     (tmp_path / "file").write_text("x")
-    with pytest.raises(StoreError, match="in the way"):
+    with pytest.raises(StoreError, match="blocks the unit"):
         put(store, "file")
 
 
