@@ -1,18 +1,18 @@
 # Everything runs in .venv, which `make setup` creates here. Needs make and Python 3.11 or newer.
 
-# The demonstration: how long each robot is asked to last, from how many starts, and what it is told about time.
+# The demonstration: steps of each episode, number of start states, and the clock.
 DEMO_STEPS  ?= 20000
 DEMO_SEEDS  ?= 10
 DEMO_CLOCKS ?= constant:500
 DEMO_OUT    ?= demo
 
-# And at home: how many episodes of SetTable, the ways to let go of what is placed, and what stops an apple that rolls
-# (drag, as in Habitat: there the hand-over shows; friction is the usual setting).
+# And at home: episodes of SetTable, release strategies, and what stops a rolling apple (drag, as in Habitat, where the
+# release strategies differ most; friction is the usual setting).
 DEMO_EPISODES ?= 6
 DEMO_PLACES   ?= rl ik
 DEMO_ROLLING  ?= drag
 
-# Test processes, and what else pytest should be told: make test PYTEST="-k clock"
+# Test processes, and further options of pytest: make test PYTEST="-k clock"
 PROCESSES ?= 2
 PYTEST    ?=
 

@@ -27,7 +27,7 @@ from rich.table import Table
 
 from perdure.envs import make_world
 from perdure.ppo import method_config
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 HERE = Path(__file__).parent
 PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
@@ -263,7 +263,7 @@ def fill_pages(results: dict[str, Any]) -> None:
 
 
 def _fill(page: Path, mark: str, rows: list[str]) -> None:
-    write_whole(page, put(page.read_text(), mark, "\n".join(rows)))
+    write_atomic(page, put(page.read_text(), mark, "\n".join(rows)))
 
 
 def main() -> None:
@@ -285,7 +285,7 @@ def main() -> None:
             "unit": figure.unit,
             "how": figure.how,
         }
-        write_whole(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
+        write_atomic(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
     fill_pages(results)
     table = Table("benchmark", "ours", "peer", "ratio", "unit")
     for name, row in sorted(results.items()):

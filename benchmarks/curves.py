@@ -31,7 +31,7 @@ from perdure.report.axes import Axis
 from perdure.report.curves import Curve, curve_chart
 from perdure.report.render import Figure, save
 from perdure.report.statistics import difference_interval, make_units
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "curves"
@@ -66,7 +66,7 @@ def binned(steps: np.ndarray, returns: np.ndarray, total: int) -> list[float | N
 def keep(task: str, side: str, seed: int, curve: list[float | None], evaluation: list[float]) -> None:
     path = FOLDER / task / f"{side}-{seed}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps({"curve": curve, "evaluation": evaluation}) + "\n")
+    write_atomic(path, json.dumps({"curve": curve, "evaluation": evaluation}) + "\n")
 
 
 def keep_sb3(task: str, seed: int, result: dict[str, Any]) -> None:
@@ -133,7 +133,7 @@ def compare() -> None:
             "interval_95": [None if np.isnan(b) else float(b) for b in (interval.lower, interval.upper)],
         }
         print(task, json.dumps(result[task], indent=1))
-    write_whole(HERE / "curves.json", json.dumps(result, indent=1, sort_keys=True) + "\n")
+    write_atomic(HERE / "curves.json", json.dumps(result, indent=1, sort_keys=True) + "\n")
     draw()
 
 

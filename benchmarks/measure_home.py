@@ -53,13 +53,13 @@ class Engine:
 
 
 class Recording(World):
-    """A world that remembers what it was told, step by step."""
+    """A world that records the arguments of each step."""
 
     log: ClassVar[list[tuple[np.ndarray, ...]]] = []
 
-    def step(self, *told: Any) -> None:
-        self.log.append(tuple(np.array(each) for each in told))
-        super().step(*told)
+    def step(self, *arguments: Any) -> None:
+        self.log.append(tuple(np.array(each) for each in arguments))
+        super().step(*arguments)
 
 
 def scene() -> dict[str, float]:
@@ -111,7 +111,7 @@ def place() -> dict[str, float]:
     )
     policy = policies["place"].policy
     rng = np.random.default_rng(0)
-    told: list[np.ndarray] = []
+    actions: list[np.ndarray] = []
 
     def act(observations: np.ndarray) -> np.ndarray:
         if policy is None:
@@ -124,9 +124,9 @@ def place() -> dict[str, float]:
         spent, steps, engine.spent = 0.0, 200, 0.0
         for k in range(steps):
             if turn == 0:
-                told.append(act(observations))
+                actions.append(act(observations))
             began = time.perf_counter()
-            observations, _, terminated, truncated, info = env.step(told[k])
+            observations, _, terminated, truncated, info = env.step(actions[k])
             over = terminated | truncated | (info["elapsed"] >= env.skill.limit)
             if over.any():
                 observations, _ = env.reset(options={"reset_mask": over})

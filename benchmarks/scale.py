@@ -89,11 +89,11 @@ def write_synthetic(lanes: int, folder: Path) -> None:
     """Write a table of POLICIES training runs of one method under CLOCKS constant clocks; half of the lanes fall."""
     import polars as pl
 
-    from perdure.extrapolate.checkpoints import checkpoint_steps
+    from perdure.extrapolate.recorded_steps import recorded_steps
     from perdure.report import COLUMNS, write_table
 
     rng, lane, last = np.random.default_rng(0), np.arange(lanes), 100_000
-    steps, seeds = checkpoint_steps(last), lanes // (POLICIES * CLOCKS)
+    steps, seeds = recorded_steps(last), lanes // (POLICIES * CLOCKS)
     policy, clock = lane // (CLOCKS * seeds), lane // seeds % CLOCKS
     ends = np.where(rng.random(lanes) < 0.5, last, np.ceil(rng.exponential(0.3 * last, lanes)).clip(1, last - 1))
     facts = {

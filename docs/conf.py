@@ -22,7 +22,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 exclude_patterns = ["_build"]
 default_role = "py:obj"  # `Name` in a docstring becomes a link where that name is documented
 nitpicky = False
-suppress_warnings = ["ref.python"]  # two packages may each have an `Actor`; links of their docstrings may meet both
+suppress_warnings = ["ref.python"]  # two packages may each have a `World`; links of their docstrings may meet both
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["deflist"]

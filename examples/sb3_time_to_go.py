@@ -5,11 +5,11 @@
 
 Three things to mind with Stable-Baselines3:
 
-* Its PPO bootstraps at every truncation. A policy that is told the time-to-go knows that nothing follows its horizon,
+* Its PPO bootstraps at every truncation. A policy with a time-to-go input observes that nothing follows its horizon,
   so the horizon ends episodes with ``end="terminated"``.
 * ``VecNormalize`` would normalize phi with the statistics of training, and phi would mean something else in deployment.
   With ``dict=True`` phi has a key of its own, and ``norm_obs_keys`` leaves it out.
-* ``Monitor`` goes above the wrappers, or it never hears of the horizons. (``make_vec_env`` puts it beneath.)
+* ``Monitor`` goes above the wrappers; below them it would not see the horizons. (``make_vec_env`` puts it below.)
 """
 
 import argparse
@@ -33,7 +33,7 @@ def make_protocol(task: str) -> HorizonProtocol:
 
 
 def make_training_env(task: str, protocol: HorizonProtocol) -> VecNormalize:
-    """One environment with random horizons; observations and rewards normalized, phi left as it is."""
+    """One environment with random horizons; observations and rewards normalized, phi not."""
 
     def make() -> gymnasium.Env:
         env = gymnasium.make(task, max_episode_steps=-1)  # no limit but ours
@@ -44,7 +44,7 @@ def make_training_env(task: str, protocol: HorizonProtocol) -> VecNormalize:
 
 
 def make_deployment_env(task: str, protocol: HorizonProtocol, clock: Clock) -> gymnasium.Env:
-    """The same world without a horizon; the policy is told the clock's time."""
+    """The same environment without a horizon; a clock sets the time-to-go input."""
     env = gymnasium.make(task, max_episode_steps=-1)
     return TimeToGoObservation(env, protocol.embedding, clock=clock, dict=True)
 

@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
 cli -> studies -> extrapolate, home -> ppo -> policy -> envs -> horizon
-report, runs: nothing of ours but schema, and report writes files with runs.write_whole
+report, runs: nothing of ours but schema, and report writes files with runs.write_atomic
 schema: nothing of ours; everything may use it
 """
 
@@ -38,7 +38,7 @@ HOME = "perdure.home"
 ROOMS = ("sim", "benchmark", "skills", "agents", "evaluate", "video")
 """The rooms of `perdure.home`, each above those before it."""
 
-ONLY = {("report", "runs"): {"write_whole"}}
+ONLY = {("report", "runs"): {"write_atomic"}}
 """Where an arrow carries certain names only."""
 
 TYPES_ONLY: set[tuple[str, str]] = set()
@@ -147,7 +147,7 @@ def test_the_known_arrows_are_seen(imports):
     """The search finds something: an empty result would pass every rule."""
     arrows = {(found.source, found.target) for found in imports}
     assert {("extrapolate", "policy"), ("ppo", "policy"), ("policy", "envs"), ("report", "runs")} <= arrows
-    assert ("report", "runs", "write_whole") in {(found.source, found.target, found.name) for found in imports}
+    assert ("report", "runs", "write_atomic") in {(found.source, found.target, found.name) for found in imports}
 
 
 PLANTED = {

@@ -11,7 +11,7 @@ from pathlib import Path
 from marks import put
 
 from perdure.report.render import Figure, render
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.studies.placement.analyze import make_figures
 from perdure.studies.placement.markdown import TABLES, readme_table
 from perdure.studies.placement.markdown_measured import hand_over_measured, noise_measured
@@ -52,9 +52,9 @@ def update_docs(root: Path, results: Path) -> None:
     """Write the tables of a folder of results into the pages under `root`, and the pictures beside them."""
     tables = read_tables(results)
     for page, texts in tables_by_page(tables).items():
-        write_whole(root / page, filled((root / page).read_text(), texts))
+        write_atomic(root / page, filled((root / page).read_text(), texts))
     for name, figure in pictures(tables).items():
-        write_whole(root / "docs" / "images" / name, render(figure))
+        write_atomic(root / "docs" / "images" / name, render(figure))
 
 
 if __name__ == "__main__":

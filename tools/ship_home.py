@@ -36,7 +36,7 @@ from perdure.report.curves import Curve, curve_chart
 from perdure.report.render import Figure, save
 from perdure.report.theme import style
 from perdure.report.wording import share
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
@@ -194,7 +194,7 @@ def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> 
     lent(scores, renewed)
     _write(scores)
     text = table(scores)
-    write_whole(PAGE, put(PAGE.read_text(), "scores", text))
+    write_atomic(PAGE, put(PAGE.read_text(), "scores", text))
     print(text)
     for task in {name.split("/")[0] for name in scores}:
         draw(task, dict(sorted(scores.items())))
@@ -225,7 +225,7 @@ def _steps(entry: dict[str, Any]) -> str:
 
 
 def _write(scores: dict[str, dict[str, Any]]) -> None:
-    write_whole(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
+    write_atomic(SCORES, json.dumps(dict(sorted(scores.items())), indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
 | `perdure.ppo` | PPO in JAX with a configurable horizon; training methods |
 | `perdure.extrapolate` | evaluation far beyond the training horizon |
-| `perdure.extrapolate.film` | videos of a policy at the moment of its failure |
+| `perdure.extrapolate.film` | videos of a policy as it fails |
 | `perdure.report` | figures and an HTML report from evaluation tables |
 | `perdure.home` | the Home Assistant Benchmark |
 | `perdure.runs` | resumable units of work, on this machine or on a cluster |

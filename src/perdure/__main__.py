@@ -27,7 +27,7 @@ def main() -> None:
     try:
         run(sys.argv[1:])
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of a pipe has left; there is nobody to tell
+        sys.stderr.close()  # the reader of the pipe is gone, so nothing can be printed
     except KeyboardInterrupt as interrupt:
         print("perdure: interrupted; run the same command to continue", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)

@@ -133,7 +133,7 @@ def extrapolated(perdure, trained):
     return folder, succeeded(perdure(*arguments, cwd=folder))
 
 
-def test_extrapolate_writes_one_row_for_each_lane_and_checkpoint(extrapolated):
+def test_extrapolate_writes_one_row_for_each_lane_and_recorded_step(extrapolated):
     folder, _ = extrapolated
     frame = pl.read_parquet(folder / "carried" / "lanes.parquet")
     assert frame["step"].max() == 50

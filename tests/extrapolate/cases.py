@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.extrapolate.checkpoints import window_steps
+from perdure.extrapolate.recorded_steps import window_steps
 from perdure.policy.reference import BIN_STEPS, Reference
 
 T, EPISODES = 1000, 20

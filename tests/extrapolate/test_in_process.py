@@ -184,7 +184,7 @@ class TestEnvironments:
     def test_a_pool_of_envpool_is_refused_with_what_to_give(self):
         import envpool
 
-        with pytest.raises(WorldError, match="of EnvPool give the task's name"):
+        with pytest.raises(WorldError, match="an EnvPool cannot be seeded again: give its task's name"):
             perdure.extrapolate(still, envpool.make_gymnasium("Hopper-v4", num_envs=1), steps=10)
 
 
@@ -195,7 +195,7 @@ class TestEnvironments:
         (lambda seen: 0.0, r"shape \(20, 1\)"),
         (lambda seen: (still(seen), None), "returned a tuple; of Stable-Baselines3"),
         (lambda seen: np.full((len(seen), 1), np.nan), "at step 1 is not finite"),
-        (lambda seen: ["left"] * len(seen), "no array of numbers"),
+        (lambda seen: ["left"] * len(seen), "not an array of numbers"),
     ],
 )
 def test_what_is_no_action_is_refused(function, message):

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
 from perdure.extrapolate import LaneSpec, evaluate_lanes
-from perdure.extrapolate.checkpoints import MOST_WINDOWS, checkpoint_steps, window_steps
 from perdure.extrapolate.evaluate import END_REASONS
+from perdure.extrapolate.recorded_steps import MOST_WINDOWS, recorded_steps, window_steps
 from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.policy.reference import Reference
@@ -38,22 +38,22 @@ def records():
     return evaluate(SCRIPTS, STEPS)
 
 
-class TestCheckpoints:
+class TestRecordedSteps:
     @given(steps=st.integers(1, 2_000_000))
     def test_rise_from_the_first_step_to_the_last_and_stay_few(self, steps):
-        found = checkpoint_steps(steps)
+        found = recorded_steps(steps)
         assert (found[0], found[-1]) == (1, steps)
         assert np.all(np.diff(found) > 0)
         assert len(found) <= MOST_WINDOWS + 65
         assert set(window_steps(steps)) <= set(found)
 
     def test_cover_both_axes_of_a_long_evaluation(self):
-        found = set(checkpoint_steps(100_000).tolist())
+        found = set(recorded_steps(100_000).tolist())
         assert {1, 10, 100, 1_000, 10_000, 100_000} <= found, "whole decades of the log axis"
         assert set(range(1_000, 100_001, 1_000)) <= found, "hundredths of the linear axis"
 
     def test_every_step_of_a_short_evaluation_is_one(self):
-        assert checkpoint_steps(30).tolist() == list(range(1, 31))
+        assert recorded_steps(30).tolist() == list(range(1, 31))
 
 
 class TestEnds:
@@ -79,7 +79,7 @@ class TestEnds:
         assert records.returns[5, at[40]] == 820
         assert records.returns[7, [at[37], at[40]]].tolist() == [-74, -76]
 
-    def test_lanes_that_all_end_early_keep_their_values_at_the_checkpoints_never_reached(self):
+    def test_lanes_that_all_end_early_keep_their_values_at_the_recorded_steps_never_reached(self):
         early = evaluate([Script(falls_at=3), Script(falls_at=5)], 1000)
         assert early.returns[:, -1].tolist() == [3, 5]
         assert early.end_step.tolist() == [3, 5]
@@ -97,7 +97,9 @@ def test_memory_does_not_grow_with_the_steps():
         return {f.name: np.shape(getattr(records, f.name)) for f in dataclasses.fields(records)}
 
     short, long = size(1_000_000), size(100_000_000)
-    assert long["returns"][1] < 1.05 * short["returns"][1], "a hundred times the steps: two decades of checkpoints more"
+    assert long["returns"][1] < 1.05 * short["returns"][1], (
+        "a hundred times the steps: two decades of recorded steps more"
+    )
     assert max(max(shape) for shape in long.values()) == long["returns"][1]
 
 
@@ -153,7 +155,7 @@ def frame(records):
 
 
 class TestTable:
-    def test_has_one_row_for_each_lane_and_checkpoint(self, frame):
+    def test_has_one_row_for_each_lane_and_recorded_step(self, frame):
         assert frame.height == len(SCRIPTS) * STEPS
         assert frame.select("eval_seed", "step").is_unique().all()
 

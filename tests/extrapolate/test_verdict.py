@@ -12,8 +12,8 @@ from scripted import policy_for
 
 from perdure.envs import make_world
 from perdure.extrapolate import LaneSpec, evaluate_lanes
-from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.idle import Idle, measure_idle
+from perdure.extrapolate.recorded_steps import window_steps
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.verdict import judge_lane
 from perdure.policy import Reference, TaskInfo, load_policy, measure_reference

@@ -169,9 +169,7 @@ def horizon_json(rng):
 
 @cache
 def table_file():
-    frame = payloads._builder()(
-        [{"hazard": 1e-2}, {"clock": "none", "method": "ppo"}], lanes=2, checkpoints=(100, 1000)
-    )
+    frame = payloads._builder()([{"hazard": 1e-2}, {"clock": "none", "method": "ppo"}], lanes=2, recorded=(100, 1000))
     content = write_table(FOLDER / "table.parquet", frame, {"command": "perdure extrapolate"}).read_bytes()
     old = frame.rename({"movement_first": "first_tenth", "movement_last": "last_tenth", "window": "stuck_steps"})
     old = old.select(pl.col(name).cast(kind) for name, kind in schema._COLUMNS_1.items())

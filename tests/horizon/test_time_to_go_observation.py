@@ -101,9 +101,9 @@ def test_whole_numbers_cannot_carry_phi():
 
 
 def test_without_horizon_or_clock_nothing_can_be_told():
-    with pytest.raises(HorizonError, match="needs a HorizonLimit beneath it, or a clock"):
+    with pytest.raises(HorizonError, match="needs a HorizonLimit below it, or a clock"):
         TimeToGoObservation(Stumbling(), Linear())
-    with pytest.raises(HorizonError, match="needs a HorizonLimit beneath it, or a clock"):
+    with pytest.raises(HorizonError, match="needs a HorizonLimit below it, or a clock"):
         TimeToGoObservation(gymnasium.wrappers.TimeLimit(Stumbling(), 4), Linear())
 
 

@@ -342,7 +342,7 @@ def test_an_environment_that_does_not_say_how_it_resets_is_refused():
 
 def test_what_cannot_work_is_refused():
     two = worlds(NEXT_STEP, {}, {})
-    with pytest.raises(HorizonError, match="needs a VectorHorizonLimit beneath it, or a clock"):
+    with pytest.raises(HorizonError, match="needs a VectorHorizonLimit below it, or a clock"):
         VectorTimeToGoObservation(two, Linear())
     with pytest.raises(HorizonError, match="2 lanes need as many clocks, got 1"):
         VectorTimeToGoObservation(two, Linear(), clock=LaneClocks([Constant(1)]))

@@ -76,7 +76,7 @@ def table(path, text=lambda payload: payload, payloads=PAYLOADS, tasks=("Hopper-
         for task in tasks
         for each in payloads
     ]
-    frame = _builder()(groups, lanes=2, checkpoints=(100, 1000))
+    frame = _builder()(groups, lanes=2, recorded=(100, 1000))
     lanes = [text(each) for _ in tasks for each in payloads for _ in range(2 * 2)]
     import polars as pl
 

@@ -25,7 +25,7 @@ def test_memory_is_flat_over_many_lane_steps():
     policy, seen = load_policy("HalfCheetah-v3/ppo"), []
     lanes = [LaneSpec(0, None, seed) for seed in range(LANES)]
     steps = LANE_STEPS // LANES
-    records = evaluate_lanes([policy], lanes, steps, lambda step, living: seen.append((step, resident())))
+    records = evaluate_lanes([policy], lanes, steps, lambda step, running: seen.append((step, resident())))
     assert (records.end_step == steps).mean() > 0.5, "lanes that end do not soak"
     settled = [size for step, size in seen if step > 0.1 * steps]
     assert len(settled) > 10

@@ -36,7 +36,7 @@ def trajectories(lanes, drop=(), after=0):
         for step in range(STEPS):
             if step == after and len(drop):
                 loop.drop(np.array(drop))
-            if not len(loop.living):
+            if not len(loop.running):
                 break
             lane_step = loop.advance()
             for row, lane in enumerate(lane_step.lanes):
@@ -106,4 +106,4 @@ class TestPoliciesThatDoNotFit:
 
     def test_a_policy_of_another_version_of_the_same_shape_is_accepted(self, world):
         task = dataclasses.replace(WITHOUT.task, name="Hopper-v4")
-        assert len(ClosedLoop(world, [LanePolicy(random_policy(task=task), Constant(1.0))]).living) == 1
+        assert len(ClosedLoop(world, [LanePolicy(random_policy(task=task), Constant(1.0))]).running) == 1

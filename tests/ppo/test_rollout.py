@@ -14,7 +14,7 @@ from perdure.envs.traced import WorldSlot, trace
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.ppo import PPOConfig
 from perdure.ppo.normalizer import start_moments
-from perdure.ppo.rollout import draw, finish, make_collect, network_inputs, observe, start_lanes
+from perdure.ppo.rollout import draw, finish, make_collect, network_inputs, start_env_state, update_moments
 from perdure.ppo.state import start_state
 
 SEEDS = [11, 12]
@@ -40,11 +40,13 @@ def rollout():
         first = world.reset()
         slot.fill(world)
         state = start_state(0, world.spec, CONFIG)
-        lanes = start_lanes(CONFIG, jnp.asarray(first), jnp.array([0.3, 0.9]))
-        statistics = state.statistics._replace(observations=observe(CONFIG, state.statistics.observations, lanes))
+        env_state = start_env_state(CONFIG, jnp.asarray(first), jnp.array([0.3, 0.9]))
+        statistics = state.statistics._replace(
+            observations=update_moments(CONFIG, state.statistics.observations, env_state)
+        )
         draws = draw(jax.random.key(3), world.spec.action_size, config=CONFIG)
         collect = jax.jit(make_collect(trace(slot), world.spec, CONFIG))
-        _, last, written = collect(slot.handle, (lanes, statistics), state.params, draws)
+        _, last, written = collect(slot.handle, (env_state, statistics), state.params, draws)
         result = jax.tree.map(np.asarray, finish(last, written, config=CONFIG))
         written = jax.tree.map(np.asarray, written)
     slot.clear()
@@ -100,7 +102,7 @@ def test_the_rollout_holds_falls_and_limits(rollout):
 
 def test_observations_rewards_and_falls_are_those_of_the_world_stepped_by_hand(rollout, by_hand):
     np.testing.assert_array_equal(rollout.trace.observations, by_hand.after)
-    np.testing.assert_array_equal(rollout.trace.outcome[:, 0], by_hand.rewards)
+    np.testing.assert_array_equal(rollout.trace.step_result[:, 0], by_hand.rewards)
     np.testing.assert_array_equal(rollout.result.experience.ends.terminated, by_hand.terminated)
     np.testing.assert_array_equal(rollout.result.episodes.lengths, by_hand.elapsed)
 
@@ -184,10 +186,14 @@ class TestNormalizingPhi:
         config = PPOConfig(protocol=protocol, n_envs=2)
         with jax.enable_x64(True):
             observations = jnp.asarray(np.random.default_rng(0).normal(size=(2, SIZE)))
-            lanes = start_lanes(config, observations, jnp.zeros(2))
-            lanes = lanes._replace(counters=lanes.counters.at[0].set(jnp.array([10.0, 19.0])).at[1].set(20.0))
-            moments = observe(config, start_moments(SIZE + 3 * normalize_embedding), lanes)
-            return np.asarray(network_inputs(config, moments, lanes.observations, lanes.elapsed, lanes.horizons))
+            env_state = start_env_state(config, observations, jnp.zeros(2))
+            env_state = env_state._replace(
+                counters=env_state.counters.at[0].set(jnp.array([10.0, 19.0])).at[1].set(20.0)
+            )
+            moments = update_moments(config, start_moments(SIZE + 3 * normalize_embedding), env_state)
+            return np.asarray(
+                network_inputs(config, moments, env_state.observations, env_state.elapsed, env_state.horizons)
+            )
 
     def test_phi_is_left_as_it_is_by_default(self):
         np.testing.assert_allclose(self.inputs(False)[:, SIZE:], PHI(np.array([10, 19]), np.array([20, 20])), rtol=1e-6)

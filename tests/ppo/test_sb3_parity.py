@@ -20,7 +20,7 @@ from perdure.horizon import Fixed, HorizonProtocol
 from perdure.ppo import PPOConfig
 from perdure.ppo.iteration import prepare
 from perdure.ppo.normalizer import start_moments
-from perdure.ppo.rollout import Statistics, draw, finish, make_collect, observe, start_lanes
+from perdure.ppo.rollout import Statistics, draw, finish, make_collect, start_env_state, update_moments
 from perdure.ppo.update import epoch, start_adam
 
 RECORDING = Path(__file__).parent / "data" / "sb3_iteration.safetensors"
@@ -78,12 +78,12 @@ def collected(recording, settings):
     with jax.enable_x64(True):
         world = replay(recording)
         spec = TaskSpec("Hopper-v3", "recorded", "none", 11, -np.ones(3), np.ones(3), 1000)
-        lanes = start_lanes(settings, jnp.asarray(recording["raw/observations"][0]), jnp.zeros(N_ENVS))
-        statistics = Statistics(observe(settings, start_moments(11), lanes), start_moments(1))
+        env_state = start_env_state(settings, jnp.asarray(recording["raw/observations"][0]), jnp.zeros(N_ENVS))
+        statistics = Statistics(update_moments(settings, start_moments(11), env_state), start_moments(1))
         collect = jax.jit(make_collect(world, spec, settings))
         draws = draw(jax.random.key(0), 3, config=settings)
         params = params_of(recording, "before")
-        _, last, trace = collect(jnp.zeros(()), (lanes, statistics), params, draws)
+        _, last, trace = collect(jnp.zeros(()), (env_state, statistics), params, draws)
         return finish(last, trace, config=settings)
 
 

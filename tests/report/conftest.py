@@ -6,15 +6,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-CHECKPOINTS = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
+RECORDED_STEPS = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
 
 
-def lane_rows(lane, ends, rate, last_rate=None, checkpoints=CHECKPOINTS):
+def lane_rows(lane, ends, rate, last_rate=None, recorded=RECORDED_STEPS):
     """Rows of one lane: `rate` reward per step until `ends` (inf: never); the last tenth at `last_rate` if it lives.
 
     Its return after s steps is rate * min(s, ends) exactly (last_rate None), and it is alive at s when ends >= s.
     """
-    horizon = checkpoints[-1]
+    horizon = recorded[-1]
     survives = ends > horizon
     end_step = horizon if survives else int(ends)
     reason = "survived" if survives else lane.pop("reason", "terminated")
@@ -29,7 +29,7 @@ def lane_rows(lane, ends, rate, last_rate=None, checkpoints=CHECKPOINTS):
             "return": rate * min(step, end_step) + (late - rate) * max(0, min(step, end_step) - horizon * 9 // 10),
             "alive": step <= end_step,
         }
-        for step in checkpoints
+        for step in recorded
     ]
 
 
@@ -62,7 +62,7 @@ def clock_columns(clock):
     return {"clock": clock, "clock_kind": kind, "clock_steps": float(steps) if steps else math.nan}
 
 
-def build(groups, lanes=8, train_seeds=(0,), checkpoints=CHECKPOINTS, seed=0):
+def build(groups, lanes=8, train_seeds=(0,), recorded=RECORDED_STEPS, seed=0):
     """Build a table.
 
     Each group is a dictionary: task, method, clock, train_horizon, rate (reward per step), and one of
@@ -83,7 +83,7 @@ def build(groups, lanes=8, train_seeds=(0,), checkpoints=CHECKPOINTS, seed=0):
                 end = ends[lane] if ends is not None else rng.geometric(hazard) if hazard else math.inf
                 labels = base | {"policy": policy, "train_seed": train_seed, "eval_seed": lane}
                 own_rate = rng.normal(rate, spread) if spread else rate
-                rows += lane_rows(labels, end, own_rate, last_rate, checkpoints)
+                rows += lane_rows(labels, end, own_rate, last_rate, recorded)
     return typed(pl.DataFrame(rows))
 
 

@@ -70,5 +70,5 @@ def test_a_lane_that_lacks_a_step_another_has_is_refused(frame):
     lacks = frame.filter(~((pl.col("step") == 500) & (pl.col("eval_seed") == 1)))
     moved = frame.with_columns(step=pl.when(step=500, eval_seed=1).then(501).otherwise("step"))
     for odd in (lacks, moved):
-        with pytest.raises(ReportError, match="the lanes on Hopper-v3 do not share their checkpoint steps"):
+        with pytest.raises(ReportError, match="the lanes on Hopper-v3 do not share their recorded steps"):
             table_lanes(odd, "t")

@@ -52,7 +52,7 @@ def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
         (lambda f: f.with_columns(pl.lit("fine").alias("outcome")), "outcome must be one of .*not 'fine'"),
         (lambda f: f.with_columns(pl.lit("good").alias("policy_state")), "policy_state must be one of .*not 'good'"),
         (lambda f: f.with_columns(pl.lit(0).cast(pl.Int64).alias("step")), "step must be a whole number .*not 0"),
-        (lambda f: f.with_columns((pl.col("step") * 2).alias("step")), "checkpoint step lies beyond"),
+        (lambda f: f.with_columns((pl.col("step") * 2).alias("step")), "recorded step lies beyond"),
         (lambda f: f.with_columns(pl.lit(math.nan).alias("return")), "return must be a number"),
         (lambda f: f.with_columns(pl.lit(-math.inf).alias("return")), "return must be a number"),
         (lambda f: f.with_columns(pl.lit(0).cast(pl.Int64).alias("end_step")), "end_step must be .*not 0"),
@@ -68,7 +68,7 @@ def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
         (lambda f: f.with_columns(pl.lit(1e308).alias("train_horizon")), "train_horizon must be at most"),
         (lambda f: f.with_columns(method=pl.col("step").cast(pl.String)), "more than one method"),
         (lambda f: pl.concat([f, f.head(1)]), "twice at step 100"),
-        (lambda f: f.slice(1), "do not share their checkpoint steps"),
+        (lambda f: f.slice(1), "do not share their recorded steps"),
         (lambda f: f.with_columns(pl.col("test_horizon") + pl.col("eval_seed")), "do not share"),
     ],
 )

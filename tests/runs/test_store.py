@@ -190,10 +190,10 @@ def test_a_unit_cannot_lie_inside_another_or_swallow_one(tmp_path):
     put(store, "a/b")
     with pytest.raises(StoreError, match="lies inside the unit 'a/b'"):
         put(store, "a/b/c")
-    with pytest.raises(StoreError, match="in the way"):
+    with pytest.raises(StoreError, match="blocks the unit"):
         put(store, "a")
     (tmp_path / "file").write_text("x")
-    with pytest.raises(StoreError, match="in the way"):
+    with pytest.raises(StoreError, match="blocks the unit"):
         put(store, "file")
 
 
@@ -258,7 +258,7 @@ WRITER = """
                 for name in range(40):
                     (work.folder / str(name)).write_text(str(os.getpid()))
         except StoreError as error:
-            assert "worked on by another" in str(error) or "finished already" in str(error)
+            assert "run by another" in str(error) or "finished already" in str(error)
             time.sleep(0.01)
 """
 
@@ -332,7 +332,7 @@ def test_a_workspace_survives_kill_9_and_has_one_worker_at_a_time(tmp_path):
     store = Store(tmp_path)
     process = start(KILLED, tmp_path)
     assert process.stdout.readline() == "ready\n"
-    with pytest.raises(StoreError, match="worked on by another process"), store.workspace("unit", {"a": 1}):
+    with pytest.raises(StoreError, match="run by another process"), store.workspace("unit", {"a": 1}):
         pytest.fail("the block must not run")
     os.kill(process.pid, signal.SIGKILL)
     process.wait()

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import pytest
 
 from perdure.runs import RunError
-from perdure.studies import Count, How, StudyError, find_study
+from perdure.studies import RunOptions, StepProgress, StudyError, find_study
 from perdure.studies.run import read_folder, run_steps
-from perdure.studies.status import cost_text, count_steps, failed_steps, lines, status_text
+from perdure.studies.status import cost_text, failed_steps, lines, read_step_progress, status_text
 
 
 @dataclass
@@ -25,14 +25,14 @@ class Scripted:
     def seconds(self, speed):
         return self.amount / speed
 
-    def count(self):
-        return Count(2, self.done, running=1 - self.done // 2, failed=int(self.fails), share=self.done / 2)
+    def progress(self):
+        return StepProgress(2, self.done, running=1 - self.done // 2, failed=int(self.fails), share=self.done / 2)
 
-    def run(self, how):
+    def run(self, options):
         self.log.append(self.key)
         if self.fails:
             raise RunError("broken")
-        how.observe({})
+        options.observe({})
 
 
 def test_steps_run_in_order_and_a_failure_stops_only_what_depends_on_it():
@@ -45,27 +45,27 @@ def test_steps_run_in_order_and_a_failure_stops_only_what_depends_on_it():
         Scripted("e", log, after=("b",)),
     ]
     with pytest.raises(RunError, match="3 of 5 steps failed: a: broken"):
-        run_steps(steps, How("here"))
+        run_steps(steps, RunOptions("here"))
     assert log == ["a", "c", "d"]
 
 
 def test_a_fault_of_the_program_is_not_hidden():
     broken = Scripted("a")
-    broken.run = lambda how: int("no number")
+    broken.run = lambda options: int("no number")
     with pytest.raises(ValueError, match="invalid literal"):
-        run_steps([broken], How("here"))
+        run_steps([broken], RunOptions("here"))
 
 
 def test_the_observer_sees_the_whole_study():
     seen = []
-    run_steps([Scripted("a"), Scripted("b")], How("here", observe=lambda status: seen.append(dict(status))))
+    run_steps([Scripted("a"), Scripted("b")], RunOptions("here", observe=lambda status: seen.append(dict(status))))
     assert {key: each.state for key, each in seen[-1].items()} == {"a": "finished", "b": "finished"}
     assert {key: each.state for key, each in seen[1].items()} == {"a": "finished", "b": "waiting"}
 
 
 def test_cost_counts_what_is_left():
     steps = [Scripted("a", done=1), Scripted("b"), Scripted("c", stage="evaluation", amount=7200.0)]
-    found = lines(steps, count_steps(steps), {"Hopper-v3": 1.0}, cores=2)
+    found = lines(steps, read_step_progress(steps), {"Hopper-v3": 1.0}, cores=2)
     assert [line.left for line in found] == [1500.0, 7200.0]
     assert [line.hours for line in found] == pytest.approx([1500 / 3600 / 2, 1.0])
     assert "1,500 of 2,000 training steps left, 12 min" in cost_text(found, 2)
@@ -74,7 +74,7 @@ def test_cost_counts_what_is_left():
 
 def test_status_counts_units():
     steps = [Scripted("a", done=2), Scripted("b", fails=True)]
-    counts = count_steps(steps)
+    counts = read_step_progress(steps)
     assert "2 of 4 units done, 1 running, 1 failed (50% of the work)" in status_text(lines(steps, counts))
     assert failed_steps(steps, counts) == ["b"]
 

@@ -10,14 +10,14 @@ USAGE = """perdure: train a policy in finite episodes, deploy it without end, an
 
   perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
   perdure extrapolate POLICY...              run policies far beyond their training horizon, and report
-  perdure import MODEL.zip --env ID          make a policy file of a Stable-Baselines3 model
-  perdure export POLICY policy.onnx          write a policy as an ONNX model
-  perdure report TABLE                       make the report of an evaluation again
-  perdure watch POLICY --until-failure       film the moment at which a policy fails
+  perdure import MODEL.zip --env ID          convert a Stable-Baselines3 model to a policy file
+  perdure export POLICY policy.onnx          export a policy as an ONNX model
+  perdure report TABLE                       write the report of an evaluation again
+  perdure watch POLICY --until-failure       film a policy as it fails
   perdure card POLICY --table TABLE          write a policy's model card
-  perdure list tasks|methods|policies        what there is
-  perdure inspect POLICY                     what is in a policy file
-  perdure study NAME                         repeat a study of many runs, or extend it
+  perdure list tasks|methods|policies        list tasks, training methods or shipped policies
+  perdure inspect POLICY                     show what a policy file contains
+  perdure study NAME                         run or resume a study of many training runs
   perdure home ...                           the Home Assistant Benchmark: does the object stay where it was put?
 
 Each command explains its options with --help.
@@ -36,7 +36,7 @@ COMMANDS = {
     "study": "study",
     "home": "home",
 }
-"""Command to the module of this package that carries it out; loaded only when it is asked for."""
+"""Command to its module in this package, which is imported only when the command is used."""
 
 
 def run(args: Sequence[str]) -> None:

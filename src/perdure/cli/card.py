@@ -11,8 +11,8 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Card:
-    """Write the model card of a policy, in the format of Hugging Face: README.md beside its file."""
+class CardFlags:
+    """Write a policy's model card in the format of Hugging Face: README.md beside its file."""
 
     policy: tyro.conf.Positional[str]
     """A policy file, a folder that holds one, or the name of a shipped policy."""
@@ -24,7 +24,7 @@ class Card:
 
 def main(args: list[str]) -> None:
     """``perdure card``."""
-    flags = parse(Card, args, "card")
+    flags = parse(CardFlags, args, "card")
     from perdure.extrapolate.card import write_card
 
     print(write_card(flags.policy, flags.table, flags.out))

@@ -11,21 +11,21 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Export:
-    """Write a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx]."""
+class ExportFlags:
+    """Export a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx]."""
 
     policy: tyro.conf.Positional[str]
     """A policy file, or the name of a shipped policy."""
     out: tyro.conf.Positional[Path] = Path("policy.onnx")
     """The file to write."""
     clock: str | None = None
-    """Time-to-go that is fixed in the model, such as constant:500, or default (the policy's own clock). Left out, it is
-    an input: elapsed and horizon."""
+    """Clock that is fixed in the model, such as constant:500, or default (the policy's own clock). If left out, the
+    model has the inputs elapsed and horizon."""
 
 
 def main(args: list[str]) -> None:
     """``perdure export``."""
-    flags = parse(Export, args, "export")
+    flags = parse(ExportFlags, args, "export")
     from perdure.cli.errors import CommandError
     from perdure.horizon import parse_clock
     from perdure.policy import load_policy

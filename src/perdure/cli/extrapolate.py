@@ -15,8 +15,12 @@ from perdure.cli.terminal import command_line
 
 
 @dataclass(frozen=True)
-class Extrapolate:
-    """Run policies for T_test steps under several clocks, write lanes.parquet, report.html and figures."""
+class ExtrapolateFlags:
+    """Run policies far beyond their training horizon, under several clocks, and judge them.
+
+    A lane is one deployed episode: a policy under a clock from a start state. Writes lanes.parquet, report.html and
+    figures. An interrupted command resumes when it is given again.
+    """
 
     policies: tyro.conf.Positional[tuple[str, ...]]
     """Policy files, names of shipped policies (`perdure list policies`), or models of Stable-Baselines3
@@ -25,22 +29,22 @@ class Extrapolate:
     """For models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
     make it; envpool:Hopper-v5 is EnvPool's, which is faster."""
     normalizer: str | None = None
-    """For them: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
+    """For these models: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
     time_feature: str | None = None
-    """For them: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
+    """For these models: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
     environment's own step limit."""
     trust: bool = False
-    """For them: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
+    """For these models: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000
-    """T_test: steps of each lane."""
+    """Steps of each lane, unless it ends earlier."""
     clocks: tuple[str, ...] = ("default",)
-    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown (to T_test), countdown:1000,
+    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to the end),
     default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of 100, and
     countdown)."""
     eval_seeds: int = 20
     """Start states; the same ones for every policy and clock."""
     first_eval_seed: int = 0
-    """The first of them: choose a policy or a clock on some start states, report on others."""
+    """First start state: choose a policy or a clock on some start states, and report on others."""
     out: Path = Path("extrapolation")
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
     cores: int | None = None
@@ -49,14 +53,14 @@ class Extrapolate:
     """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
     cluster)."""
     max_lanes: int = 48
-    """Lanes that share a process at a time."""
+    """Most lanes in one process at a time. Results do not depend on it; a crash costs at most these lanes."""
     modules: tuple[str, ...] = ()
     """Python modules that the policies' tasks may import; a policy file alone never imports anything."""
 
 
 def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
-    flags = parse(Extrapolate, args, "extrapolate")
+    flags = parse(ExtrapolateFlags, args, "extrapolate")
     command = command_line("perdure", "extrapolate", *args)
     if any(name.endswith(".onnx") for name in flags.policies):
         _one_model(flags, command)
@@ -89,7 +93,7 @@ def main(args: list[str]) -> None:
     write_and_show(table, flags.out)
 
 
-def _one_model(flags: Extrapolate, command: str) -> None:
+def _one_model(flags: ExtrapolateFlags, command: str) -> None:
     """Evaluate an ONNX model, in this process."""
     from perdure.cli.errors import CommandError
     from perdure.extrapolate import extrapolate

@@ -50,7 +50,7 @@ def policy_files(names: Sequence[str], options: Sb3Options, folder: Path) -> tup
     paths = [find_policy(name) for name in names]
     if options.given and not any(is_sb3_zip(path) for path in paths):
         raise CommandError(
-            f"{', '.join(options.given)}: for models of Stable-Baselines3 (.zip) only; {names[0]} knows its environment"
+            f"{', '.join(options.given)}: only for Stable-Baselines3 models; {names[0]} names its own environment"
         )
     return tuple(_imported(path, options, folder) if is_sb3_zip(path) else path for path in paths)
 

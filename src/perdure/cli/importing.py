@@ -11,8 +11,8 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Import:
-    """Make a policy file of a Stable-Baselines3 or sb3-contrib model: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG."""
+class ImportFlags:
+    """Convert a Stable-Baselines3 or sb3-contrib model to a policy file: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG."""
 
     model: tyro.conf.Positional[Path]
     """The zip that model.save() wrote."""
@@ -32,7 +32,7 @@ class Import:
 
 def main(args: list[str]) -> None:
     """``perdure import``."""
-    flags = parse(Import, args, "import")
+    flags = parse(ImportFlags, args, "import")
     from perdure.policy import save_policy
     from perdure.policy.readers import import_sb3
 

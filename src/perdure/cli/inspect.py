@@ -10,8 +10,8 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Inspect:
-    """Show what is in a policy file."""
+class InspectFlags:
+    """Show what a policy file contains."""
 
     policy: tyro.conf.Positional[str]
     """A policy file, or the name of a shipped policy."""
@@ -19,7 +19,7 @@ class Inspect:
 
 def main(args: list[str]) -> None:
     """``perdure inspect``."""
-    flags = parse(Inspect, args, "inspect")
+    flags = parse(InspectFlags, args, "inspect")
     from perdure.cli import texts
     from perdure.policy import load_policy
     from perdure.policy.shipped import find_policy

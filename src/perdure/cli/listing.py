@@ -11,18 +11,18 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class List:
-    """Show what there is."""
+class ListFlags:
+    """List tasks, training methods, or the policies that come with perdure."""
 
     what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks"
-    """tasks, methods or policies (those shipped with perdure)."""
+    """What to list."""
     suite: str | None = None
     """Only tasks of this suite."""
 
 
 def main(args: list[str]) -> None:
     """``perdure list``."""
-    flags = parse(List, args, "list")
+    flags = parse(ListFlags, args, "list")
     from perdure.cli import texts
 
     print({"tasks": lambda: texts.tasks(flags.suite), "methods": texts.methods, "policies": texts.policies}[

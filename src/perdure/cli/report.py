@@ -13,20 +13,20 @@ from perdure.report.render import Format
 
 
 @dataclass(frozen=True)
-class Report:
+class ReportFlags:
     """Make report.html and its figures from a table that `perdure extrapolate` wrote."""
 
     table: tyro.conf.Positional[Path]
-    """lanes.parquet"""
+    """The table, lanes.parquet."""
     out: Path | None = None
     """Folder to write into; the table's own by default."""
     formats: tuple[Format, ...] = ("png",)
-    """What each figure is written as, beside the page."""
+    """File formats of the figures beside the page."""
 
 
 def main(args: list[str]) -> None:
     """``perdure report``."""
-    flags = parse(Report, args, "report")
+    flags = parse(ReportFlags, args, "report")
     write_and_show(flags.table, flags.out or flags.table.parent, flags.formats)
 
 

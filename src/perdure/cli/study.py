@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudyFlags:
-    """Carry out a study: train, evaluate, analyze. Interrupt it any time; the same command goes on."""
+    """Run a study: train, evaluate, analyze. An interrupted command resumes when it is given again."""
 
     name: tyro.conf.Positional[str]
     """A study: horizon or placement."""
     scale: Literal["smoke", "laptop", "thesis"] = "smoke"
-    """How much of it: smoke (minutes), laptop (a night) or thesis (days)."""
+    """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""
     out: Path | None = None
     """Folder of the results; by default results/NAME for the scale thesis, runs/NAME-SCALE for the others."""
     on: str = "local"
@@ -32,11 +32,11 @@ class StudyFlags:
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     phases: tuple[int, ...] | None = None
-    """Only these phases of the scale; the study's usual ones by default."""
+    """Only these phases of the study, by number; its default phases if left out."""
     status: bool = False
-    """Show how far it is, from the stores alone, and do nothing."""
+    """Show the progress, also of a study that is running, and exit."""
     analyze_only: bool = False
-    """Make tables, figures and pages again from the tables that are there; train and evaluate nothing."""
+    """Write tables, figures and pages again from the results that exist; train and evaluate nothing."""
 
 
 def main(args: list[str]) -> None:
@@ -63,12 +63,12 @@ def main(args: list[str]) -> None:
 
 
 def _show_status(study: Study, scale: str, out: Path, phases: Sequence[int]) -> None:
-    from perdure.studies.status import count_steps, failed_steps, lines, status_text
+    from perdure.studies.status import failed_steps, lines, read_step_progress, status_text
 
     steps = study.plan(scale, out, phases)
-    counts = count_steps(steps)
-    print(f"study {study.name}, scale {scale}, in {out}\n{status_text(lines(steps, counts))}")
-    for key in failed_steps(steps, counts):
+    progress = read_step_progress(steps)
+    print(f"study {study.name}, scale {scale}, in {out}\n{status_text(lines(steps, progress))}")
+    for key in failed_steps(steps, progress):
         print(f"  failed: {key}")
 
 
@@ -76,20 +76,20 @@ def _carry_out(study: Study, scale: str, out: Path, phases: Sequence[int], flags
     from perdure.runs.progress import show_progress
     from perdure.studies.run import run_steps
     from perdure.studies.speed import measure_speeds
-    from perdure.studies.status import cost_text, count_steps, lines
-    from perdure.studies.study import How
+    from perdure.studies.status import cost_text, lines, read_step_progress
+    from perdure.studies.study import RunOptions
 
     steps = study.plan(scale, out, phases)
-    counts = count_steps(steps)
-    open_tasks = [step.task for step in steps if step.task and counts[step.key].done < counts[step.key].total]
+    progress = read_step_progress(steps)
+    open_tasks = [step.task for step in steps if step.task and progress[step.key].done < progress[step.key].total]
     speeds = {**{step.task: 1.0 for step in steps}, **measure_speeds(open_tasks)}
     print(f"study {study.name}: {study.question}\nscale {scale}, in {out}; left to do at the speed measured now:")
-    print(cost_text(lines(steps, counts, speeds, cores), cores), flush=True)
+    print(cost_text(lines(steps, progress, speeds, cores), cores), flush=True)
     sizes = {step.key: step.seconds(speeds[step.task]) for step in steps}
     with show_progress(f"study {study.name}") as observe:
-        waiting = _say("another command is at work on this step; waiting for it")
-        how = How(flags.on, flags.cores, observe, waiting)
-        run_steps(steps, how, sizes, lambda line: print(f"perdure: {line}", file=sys.stderr))
+        waiting = _say("another command is running this step; waiting for it")
+        options = RunOptions(flags.on, flags.cores, observe, waiting)
+        run_steps(steps, options, sizes, lambda line: print(f"perdure: {line}", file=sys.stderr))
 
 
 def _say(line: str) -> Callable[[], None]:

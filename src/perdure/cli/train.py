@@ -16,21 +16,21 @@ from perdure.runs import Status
 
 
 @dataclass(frozen=True)
-class Train:
-    """Train seeds of one task with one method. Interrupt it any time; the same command goes on."""
+class TrainFlags:
+    """Train seeds of one task with one method. An interrupted command resumes when it is given again."""
 
     task: tyro.conf.Positional[str]
     """A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first."""
     method: str = "geometric"
     """A method as `perdure list methods` names it."""
     preset: str = "zoo"
-    """Whose hyperparameters: zoo (RL Baselines3 Zoo, tuned for each task; used by the thesis) or cleanrl (one set)."""
+    """Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one set)."""
     name: str | None = None
-    """A name of your own for settings of your own: OUT/TASK/NAME instead of OUT/TASK/METHOD."""
+    """Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD."""
     seeds: tuple[int, ...] = (0,)
-    """Training seeds, trained side by side; each comes out as if it were trained alone."""
+    """Training seeds, trained side by side; each gives the same result as if trained alone."""
     out: Path = Path("runs")
-    """Where runs are kept, as OUT/TASK/METHOD/seed-N/policy.safetensors."""
+    """Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors."""
     cores: int | None = None
     """Cores to use; all by default. Results do not depend on it."""
     on: str = "local"
@@ -45,17 +45,17 @@ class Train:
 def main(args: list[str]) -> None:
     """``perdure train``: parses flags twice, because task and method set the defaults of the others."""
     look = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    # A missing value is for the second look to complain about.
+    # The second parser reports a missing value.
     look.add_argument("--method", nargs="?", default="geometric", const="geometric")
     args = _task_first(args)
     look.add_argument("--preset", nargs="?", default="zoo", const="zoo")
     if args and not args[0].startswith("-"):
         known = look.parse_known_args(args)[0]
         config = method_config(known.method, args[0], _observation_size(args[0]), known.preset)
-        default = Train(args[0], known.method, known.preset, ppo=config)
-        _train(parse(Train, args[1:], "train TASK", default))
+        default = TrainFlags(args[0], known.method, known.preset, ppo=config)
+        _train(parse(TrainFlags, args[1:], "train TASK", default))
     elif any(arg in ("-h", "--help") for arg in args):
-        parse(Train, ["TASK", "--help"], "train TASK")
+        parse(TrainFlags, ["TASK", "--help"], "train TASK")
     else:
         print("perdure: train needs a task first, as in: perdure train Hopper-v3 --method geometric", file=sys.stderr)
         raise SystemExit(2)
@@ -71,7 +71,7 @@ def _task_first(args: list[str]) -> list[str]:
     return args if at is None else [args[at], *args[:at], *args[at + 1 :]]
 
 
-def _train(flags: Train) -> None:
+def _train(flags: TrainFlags) -> None:
     from perdure.ppo.tensorboard import tensorboard
     from perdure.ppo.training import TrainRun, on_report
     from perdure.ppo.training import train as train_run

@@ -11,11 +11,11 @@ from perdure.cli.parse import parse
 
 
 @dataclass(frozen=True)
-class Watch:
-    """Film a policy at the moment at which it fails, found by the verdict. Needs the extra perdure[film].
+class WatchFlags:
+    """Film a policy as it fails. Needs the extra perdure[film].
 
-    EnvPool cannot render: the film is of Gymnasium's environment of the same name, on another build of MuJoCo, and the
-    failure is looked for there.
+    EnvPool cannot render. The film, and the search for a failure, use Gymnasium's environment of the same name, on
+    another build of MuJoCo.
     """
 
     policy: tyro.conf.Positional[str]
@@ -23,22 +23,22 @@ class Watch:
     clock: str | None = None
     """Clock of the policy, such as constant:0; its own clock by default."""
     until_failure: bool = False
-    """Film the first failure: 5 s before it and 1 s after. Else the first 6 s."""
+    """Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s."""
     beside: str | None = None
     """A second clock, such as constant:500, from the same start state: two films side by side."""
     out: Path = Path("film.mp4")
     """The film, an .mp4."""
     steps: int = 10_000
-    """How long each episode is asked to last."""
+    """Steps of each episode, unless it ends earlier."""
     eval_seeds: int = 10
-    """Start states among which a failure is looked for."""
+    """Start states among which a failure is searched for."""
     first_eval_seed: int = 0
-    """The first of them."""
+    """First start state."""
 
 
 def main(args: list[str]) -> None:
     """``perdure watch``."""
-    flags = parse(Watch, args, "watch")
+    flags = parse(WatchFlags, args, "watch")
     from perdure.extrapolate.film import watch
     from perdure.horizon import parse_clock
     from perdure.policy import load_policy

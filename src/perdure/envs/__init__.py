@@ -3,10 +3,10 @@
 | file | what it holds |
 |---|---|
 | `world.py` | the interface `World`; the result of a step (`Step`); the description of a task (`TaskSpec`) |
-| `lanes.py`, `checks.py` | lane states; validation of arguments |
+| `lane_tracker.py`, `checks.py` | lane states; validation of arguments |
 | `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and direct calls that bypass its Python wrapper |
 | `gymnasium_world.py`, `spaces.py` | one Gymnasium environment per lane; their spaces as vectors |
-| `foreign.py` | validation of what third-party environments return |
+| `third_party.py` | validation of what third-party environments return |
 | `blow_up.py` | detection of invalid MuJoCo simulations |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
 | `suites.py`, `registry.py` | task suites; `make_world`, `list_tasks` |

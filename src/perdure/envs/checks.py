@@ -41,7 +41,7 @@ def checked_lanes(lanes: npt.ArrayLike, num_lanes: int) -> IntArray:
     else:
         legal = chosen.min() >= 0 and chosen.max() < num_lanes
         if legal and np.bincount(chosen, minlength=num_lanes).max() > 1:
-            raise WorldError(f"Lanes may be named once each, got {named_lanes(chosen)}.")
+            raise WorldError(f"Lanes must differ from each other, got {named_lanes(chosen)}.")
     if not legal:
         outside = chosen[(chosen < 0) | (chosen >= num_lanes)]
         raise WorldError(f"Lanes {named_lanes(outside)} do not exist; this world has lanes 0 to {num_lanes - 1}.")

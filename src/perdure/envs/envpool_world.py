@@ -13,7 +13,7 @@ import numpy as np
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.envpool_channel import Channel, observation_keys, open_channel
 from perdure.envs.errors import WorldError
-from perdure.envs.lanes import LaneTracker, TrackedWorld
+from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 OUT_OF_REACH = 10**9

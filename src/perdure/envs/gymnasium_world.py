@@ -12,9 +12,9 @@ import numpy as np
 from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
 from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.foreign import call, read_flag, read_observation, read_reward, read_tuple
-from perdure.envs.lanes import LaneTracker, TrackedWorld
+from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
+from perdure.envs.third_party import call, read_flag, read_observation, read_reward, read_tuple
 from perdure.envs.world import FloatArray, IntArray, Step
 
 
@@ -92,7 +92,7 @@ class GymnasiumWorld(TrackedWorld):
 
         def build() -> Any:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # advice about versions, for those who wrote the name
+                warnings.simplefilter("ignore")  # about outdated versions
                 return gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True)
 
         factories = [build] * len(checked_seeds(seeds))
@@ -103,11 +103,11 @@ class GymnasiumWorld(TrackedWorld):
         chosen = self._tracker.lanes_to_reset(lanes)
         observations = np.empty((len(chosen), self._spec.observation_size))
         for row, lane in enumerate(chosen):
-            who, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
-            returned = call(who, "reset", env.reset, seed=self._next_seeds[lane])
-            observation, _ = read_tuple(who, "reset", returned, 2)
+            where, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
+            returned = call(where, "reset", env.reset, seed=self._next_seeds[lane])
+            observation, _ = read_tuple(where, "reset", returned, 2)
             self._next_seeds[lane] = None
-            observations[row] = read_observation(who, "reset", self._space, observation)
+            observations[row] = read_observation(where, "reset", self._space, observation)
         self._tracker.begin(chosen)
         return observations
 
@@ -120,12 +120,12 @@ class GymnasiumWorld(TrackedWorld):
         terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
         steps = self._tracker.elapsed
         for row, lane in enumerate(chosen):
-            who = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
-            returned = call(who, "step", self._envs[lane].step, shaped[row])
-            observation, reward, ended, cut, _ = read_tuple(who, "step", returned, 5)
-            observations[row] = read_observation(who, "step", self._space, observation)
-            rewards[row] = read_reward(who, reward)
-            terminated[row], truncated[row] = read_flag(who, "terminated", ended), read_flag(who, "truncated", cut)
+            where = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
+            returned = call(where, "step", self._envs[lane].step, shaped[row])
+            observation, reward, ended, cut, _ = read_tuple(where, "step", returned, 5)
+            observations[row] = read_observation(where, "step", self._space, observation)
+            rewards[row] = read_reward(where, reward)
+            terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
             diverged[row] = blow_ups(self._envs[lane]) > 0
         elapsed = self._tracker.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, elapsed, diverged)

@@ -9,9 +9,9 @@ from typing import Any
 
 from perdure.envs.environment_id import task_of_environment
 from perdure.envs.errors import WorldError
-from perdure.envs.foreign import call
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.envs.registry import make_world
+from perdure.envs.third_party import call
 from perdure.envs.vector_env_world import VectorEnvWorld
 from perdure.envs.world import World
 
@@ -70,7 +70,7 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         task = task_of_environment(env)
         yield OpenEnv(lambda seeds: make_world(task, seeds))
     elif any("envpool" in each.__module__ for each in type(env).__mro__):
-        raise WorldError(f"{KINDS}; of EnvPool give the task's name, such as 'Hopper-v4', for a pool keeps its seeds")
+        raise WorldError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
     elif isinstance(env, VectorEnv):
         with _without_limits(env) as limit:
             yield _vector(env, name, limit)

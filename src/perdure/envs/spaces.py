@@ -24,7 +24,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
     Args:
         name: Goes into the spec.
         suite: Goes into the spec.
-        env: A single environment or a vector of them; tells the engine.
+        env: A single environment or a vector of them; determines the engine.
         spaces: Observation and action space of one lane.
         limit: The environment's own step limit, if it has one.
 

@@ -30,7 +30,7 @@ class TaskListing:
     suite: str
     """The suite."""
     default_horizon: int | None
-    """Steps per episode in the suite itself; None where only building the environment would tell."""
+    """Steps per episode in the suite itself; None if it is known only after building the environment."""
 
 
 class TaskSuite(Protocol):

@@ -55,7 +55,7 @@ class WorldSlot:
         self.pool_step: Callable[..., Any] | None = None
         """The engine's own traced step, if it has one."""
         self.error: BaseException | None = None
-        """What the world raised inside the program; JAX would wrap it in pages of its own."""
+        """Error that the world raised inside the program; JAX would wrap it in long messages."""
 
     def fill(self, world: World) -> None:
         """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
 from perdure.envs.errors import WorldError
-from perdure.envs.foreign import call, read_observation, read_tuple
-from perdure.envs.lanes import LaneTracker, TrackedWorld
+from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
+from perdure.envs.third_party import call, read_observation, read_tuple
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step
 
 

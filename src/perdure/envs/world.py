@@ -1,9 +1,9 @@
-"""The interface of all worlds: independent lanes, no autoreset, `terminated` and `truncated` kept apart.
+"""`World`, perdure's vector environment: independent lanes, no autoreset, separate `terminated` and `truncated`.
 
-A *lane* is one running episode. Its start states depend on its seed and on its own earlier episodes, never on its
-place in the batch nor on its neighbors. Two arrays say how an episode ended: by the task (`terminated`) or by a limit
-of the engine (`truncated`). A world has no horizon. The learner counts it (`ppo/rollout.py`), and so do the wrappers of
-`perdure.horizon` for other learners.
+A *lane* is one sub-environment, and the episode that runs in it. Its start states depend on its seed and on its own
+earlier episodes, never on its place in the batch nor on its neighbors. Two arrays say how an episode ended: by the task
+(`terminated`) or by a limit of the engine (`truncated`). A world has no horizon: the learner counts it
+(`ppo/rollout.py`), and for other learners the wrappers of `perdure.horizon` do.
 """
 
 from __future__ import annotations

@@ -1,17 +1,20 @@
 """Closed-loop evaluation far beyond the training horizon.
 
+A lane is one deployed episode: a policy under a clock from a start state.
+
 The package is callable: ``perdure.extrapolate(...)`` calls ``perdure.extrapolate.extrapolate``.
 
 | file | what it holds |
 |---|---|
 | `lanes.py` | what is evaluated: policies x clocks x start states |
 | `evaluate.py` | run lanes and record their results |
-| `checkpoints.py` | the steps at which results are recorded |
+| `recorded_steps.py` | the steps at which results are recorded |
 | `divergence.py` | detecting simulations that diverged |
 | `idle.py`, `score.py`, `verdict.py`, `movement.py` | idle reward rate, scores, verdict of a lane, movement |
-| `door.py` | `extrapolate`: evaluates an `Extrapolation` or a single policy |
+| `api.py` | `extrapolate`: evaluate an `Extrapolation` or a single policy |
 | `run.py` | evaluation of policy files over several cores, resumable |
-| `in_process.py`, `measured.py` | evaluation of one policy of any library in this process |
+| `in_process.py` | evaluation of one policy of any library in this process |
+| `baselines.py` | what scores are relative to: the policy within its training horizon, and an idle robot |
 | `table.py`, `result.py` | the Parquet table, the typed result |
 | `card.py` | the model card of a policy |
 | `errors.py` | `ExtrapolationError` |
@@ -21,7 +24,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from perdure.extrapolate.door import extrapolate
+from perdure.extrapolate.api import extrapolate
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import LaneRecords, evaluate_lanes
 from perdure.extrapolate.lanes import Extrapolation, LaneSpec

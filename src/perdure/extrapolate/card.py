@@ -19,7 +19,7 @@ from perdure.policy.shipped import find_policy
 from perdure.report import read_table
 from perdure.report.estimates import Estimate
 from perdure.report.page import estimate_table
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 if TYPE_CHECKING:
     import polars as pl
@@ -55,7 +55,7 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     if path.exists() and not _is_ours(path.read_text(errors="replace")):
         raise ExtrapolationError(f"{path} exists and is no model card of perdure; name another file with --out")
     (estimates,) = estimate_table(_rows_of(subject, frame, str(table))).values()
-    write_whole(path, model_card(subject, file.name, estimates, notes.get("command", "")))
+    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", "")))
     return path
 
 
@@ -176,8 +176,8 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
     methods = sorted({estimate.verdict.share.method for estimate in estimates})
     steps = estimates[0].group.test_horizon
     note = (
-        f"Each episode was asked to last {steps:,} steps. Interval: {', '.join(methods)}, over evaluation seeds. An "
-        "episode holds if its reward rate at the end, above that of an idle robot, is at least "
+        f"Each episode has {steps:,} steps, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
+        "seeds. An episode holds if its reward rate at the end, above that of an idle robot, is at least "
         f"{100 * HOLDS_FROM:.0f} % of the policy's own within its training horizon."
     )
     return "\n".join(lines) + f"\n\n{note}"

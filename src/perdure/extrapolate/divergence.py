@@ -1,17 +1,17 @@
 """Detect simulations that diverged.
 
-MuJoCo answers a diverging simulation by putting the world back to its start, with a warning in a log and nothing in the
-observation: the lane seems to live on, and the way back is paid for as one enormous, often positive, reward. Three
-signs are looked for. Each alone ends the lane as "diverged"; the step's reward is not counted.
+MuJoCo resets a diverging simulation to its start and only logs a warning. The lane seems to continue, and the jump back
+gives one very large, often positive, reward. Any one of three signs ends the lane as "diverged"; the reward of that
+step is not counted.
 
 1. An observation or reward that is not finite.
-2. A reward far outside everything the lane has seen. A locomotion reward contains the speed, and a world put back from
-   x meters away moves at x / dt.
-3. A snap back: the observation jumps from far away to next to the lane's first one within a step, measured in the
-   standard deviations of the policy's normalizer.
+2. A reward far outside the lane's earlier ones. A locomotion reward contains the speed, and a reset from x meters away
+   is a speed of x / dt.
+3. A jump back: within one step the observation moves from far away to near the lane's first one, measured in standard
+   deviations of the policy's normalizer.
 
-A world put back within the first meters of a lane, from an ordinary pose, escapes all three. Worlds that can ask their
-engine (single Gymnasium environments on MuJoCo) report it themselves, exactly.
+A reset within the first meters of a lane, from an ordinary pose, shows none of the three signs. Single Gymnasium
+environments on MuJoCo read the divergence from the engine, so there it is always detected.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from perdure.policy import LaneStep
 REWARD_FACTOR = 10.0
 """A reward is impossible if it exceeds this many times the largest before it ..."""
 REWARD_MARGIN = 50.0
-"""... plus this much, so that a lane's first, small rewards do not condemn the later ones."""
+"""... plus this much, so that small first rewards do not make later ones look impossible."""
 FAR = 6.0
 """Standard deviations from the first observation, in some component, that count as far away."""
 NEAR = 1.0
 """Standard deviations from the first observation, in every component, that count as next to it."""
 SMALLEST_JUMP = 0.999 * (FAR - NEAR)
-"""A snap back moves some component by FAR - NEAR deviations at least (rounding allowed for): a cheap first look."""
+"""A jump back moves some component by at least FAR - NEAR deviations (less rounding): a cheap first test."""
 
 
 class DivergenceDetector:

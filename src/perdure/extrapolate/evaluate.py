@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import World, make_world
-from perdure.extrapolate.checkpoints import checkpoint_steps
 from perdure.extrapolate.divergence import DivergenceDetector
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
 from perdure.extrapolate.movement import MovementRecorder
-from perdure.policy import Actor, ClosedLoop, LanePolicy
+from perdure.extrapolate.recorded_steps import recorded_steps
+from perdure.policy import ClosedLoop, LanePolicy, PolicyLike
 from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
@@ -25,12 +25,12 @@ ProgressCallback = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class LaneRecords:
-    """Results of n lanes at m checkpoints. Memory hardly depends on the number of steps."""
+    """Results of n lanes at m recorded steps. Memory hardly depends on the number of steps."""
 
     steps: NDArray[np.int64]
-    """Checkpoints, shape (m,)."""
+    """Recorded steps, shape (m,)."""
     returns: NDArray[np.float64]
-    """Cumulative return at each checkpoint, shape (n, m); an ended lane keeps its last value."""
+    """Cumulative return at each recorded step, shape (n, m); an ended lane keeps its last value."""
     end_step: NDArray[np.int64]
     """Steps the lane made, its last one included, shape (n,)."""
     end_reason: NDArray[np.int64]
@@ -44,10 +44,10 @@ class LaneRecords:
 
 
 def evaluate_lanes(
-    policies: Sequence[Actor],
+    policies: Sequence[PolicyLike],
     lanes: Sequence[LaneSpec],
     steps: int,
-    progress: ProgressCallback = lambda step, living: None,
+    progress: ProgressCallback = lambda step, running: None,
     world: World | None = None,
 ) -> LaneRecords:
     """Run lanes for at most ``steps`` steps each, in this process, on one core.
@@ -68,8 +68,8 @@ def evaluate_lanes(
             for step in range(1, steps + 1):
                 recorder.take(step)
                 if step % 500 == 0:
-                    progress(step, len(loop.living))
-                if not len(loop.living):
+                    progress(step, len(loop.running))
+                if not len(loop.running):
                     break
     finally:
         world.close()
@@ -82,7 +82,7 @@ class _Recorder:
     def __init__(self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int) -> None:
         n = len(lane_policies)
         self._loop = loop
-        self._steps = checkpoint_steps(steps)
+        self._steps = recorded_steps(steps)
         self._next = 0
         self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
@@ -111,8 +111,8 @@ class _Recorder:
         if step == self._steps[self._next]:
             self._returns[:, self._next] = self._total
             self._next += 1
-            living = self._loop.living
-            self._observation[living] = self._loop.observations
+            running = self._loop.running
+            self._observation[running] = self._loop.observations
 
     def _end(
         self,
@@ -127,7 +127,7 @@ class _Recorder:
         self._observation[lanes] = observations
 
     def records(self) -> LaneRecords:
-        """Return the records; lanes that all ended early keep their values at the checkpoints not reached."""
+        """Return the records; lanes that all ended early keep their values at the recorded steps not reached."""
         if self._next < len(self._steps):
             self._returns[:, self._next :] = self._total[:, None]
         return LaneRecords(

@@ -1,7 +1,7 @@
 """Reward rate of an idle robot (zero or random actions): the zero of every score.
 
-A robot may earn an alive bonus while it does nothing useful. So the idle rate is the larger one of two untrained
-policies: the zero action, and actions drawn uniformly from the action box.
+A robot may earn an alive bonus while it does nothing useful. The idle rate is therefore the larger rate of two
+untrained policies: the zero action, and actions drawn uniformly from the action box.
 
 Discrete actions have no zero action. The best constant action replaces it: each of up to MOST_CONSTANT actions is
 repeated for whole episodes.
@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
-from perdure.runs import Unit, Work, config_digest, write_whole
+from perdure.runs import Unit, Work, config_digest, write_atomic
 from perdure.schema import Flag, Real, SchemaError, Table, read_json
 
 EPISODES = 20
-"""Episodes of each of the two; also start states."""
+"""Episodes of each of the two policies; as many start states."""
 STEPS = 1000
-"""Steps an episode may last."""
+"""Most steps of an episode."""
 FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k, as the reference episodes of a policy do."""
 FILE = "idle.json"
 MOST_CONSTANT = 16
 """Constant discrete actions that are tried: all, or as many of them evenly spread."""
 RATES = Table({"zero": Real(), "random": Real()}, optional={"discrete": Flag()})
-"""What the file holds."""
+"""Contents of the file."""
 WITHOUT_BOUND = 1.0
 """Random actions stay within +-this where the action box has no bound."""
 
@@ -152,7 +152,7 @@ def run_idle(work: Work, *, task: str) -> None:
         idle = measure_idle(world)
     finally:
         world.close()
-    write_whole(work.folder / FILE, json.dumps(asdict(idle)) + "\n")
+    write_atomic(work.folder / FILE, json.dumps(asdict(idle)) + "\n")
 
 
 def read_idle(folder: Path) -> Idle:

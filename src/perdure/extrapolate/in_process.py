@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.envs import OpenEnv, open_env, refuse_import
+from perdure.extrapolate.baselines import idle_baseline, with_reference
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import ProgressCallback, evaluate_lanes
 from perdure.extrapolate.idle import Idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec
-from perdure.extrapolate.measured import idle_of, measured_actor
 from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
-from perdure.policy import Actor, FunctionPolicy, Policy, TaskInfo, load_policy
+from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, load_policy
 from perdure.policy.onnx import OnnxModel
 from perdure.policy.readers import is_sb3_zip
 
@@ -38,7 +38,7 @@ def extrapolate_policy(
     name: str | None = None,
     out: str | Path | None = None,
     command: str = "",
-    progress: ProgressCallback = lambda step, living: None,
+    progress: ProgressCallback = lambda step, running: None,
 ) -> ExtrapolationResult:
     """Evaluate one policy far beyond its training horizon, in this process, on one core.
 
@@ -50,7 +50,7 @@ def extrapolate_policy(
             ONNX model, which needs an env.
         env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
             its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
-        steps: How long each episode is asked to last.
+        steps: Steps of each episode, unless it ends earlier.
         clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
             ``elapsed`` and ``horizon``.
         eval_seeds: Start states.
@@ -71,8 +71,8 @@ def extrapolate_policy(
     options = _Options(steps, clocks, eval_seeds, first_eval_seed, training_horizon, recurrent, name)
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(options.env_of(subject, env)) as source:
-        actor = measured_actor(options.actor(subject, source), source)
-        idle = idle_of(source)
+        actor = with_reference(options.actor(subject, source), source)
+        idle = idle_baseline(source)
         frame = _evaluate(actor, source, options, idle, progress)
     result = ExtrapolationResult(frame, None)
     if out is None:
@@ -119,7 +119,7 @@ class _Options:
         refuse_import(subject.task.name, (), "the policy")
         return subject.task.name
 
-    def actor(self, subject: Any, source: OpenEnv) -> Actor:
+    def actor(self, subject: Any, source: OpenEnv) -> PolicyLike:
         if isinstance(subject, Policy):
             if self.recurrent or self.training_horizon is not None:
                 raise ExtrapolationError("recurrent and training_horizon are for functions; a Policy knows its own")
@@ -162,7 +162,7 @@ class _Options:
         given = getattr(subject, "__name__", type(subject).__name__)
         return "function" if given == "<lambda>" else str(given)
 
-    def lanes(self, actor: Actor) -> list[LaneSpec]:
+    def lanes(self, actor: PolicyLike) -> list[LaneSpec]:
         clocks: tuple[Clock | None, ...] = (None,)
         if actor.has_clock:
             clocks = self.evaluation.deployment_clocks(actor.clock if isinstance(actor, Policy) else None)
@@ -172,7 +172,9 @@ class _Options:
         return [LaneSpec(0, clock, seed) for clock in clocks for seed in seeds]
 
 
-def _evaluate(actor: Actor, source: OpenEnv, options: _Options, idle: Idle, progress: ProgressCallback) -> pl.DataFrame:
+def _evaluate(
+    actor: PolicyLike, source: OpenEnv, options: _Options, idle: Idle, progress: ProgressCallback
+) -> pl.DataFrame:
     import polars as pl
 
     assert actor.reference is not None

@@ -1,4 +1,4 @@
-"""Lanes of an evaluation: every policy under every clock from every start state."""
+"""Lanes of an evaluation. A lane is one deployed episode: a policy under a clock from a start state."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class LaneSpec:
-    """One lane."""
+    """One deployed episode: a policy under a clock from a start state."""
 
     policy: int
     """Index into the policies."""

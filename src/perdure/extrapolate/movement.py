@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy import Actor, LaneStep
+from perdure.policy import LaneStep, PolicyLike
 
 EVERY = 10
-"""Steps between two looks; what is looked for lasts much longer."""
+"""Steps between two measurements; the events of interest last much longer."""
 MARGIN = 0.5
-"""A component has left its training range when it is further outside than this share of the range."""
+"""A component has left its training range if it is outside by more than this share of the range."""
 
 
 class MovementRecorder:
@@ -19,7 +19,7 @@ class MovementRecorder:
     Movement of a step: the mean over components of |o_{t+1} - o_t| in training standard deviations.
     """
 
-    def __init__(self, policies: list[Actor], steps: int) -> None:
+    def __init__(self, policies: list[PolicyLike], steps: int) -> None:
         """Start before the first step, with one policy for each lane."""
         lanes, size = len(policies), policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])

@@ -18,7 +18,7 @@ class ExtrapolationResult:
     """The table of all lanes, and where it was written. As text: the verdicts and the summary table."""
 
     frame: pl.DataFrame
-    """One row for each lane and checkpoint; columns as in ``perdure.report.schema``."""
+    """One row for each lane and recorded step; columns as in ``perdure.report.schema``."""
     path: Path | None
     """The Parquet file; None where nothing was written."""
 
@@ -42,7 +42,7 @@ class ExtrapolationResult:
         return write_report(self.frame, out, command)
 
     def final(self) -> pl.DataFrame:
-        """Return one row for each lane: its values at the last checkpoint."""
+        """Return one row for each lane: its values at the last recorded step."""
         import polars as pl
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))

@@ -59,17 +59,17 @@ def extrapolate(
 ) -> ExtrapolationResult:
     """Evaluate every lane and write ``lanes.parquet`` into ``out``.
 
-    Finished lanes are kept in ``out``: an evaluation that was interrupted resumes, one that is repeated costs nothing,
-    and one with more clocks or start states runs only those. Results do not depend on the number of cores.
+    Finished lanes are kept in ``out``. An interrupted evaluation resumes, and one with more clocks or start states runs
+    only the new lanes. Results do not depend on the number of cores.
 
     Args:
         evaluation: What is evaluated.
         out: A folder; made if it is missing.
         cores: Cores to use; all of them by default.
         on: Where lanes run, see `perdure.runs.make_workers`.
-        command: Stored with the table, so that a reader can repeat it.
-        observe: Called with the progress of every group of lanes; the measure is steps of single lanes.
-        waiting: Called once if another evaluation into ``out`` is running, which is waited for.
+        command: Command line, stored with the table.
+        observe: Called with the progress of every group of lanes, in steps of single lanes.
+        waiting: Called once before waiting, if another evaluation into ``out`` is running.
 
     Raises:
         ExtrapolationError: If the policies do not belong to one task.
@@ -82,13 +82,13 @@ def extrapolate(
     for path, policy in zip(evaluation.policies, policies, strict=True):
         refuse_import(policy.task.name, evaluation.modules, str(path))
     _check(policies)
-    Path(out).mkdir(parents=True, exist_ok=True)  # says what is wrong with it before the work begins
+    Path(out).mkdir(parents=True, exist_ok=True)  # fails before the work begins
     lanes = _plan(evaluation, policies)
     digests = [policy_digest(path) for path in evaluation.policies]
     for number, (path, digest) in enumerate(zip(evaluation.policies, digests, strict=True)):
         if digest in digests[:number]:
             first = evaluation.policies[digests.index(digest)]
-            raise ExtrapolationError(f"{first} and {path} hold the same policy: name one of them")
+            raise ExtrapolationError(f"{first} and {path} hold the same policy: name only one of them")
     store = Store(out)
     with store.exclusive("extrapolate", waiting):
         finished = _finished(store, evaluation.steps, _versions())
@@ -144,7 +144,7 @@ def _table(
 
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
-    """Return a short name for each policy: its method and preset, and what else tells it from the others."""
+    """Return a short name for each policy: its method and preset, and what else distinguishes it."""
     labels = [_method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
     seeds = [policy.provenance.get("seed") for policy in policies]
     by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
@@ -300,8 +300,9 @@ def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[S
         for digest, clock, seed in lanes
     ]
 
-    def progress(step: int, living: int) -> None:
-        work.report(step * living + steps * (len(specs) - living), steps * len(specs))  # ended lanes need no more steps
+    def progress(step: int, running: int) -> None:
+        ended = len(specs) - running  # these need no more steps
+        work.report(step * running + steps * ended, steps * len(specs))
 
     records = evaluate_lanes(loaded, specs, steps, progress)
     buffer = io.BytesIO()
@@ -315,9 +316,9 @@ def _collect(
     """Return the rows of these lanes in their order, policies by their labels."""
     import polars as pl
 
-    told, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
+    label_column, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
     wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
-    wanted = wanted.with_columns(told[[lane.policy for lane in lanes]]).with_row_index("lane")
+    wanted = wanted.with_columns(label_column[[lane.policy for lane in lanes]]).with_row_index("lane")
     files = [(store.get(key) / TABLE).read_bytes() for key in keys]  # Polars takes no path that is not UTF-8
     try:
         found = pl.read_parquet(files, columns=[*identity, "step"])

@@ -1,16 +1,16 @@
 """Score scale of a policy: its reward rate within the training horizon, and that of an idle robot.
 
-Two normalized scores of a stretch of steps, in the spirit of D4RL's (Fu et al., 2020), whatever the unit or the offset
-of the reward:
+Two normalized scores of a stretch of steps, similar to D4RL's (Fu et al., 2020). They do not depend on the unit or the
+offset of the reward:
 
     hold  = (rate - idle) / (reference - idle)    1: as within the training horizon; 0: no better than doing nothing
     level = (rate - idle) / (task - idle)         1: as a published policy of the task; compares policies and methods
 
-`rate` is the mean reward per step while the robot has not fallen. Falls are counted apart: a robot that dives forward
-has a high rate and a short life.
+`rate` is the mean reward per step before a fall. Falls are counted separately, because a robot that dives forward has a
+high rate until it falls.
 
-A score of a short stretch is noisy where rewards are rare or periodic. So stretches are windows, long enough that
-windows of the reference itself are hardly ever called idle.
+Scores of short stretches are noisy if rewards are rare or periodic. The windows are therefore so long that windows of
+the reference rarely score as idle.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from perdure.extrapolate.idle import Idle
 from perdure.policy.reference import BIN_STEPS, Reference
 
 IDLE_BELOW = 0.25
-"""A window whose hold score is lower is no better than idle."""
+"""A window with a lower hold score counts as idle."""
 HOLDS_FROM = 0.75
-"""A mean hold score from here up is holding; between the two the policy has decayed."""
+"""Least mean hold score of an episode that holds; between IDLE_BELOW and this it decays."""
 FALSE_ALARMS = 0.05
 """Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
 SETTLING = 0.1
 """Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
 LEAST_LEVEL = 0.05
-"""A policy below this level, where a task's level is known, has never worked."""
+"""If the task's level is known: a policy below this level has never worked."""
 LEAST_GAIN = 0.25
-"""A policy has never worked, either, if it gains less on the idle robot than this share of what zero and random actions
-differ by: on a task without a known level that is the only scale there is."""
+"""A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
+and random actions. If no level is known, this is the only criterion."""
 LEAST_SURVIVAL = 0.5
 """Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4

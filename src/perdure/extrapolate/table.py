@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.extrapolate.checkpoints import window_steps
 from perdure.extrapolate.evaluate import END_REASONS, SURVIVED, LaneRecords
 from perdure.extrapolate.lanes import LaneSpec
+from perdure.extrapolate.recorded_steps import window_steps
 from perdure.extrapolate.score import ScoreScale
 from perdure.extrapolate.verdict import judge_lane
-from perdure.policy import Actor
+from perdure.policy import PolicyLike
 
 if TYPE_CHECKING:
     import polars as pl
 
 
 def lane_table(
-    labels: Sequence[str], policies: Sequence[Actor], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
+    labels: Sequence[str], policies: Sequence[PolicyLike], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:
-    """Return one row for each lane and checkpoint.
+    """Return one row for each lane and recorded step.
 
     Args:
         labels: Name of each policy.
@@ -57,7 +57,7 @@ def lane_table(
     return pl.DataFrame(columns)
 
 
-def _lane_row(label: str, policy: Actor, lane: LaneSpec) -> dict[str, object]:
+def _lane_row(label: str, policy: PolicyLike, lane: LaneSpec) -> dict[str, object]:
     clock = lane.clock
     return {
         "policy": label,

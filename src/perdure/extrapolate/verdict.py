@@ -1,4 +1,4 @@
-"""Outcome of each lane (holds, decays, fails silently, falls or diverges) and the step at which it began."""
+"""Outcome of each lane (holds, decays, fails silently, falls or diverges), and the step at which a failure began."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "cut
 """cut: the environment itself ended the episode for a reason that is not a failure; unknown: cannot be judged."""
 
 MOSTLY = 0.9
-"""A failure began with the first window from which on at least this share of windows is bad."""
+"""A failure begins with the first window after which at least this share of the windows is bad."""
 LAST = 0.1
-"""Share of the windows, at the end and FEWEST_WINDOWS at least, whose mean score is the score at the end."""
+"""Share of the windows that give the final score: the last ones, FEWEST_WINDOWS at least."""
 MEMORY = 5
-"""A pause that a robot recovered from counts until it has worked four times as long: MEMORY pauses are averaged."""
+"""The final score is averaged over MEMORY times the longest pause: the pause and four times its length."""
 SURE = 2
-"""A robot that paused before has failed for good once it is idle for SURE times its longest pause."""
+"""A robot that paused before fails silently once it is idle for SURE times its longest earlier pause."""
 ONE_SIDED = 1.645
-"""Standard errors below HOLDS_FROM at which a mean is below it by more than chance (normal, 95 %)."""
+"""Standard errors by which a mean must lie below HOLDS_FROM to exclude chance (normal, one-sided 95 %)."""
 MOST = 2.0
-"""What one window counts at most, so that a single odd reward does not hide an idle robot."""
+"""Upper limit of a window's score, so that a single large reward does not hide an idle robot."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class LaneVerdict:
 
     outcome: Outcome
     failed_step: int
-    """Steps completed before the failure began; for a lane that has not failed, the steps it was watched."""
+    """Steps completed before the failure began; without a failure, all steps of the lane."""
     end_hold: float
     """Hold score at the end, or before the lane ended; nan where there is no whole window."""
     ever_idle: bool
-    """Two windows in a row were no better than idle, at any time."""
+    """Two consecutive windows were no better than idle, at any time."""
 
 
 def judge_lane(
@@ -113,7 +113,7 @@ def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
 
     Args:
         scores: Of a lane.
-        count: Windows to begin with; doubled until it can be told.
+        count: Windows to begin with; doubled until the verdict is clear.
     """
     while True:
         part = scores[-count:]

@@ -1,4 +1,4 @@
-"""Horizon protocol: embedding, training horizon, end and gamma in one record, stored with the policy."""
+"""Horizon protocol: how training treats time, in one record that is stored with the policy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ End = Literal["terminated", "truncated"]
 
 @dataclass(frozen=True)
 class HorizonProtocol:
-    """What an agent knows about time, how long its episodes last, and what their end means.
+    """How training treats time: time-to-go input, length of episodes, meaning of their end, discounts.
 
     gamma = 1 with ``end="truncated"`` is legal, but then values are determined only up to a constant if the task never
     terminates, and V may drift. The same holds for gamma = 1 with an infinite horizon.
@@ -28,16 +28,15 @@ class HorizonProtocol:
     horizon: HorizonDistribution
     """Distribution of the training horizon T."""
     end: End
-    """What reaching T means: ``terminated`` (nothing follows, a time-aware agent) or ``truncated`` (the task continues:
-    bootstrap the value of the last observation)."""
+    """How reaching T counts: ``terminated`` (no value follows) or ``truncated`` (the task continues: bootstrap from the
+    last observation)."""
     gamma: float
     """Discount of the objective, in [0, 1]."""
     normalizer_gamma: float
-    """Discount of the running return whose spread scales the rewards, in [0, 1]. With gamma = 1 it alone
-    sets the scale of the rewards that the value network predicts."""
+    """Discount of the running return whose standard deviation divides the rewards (VecNormalize's gamma), in [0, 1]."""
     normalize_embedding: bool = False
-    """Replication switch: phi passes the observation normalizer, as with VecNormalize in Stable-Baselines3.
-    Off by default, because a normalized phi has different meanings in training and in deployment."""
+    """Whether phi passes the observation normalizer, as with VecNormalize in Stable-Baselines3. Off by default, because
+    a normalized phi has different meanings in training and at deployment."""
 
     def __post_init__(self) -> None:
         """Refuse contradictions."""

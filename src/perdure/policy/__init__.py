@@ -4,7 +4,7 @@
 |---|---|
 | `policy.py` | `Policy` and its `Normalizer` |
 | `task.py` | `TaskInfo`: the task that a policy was trained on |
-| `actor.py` | `Actor`: interface of policies, which act on rows of observations |
+| `policy_like.py` | `PolicyLike`: interface of policies, which act on rows of observations |
 | `function.py` | `FunctionPolicy`: any function observations -> actions |
 | `policy_lanes.py` | the running lanes of a `Policy` |
 | `network.py`, `activations.py`, `squash.py` | the forward pass in NumPy, each row independent of the others |
@@ -20,20 +20,19 @@
 | `errors.py` | `PolicyError`, `PolicyFileError`, `PolicyWarning` |
 """
 
-from perdure.policy.actor import ActingLanes, Actor
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep, check_fit
 from perdure.policy.errors import PolicyError, PolicyFileError, PolicyWarning
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.function import FunctionPolicy
 from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy
+from perdure.policy.policy_like import ActingLanes, PolicyLike
 from perdure.policy.reference import Reference
 from perdure.policy.shipped import find_policy, shipped_policies
 from perdure.policy.task import TaskInfo
 
 __all__ = [
     "ActingLanes",
-    "Actor",
     "ClosedLoop",
     "FunctionPolicy",
     "LanePolicy",
@@ -42,6 +41,7 @@ __all__ = [
     "Policy",
     "PolicyError",
     "PolicyFileError",
+    "PolicyLike",
     "PolicyWarning",
     "Reference",
     "TaskInfo",

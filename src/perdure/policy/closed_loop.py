@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from perdure.envs import FloatArray, IntArray, Step, World
 from perdure.horizon import Clock
-from perdure.policy.actor import ActingLanes, Actor
 from perdure.policy.errors import PolicyError
+from perdure.policy.policy_like import ActingLanes, PolicyLike
 
 
 @dataclass(frozen=True, eq=False)
 class LanePolicy:
     """A policy and the clock that sets its time-to-go input; the clock is None for a policy without that input."""
 
-    policy: Actor
+    policy: PolicyLike
     clock: Clock | None
 
 
@@ -65,39 +65,39 @@ class ClosedLoop:
         self.world = world
         self._observations = world.reset()
         self._elapsed = 0
-        self._living: IntArray = np.arange(world.num_lanes)
+        self._running: IntArray = np.arange(world.num_lanes)
         self._groups = _group(lane_policies)
 
     @property
-    def living(self) -> IntArray:
+    def running(self) -> IntArray:
         """Lanes that the next step will move, shape (n,)."""
-        return self._living
+        return self._running
 
     @property
     def observations(self) -> FloatArray:
-        """Current observations of the living lanes, shape (n, observation_size)."""
+        """Current observations of the running lanes, shape (n, observation_size)."""
         return self._observations
 
     def advance(self) -> LaneStep:
-        """Move every living lane by one step; lanes that end in it are not living afterwards."""
+        """Move every running lane by one step; lanes that end in it are not running afterwards."""
         before = self._observations
         actions = self._act(before)
-        step = self.world.step(actions, self._living)
-        lane_step = LaneStep(self._living, before, step)
+        step = self.world.step(actions, self._running)
+        lane_step = LaneStep(self._running, before, step)
         self._observations = step.observations
         self._elapsed += 1
         if step.ended.any():
-            self.drop(self._living[step.ended])
+            self.drop(self._running[step.ended])
         return lane_step
 
     def drop(self, lanes: NDArray[np.int64]) -> None:
         """Remove lanes; the other lanes are unaffected."""
-        stays = ~np.isin(self._living, lanes)
+        stays = ~np.isin(self._running, lanes)
         if stays.all():
             return
-        self.world.abandon(self._living[~stays])
+        self.world.abandon(self._running[~stays])
         self._observations = self._observations[stays]
-        self._living = self._living[stays]
+        self._running = self._running[stays]
         place = np.cumsum(stays) - 1
         for group in self._groups:
             kept = stays[group.rows]
@@ -117,11 +117,11 @@ class ClosedLoop:
 
 @dataclass(eq=False)
 class _Group:
-    """The living lanes of one actor."""
+    """The running lanes of one actor."""
 
     acting: ActingLanes
     rows: IntArray
-    """Their places among all living lanes, rising."""
+    """Their places among all running lanes, rising."""
 
 
 def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
@@ -134,7 +134,7 @@ def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
     ]
 
 
-def check_fit(policy: Actor, world: World) -> None:
+def check_fit(policy: PolicyLike, world: World) -> None:
     """Refuse a policy for another task.
 
     Raises:

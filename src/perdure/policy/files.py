@@ -23,7 +23,7 @@ from perdure.policy.schema import DESCRIPTION, VERSIONS, check_arrays
 from perdure.policy.shipped import find_policy
 from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.schema import SchemaError, read_json
 
 FORMAT = "perdure.policy"
@@ -60,7 +60,7 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
     except SchemaError as error:
         raise PolicyFileError(f"{path} cannot be written: {error}") from None
     metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
-    write_whole(Path(path), _stable_header(save(tensors, metadata)))
+    write_atomic(Path(path), _stable_header(save(tensors, metadata)))
     return Path(path)
 
 

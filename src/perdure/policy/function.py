@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A function as an `Actor`. Every call passes all n lanes of a closed loop, ended ones included.
+    """A function as an `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
 
     | kind | call | returns |
     |---|---|---|
@@ -49,11 +49,11 @@ class FunctionPolicy:
     has_clock: bool = False
     """Whether the function has the arguments ``elapsed`` and ``horizon``."""
     training_horizon: float = float("inf")
-    """See `Actor.training_horizon`."""
+    """See `PolicyLike.training_horizon`."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """See `Actor.provenance`."""
+    """See `PolicyLike.provenance`."""
     reference: Reference | None = None
-    """See `Actor.reference`."""
+    """See `PolicyLike.reference`."""
     std: FloatArray | None = None
     """See `observation_std`; None: not measured."""
 
@@ -63,7 +63,7 @@ class FunctionPolicy:
         return np.zeros(self.task.observation_size) if self.std is None else self.std
 
     def start(self, clocks: Sequence[Clock | None]) -> _FunctionLanes:
-        """See `Actor.start`."""
+        """See `PolicyLike.start`."""
         return _FunctionLanes(self, clocks)
 
 
@@ -73,16 +73,16 @@ class _FunctionLanes:
     def __init__(self, policy: FunctionPolicy, clocks: Sequence[Clock | None]) -> None:
         self._policy = policy
         self._shown = np.zeros((len(clocks), policy.task.observation_size))
-        self._living = np.arange(len(clocks))
+        self._running = np.arange(len(clocks))
         known = [clock for clock in clocks if clock is not None]
         self._clocks = LaneClocks(known) if known else None
         self._state: Any = None
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
-        self._living = self._living[rows]
+        self._running = self._running[rows]
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
-        self._shown[self._living] = observations
+        self._shown[self._running] = observations
         lanes = len(self._shown)
         seen = batch_of(self._policy.spaces[0], self._shown)
         time = {}
@@ -94,7 +94,7 @@ class _FunctionLanes:
             actions, self._state = self._pair(returned)
         else:
             actions = self._policy.function(seen, **time)
-        return self._rows(actions, elapsed)[self._living]
+        return self._rows(actions, elapsed)[self._running]
 
     def _pair(self, returned: Any) -> tuple[Any, Any]:
         if not isinstance(returned, tuple) or len(returned) != 2:
@@ -115,7 +115,7 @@ class _FunctionLanes:
             array = np.asarray(actions)
             values = array.astype(np.float64)
         except (TypeError, ValueError, RuntimeError) as error:
-            raise PolicyError(f"the function's actions are no array of numbers: {error}") from None
+            raise PolicyError(f"the function's actions are not an array of numbers: {error}") from None
         shape = self._shape
         if array.shape[:1] != (lanes,) or array.size != lanes * task.action_size:
             raise PolicyError(
@@ -123,7 +123,7 @@ class _FunctionLanes:
                 f"they have {array.shape}"
             )
         values = values.reshape(lanes, task.action_size)
-        bad = self._living[~np.isfinite(values[self._living]).all(axis=1)]
+        bad = self._running[~np.isfinite(values[self._running]).all(axis=1)]
         if len(bad):
             raise PolicyError(f"the function's action at step {elapsed + 1} is not finite: {values[bad[0]]}")
         return values

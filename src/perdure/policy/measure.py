@@ -9,9 +9,9 @@ import numpy as np
 
 from perdure.envs import World, make_world
 from perdure.horizon import Clock, Countdown
-from perdure.policy.actor import Actor
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep
 from perdure.policy.one_thread import one_thread
+from perdure.policy.policy_like import PolicyLike
 from perdure.policy.reference import BIN_STEPS, Reference
 
 EPISODES = 20
@@ -20,14 +20,14 @@ FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
 
 
-def training_horizon(policy: Actor, default: int) -> int:
+def training_horizon(policy: PolicyLike, default: int) -> int:
     """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
     longest = policy.training_horizon
     return int(longest) if math.isfinite(longest) else default
 
 
 def measure_reference(
-    policy: Actor,
+    policy: PolicyLike,
     episodes: int = EPISODES,
     world: World | None = None,
     observe: Callable[[LaneStep], None] = lambda lane_step: None,
@@ -66,7 +66,7 @@ def measure_reference(
                 ended = result.ended | ~valid
                 lengths[lane_step.lanes[ended]] = step + 1
                 terminated[lane_step.lanes[ended]] = result.terminated[ended]
-                if not len(loop.living):
+                if not len(loop.running):
                     break
     finally:
         world.close()

@@ -200,7 +200,7 @@ class Policy:
         return np.minimum(actions, high, out=actions)
 
     def start(self, clocks: Sequence[Clock | None]) -> PolicyLanes:
-        """Begin episodes, one for each clock; see `perdure.policy.Actor`."""
+        """Begin episodes, one for each clock; see `perdure.policy.PolicyLike`."""
         return PolicyLanes(self, clocks)
 
     @property

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 class PolicyLanes:
-    """See `perdure.policy.actor.ActingLanes`. A row's action depends on no other row."""
+    """See `perdure.policy.policy_like.ActingLanes`. A row's action depends on no other row."""
 
     def __init__(self, policy: Policy, clocks: Sequence[Clock | None]) -> None:
         """Begin one lane for each clock."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from perdure.ppo.errors import CheckpointError
 from perdure.ppo.state import SeedState
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.schema import SchemaError, Table, Text, Whole, read_json
 
 FORMAT = "perdure.checkpoint"
@@ -36,7 +36,7 @@ def save_checkpoint(state: SeedState, path: Path) -> None:
     leaves, _ = jax.tree_util.tree_flatten_with_path(_tree(state))
     arrays = {_name(where): np.array(leaf, order="C") for where, leaf in leaves}
     header = json.dumps({"version": VERSION, **{name: getattr(state, name) for name in HEADER}})
-    write_whole(path, save(arrays, {FORMAT: header}))
+    write_atomic(path, save(arrays, {FORMAT: header}))
 
 
 def load_checkpoint(path: Path, start: SeedState) -> SeedState:

@@ -30,7 +30,7 @@ class PPOConfig:
     """
 
     protocol: HorizonProtocol = field(default_factory=_default_protocol)
-    """Embedding, distribution of T, meaning of its end, gamma, normalizer gamma."""
+    """How training treats time: embedding, training horizon T, meaning of its end, discounts."""
     total_steps: int = 1_000_000
     """Environment steps to train for, over all environments; rounded up to whole rollouts."""
     n_envs: int = 1
@@ -67,10 +67,10 @@ class PPOConfig:
     learning_rate_decay: Decay = "none"
     """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
     log_std_end: float | None = None
-    """Ceiling of the log standard deviation, None for none: it falls linearly from `log_std_init`. Deployment uses the
-    mean action, so the policy must learn not to rely on exploration noise."""
+    """Upper limit of the log standard deviation, reached linearly from `log_std_init`; None: no limit. Deployment uses
+    the mean action, so the policy must not rely on exploration noise."""
     log_std_fall: tuple[float, float] = (0.0, 0.6)
-    """Shares of the run at which the ceiling begins and ends to fall."""
+    """Shares of the run at which the upper limit starts and stops falling."""
     estimator: str = "discounted"
     """How advantages are estimated: `discounted` (GAE), or `average-reward`, with options such as
     `average-reward:reset_cost=10`."""

@@ -18,7 +18,7 @@ from perdure.ppo.methods import METHODS, default_clock, method_config
 from perdure.ppo.normalizer import CLIP, EPSILON
 from perdure.ppo.presets import ZOO
 from perdure.ppo.state import EPISODE_COLUMNS, ITERATION_COLUMNS, SeedState
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 if TYPE_CHECKING:
     from perdure.envs import TaskSpec
@@ -93,4 +93,4 @@ def _write_table(path: Path, columns: tuple[str, ...], rows: NDArray[np.float64]
 
     buffer = io.BytesIO()
     pl.DataFrame({name: rows[:, i] for i, name in enumerate(columns)}).write_parquet(buffer)
-    write_whole(path, buffer.getvalue())
+    write_atomic(path, buffer.getvalue())

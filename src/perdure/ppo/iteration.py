@@ -21,7 +21,7 @@ from perdure.ppo.update import Batch, epoch
 if TYPE_CHECKING:
     from perdure.envs.traced import Handle
     from perdure.ppo.config import PPOConfig
-    from perdure.ppo.rollout import Lanes
+    from perdure.ppo.rollout import EnvState
 
 T = TypeVar("T")
 
@@ -48,14 +48,14 @@ class Iteration:
         self._epoch = compiled(epoch, donate_argnums=(0, 1))
 
     def run(
-        self, collect: Callable[..., Any], handle: Handle, lanes: Lanes, state: SeedState, iteration: int
-    ) -> tuple[Handle, Lanes, SeedState]:
+        self, collect: Callable[..., Any], handle: Handle, env_state: EnvState, state: SeedState, iteration: int
+    ) -> tuple[Handle, EnvState, SeedState]:
         """Train a seed for one iteration.
 
         Args:
             collect: The compiled loop over the environments, see `rollout.make_collect`.
             handle: The simulators.
-            lanes: State of the environments.
+            env_state: State of the environments.
             state: The seed's run so far; the memory of its weights is reused.
             iteration: Number of this iteration, from 0.
 
@@ -64,7 +64,7 @@ class Iteration:
         """
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
             draws = self._draw(state.seed, iteration)
-            handle, last, trace = collect(handle, (lanes, state.statistics), state.params, draws)
+            handle, last, trace = collect(handle, (env_state, state.statistics), state.params, draws)
             rollout = _ready(self._finish(last, trace))
         prepared = _ready(self._prepare(state.params, state.estimator, rollout.experience, state.seed, iteration))
         params, adam, losses = state.params, state.adam, []
@@ -76,7 +76,7 @@ class Iteration:
         )
         episodes = _ended_episodes(rollout.episodes, iteration, self._config)
         row = _curve_row(params, losses, prepared, (iteration + 1) * self._config.rollout_size)
-        return handle, rollout.lanes, state.extended(episodes, row)
+        return handle, rollout.env_state, state.extended(episodes, row)
 
 
 class Prepared(NamedTuple):

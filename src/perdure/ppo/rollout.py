@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from perdure.ppo.config import PPOConfig
 
 
-class Lanes(NamedTuple):
+class EnvState(NamedTuple):
     """State of one seed's environments."""
 
     observations: jax.Array
@@ -51,10 +51,10 @@ class Lanes(NamedTuple):
         return self.counters[3]
 
 
-def start_lanes(config: PPOConfig, observations: jax.Array, uniform: jax.Array) -> Lanes:
+def start_env_state(config: PPOConfig, observations: jax.Array, uniform: jax.Array) -> EnvState:
     """Return the state of environments after a reset; ``uniform`` in [0, 1), shape (n_envs,), draws their horizons."""
     zeros = jnp.zeros_like(uniform)
-    return Lanes(observations, jnp.stack([zeros, config.protocol.horizon.from_uniform(uniform), zeros, zeros]))
+    return EnvState(observations, jnp.stack([zeros, config.protocol.horizon.from_uniform(uniform), zeros, zeros]))
 
 
 class Statistics(NamedTuple):
@@ -94,7 +94,7 @@ class Episodes(NamedTuple):
 class SeedRollout(NamedTuple):
     """Result of one seed's rollout."""
 
-    lanes: Lanes
+    env_state: EnvState
     statistics: Statistics
     experience: Experience
     episodes: Episodes
@@ -116,7 +116,7 @@ class Trace(NamedTuple):
     """After the step, before any reset."""
     counters: jax.Array
     """After the step, before any reset; shape (4, n_envs)."""
-    outcome: jax.Array
+    step_result: jax.Array
     """Rows reward, terminated, truncated; shape (3, n_envs)."""
     moments: jax.Array
     """Mean and variance of the observations, after the step; shape (2, d)."""
@@ -134,16 +134,16 @@ def network_inputs(
     return jnp.concatenate([normalize(moments, observations), phi.astype(jnp.float32)], axis=-1)
 
 
-def observe(config: PPOConfig, moments: RunningMoments, lanes: Lanes) -> RunningMoments:
+def update_moments(config: PPOConfig, moments: RunningMoments, env_state: EnvState) -> RunningMoments:
     """Return the moments, updated with the current observation of each environment."""
-    observations = lanes.observations
+    observations = env_state.observations
     if config.protocol.normalize_embedding:
-        phi = config.protocol.embed(lanes.elapsed, lanes.horizons)
+        phi = config.protocol.embed(env_state.elapsed, env_state.horizons)
         observations = jnp.concatenate([observations, phi], axis=-1)
     return merge(moments, observations)
 
 
-Seed = tuple[Lanes, Statistics]
+Seed = tuple[EnvState, Statistics]
 """State of one seed during collection."""
 
 
@@ -159,10 +159,10 @@ def make_collect(
     def collect(handle: Handle, start: Seed, params: Params, draws: Draws) -> tuple[Handle, Seed, Trace]:
         def step(carry: tuple[Handle, Seed], draw: Draws) -> tuple[tuple[Handle, Seed], Trace]:
             handle, before = carry
-            lanes, statistics = before
+            env_state, statistics = before
             acted = _act(config, params, before, draw)
             handle, stepped = world.step(handle, jnp.clip(acted[1].astype(jnp.float64), low, high))
-            counters = _count(config, lanes, stepped.rewards)
+            counters = _count(config, env_state, stepped.rewards)
             done = _ends(stepped, counters).done
             # Resets leave the program, so they are paid for only when an episode ends.
             fresh = jax.lax.cond(
@@ -171,9 +171,9 @@ def make_collect(
                 lambda: stepped.observations,
             )
             horizons = config.protocol.horizon.from_uniform(draw.horizon)
-            now = Lanes(fresh, jnp.where(done, _restart(horizons), counters))
+            now = EnvState(fresh, jnp.where(done, _restart(horizons), counters))
             seen = Statistics(
-                observe(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
+                update_moments(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
             )
             return (handle, (now, seen)), _trace(acted, stepped, counters, seen)
 
@@ -193,37 +193,41 @@ def draw(key: jax.Array, action_size: int, *, config: PPOConfig) -> Draws:
 
 def finish(seed: Seed, trace: Trace, *, config: PPOConfig) -> SeedRollout:
     """Return the results of one seed's trace, for all steps at once; to be compiled under x64."""
-    lanes, statistics = seed
+    env_state, statistics = seed
     elapsed, horizons, _, returns = (trace.counters[:, row] for row in range(4))
-    rewards, terminated, truncated = (trace.outcome[:, row] for row in range(3))
+    rewards, terminated, truncated = (trace.step_result[:, row] for row in range(3))
     ends = Ends(terminated > 0, truncated > 0, elapsed >= horizons)
     moments = RunningMoments(trace.moments[:, :1], trace.moments[:, 1:], statistics.observations.count)
     experience = Experience(
-        inputs=jnp.concatenate([trace.inputs, _inputs(config, lanes, statistics)[None]]),
+        inputs=jnp.concatenate([trace.inputs, _inputs(config, env_state, statistics)[None]]),
         last_inputs=network_inputs(config, moments, trace.observations, elapsed, horizons),
         actions=trace.actions,
         rewards=scale_rewards(trace.return_var, rewards),
         ends=ends,
         return_std=jnp.sqrt(trace.return_var + EPSILON).astype(jnp.float32),
     )
-    return SeedRollout(lanes, statistics, experience, Episodes(returns, elapsed, ends.done))
+    return SeedRollout(env_state, statistics, experience, Episodes(returns, elapsed, ends.done))
 
 
-def _inputs(config: PPOConfig, lanes: Lanes, statistics: Statistics) -> jax.Array:
-    return network_inputs(config, statistics.observations, lanes.observations, lanes.elapsed, lanes.horizons)
+def _inputs(config: PPOConfig, env_state: EnvState, statistics: Statistics) -> jax.Array:
+    return network_inputs(
+        config, statistics.observations, env_state.observations, env_state.elapsed, env_state.horizons
+    )
 
 
 def _act(
-    config: PPOConfig, params: Params, before: tuple[Lanes, Statistics], draw: Draws
+    config: PPOConfig, params: Params, before: tuple[EnvState, Statistics], draw: Draws
 ) -> tuple[jax.Array, jax.Array]:
     inputs = _inputs(config, *before)
     mean = forward(params, "policy", inputs, config.activation)
     return inputs, mean + jnp.exp(params["log_std"]) * draw.noise
 
 
-def _count(config: PPOConfig, lanes: Lanes, rewards: jax.Array) -> jax.Array:
+def _count(config: PPOConfig, env_state: EnvState, rewards: jax.Array) -> jax.Array:
     gamma = config.protocol.normalizer_gamma
-    return jnp.stack([lanes.elapsed + 1, lanes.horizons, lanes.discounted * gamma + rewards, lanes.returns + rewards])
+    return jnp.stack(
+        [env_state.elapsed + 1, env_state.horizons, env_state.discounted * gamma + rewards, env_state.returns + rewards]
+    )
 
 
 def _restart(horizons: jax.Array) -> jax.Array:
@@ -241,7 +245,7 @@ def _trace(acted: tuple[jax.Array, jax.Array], step: TracedStep, counters: jax.A
         actions=acted[1],
         observations=step.observations,
         counters=counters,
-        outcome=jnp.stack([step.rewards, step.terminated, step.truncated]),
+        step_result=jnp.stack([step.rewards, step.terminated, step.truncated]),
         moments=jnp.stack([statistics.observations.mean, statistics.observations.var]),
         return_var=statistics.returns.var,
     )

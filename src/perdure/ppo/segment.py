@@ -19,8 +19,8 @@ from perdure.envs import make_world
 from perdure.envs.traced import Handle, WorldSlot, trace
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.iteration import COMPILER_OPTIONS, Iteration
-from perdure.ppo.rollout import Lanes, make_collect, observe, start_lanes
-from perdure.ppo.state import SeedState, lane_seeds, stream
+from perdure.ppo.rollout import EnvState, make_collect, start_env_state, update_moments
+from perdure.ppo.state import SeedState, env_seeds, stream
 
 if TYPE_CHECKING:
     from perdure.envs.world import TaskSpec, World
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 RESET_STREAM = 1
 """First number of the random stream that draws the first horizons of a segment."""
 
-Progress = Callable[[int, float], None]
+ProgressCallback = Callable[[int, float], None]
 """Called after each iteration with (environment steps of one seed so far, mean return of the last episodes)."""
 
 
@@ -61,7 +61,7 @@ class SegmentRunner:
     def _iteration(self) -> Iteration:
         return Iteration(self.config, self.spec.action_size)
 
-    def run(self, state: SeedState, progress: Progress) -> SeedState:
+    def run(self, state: SeedState, progress: ProgressCallback) -> SeedState:
         """Train a seed for its next segment.
 
         Weights and optimizer state of ``state`` are used up: their memory becomes that of the state returned.
@@ -69,12 +69,12 @@ class SegmentRunner:
         config = self.config
         first = state.segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)
-        seeds = lane_seeds(state.seed, state.segment, config.n_envs)
+        seeds = env_seeds(state.seed, state.segment, config.n_envs)
         world = make_world(self.task, seeds, threads=min(self.threads, len(seeds)))
         try:
-            collect, handle, lanes, state = self._start(world, state)
+            collect, handle, env_state, state = self._start(world, state)
             for iteration in range(first, last):
-                handle, lanes, state = self._iteration.run(collect, handle, lanes, state, iteration)
+                handle, env_state, state = self._iteration.run(collect, handle, env_state, state, iteration)
                 progress((iteration + 1) * config.rollout_size, _recent_return(state))
         except Exception as error:
             if self._slot.error is None or error is self._slot.error:
@@ -85,7 +85,7 @@ class SegmentRunner:
             world.close()
         return dataclasses.replace(state, segment=state.segment + 1)
 
-    def _start(self, world: World, state: SeedState) -> tuple[Callable[..., Any], Handle, Lanes, SeedState]:
+    def _start(self, world: World, state: SeedState) -> tuple[Callable[..., Any], Handle, EnvState, SeedState]:
         observations = world.reset()
         with jax.enable_x64(True):
             self._slot.fill(world)
@@ -94,12 +94,12 @@ class SegmentRunner:
             collect = make_collect(trace(self._slot), world.spec, self.config)
             compiled = jax.jit(collect, compiler_options=COMPILER_OPTIONS)
             key = stream(state.seed, RESET_STREAM, state.segment)
-            lanes = start_lanes(
+            env_state = start_env_state(
                 self.config, jnp.asarray(observations), jax.random.uniform(key, (self.config.n_envs,), jnp.float64)
             )
-            moments = observe(self.config, state.statistics.observations, lanes)
+            moments = update_moments(self.config, state.statistics.observations, env_state)
         started = dataclasses.replace(state, statistics=state.statistics._replace(observations=moments))
-        return compiled, self._slot.handle, lanes, started
+        return compiled, self._slot.handle, env_state, started
 
 
 def _recent_return(state: SeedState, episodes: int = 20) -> float:

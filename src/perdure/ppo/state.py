@@ -84,6 +84,6 @@ def stream(seed: int, *path: int) -> jax.Array:
     return key
 
 
-def lane_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
+def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
     """Return seeds of the environments of one seed in one segment: 31-bit numbers that share no simple pattern."""
     return [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(n_envs, np.uint32) >> 1]

@@ -20,7 +20,7 @@ from perdure.ppo.export import export_policy, write_curves
 from perdure.ppo.presets import ZOO
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
-from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_whole
+from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_atomic
 
 POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
@@ -35,11 +35,11 @@ class TrainRun:
     """Names the run's folder; the settings are all in ``config``."""
     config: PPOConfig
     seeds: tuple[int, ...] = (0,)
-    """Trained side by side; each comes out as if it were trained alone."""
+    """Trained side by side; each gives the same result as if trained alone."""
     command: str | None = None
-    """What makes it again, `{seed}` standing for the seed; `perdure train ...` when None. Kept in the policy file."""
+    """Command that repeats the run, with `{seed}` for the seed; None: `perdure train ...`. Kept in the policy file."""
     preset: str = ZOO
-    """Whose hyperparameters `config` began with; names the folder beside the method unless it is the usual one."""
+    """Preset of hyperparameters that `config` started from; part of the folder's name unless it is the default."""
 
     def __post_init__(self) -> None:
         """Refuse a list of seeds that names no run, or one twice."""
@@ -78,7 +78,7 @@ class Report:
     """Progress report of a training run."""
 
     seed: int
-    """Which seed has made progress."""
+    """Seed that has made progress."""
     step: int
     """Environment steps it has made."""
     steps: int
@@ -86,7 +86,7 @@ class Report:
     mean_return: float
     """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
     share: float
-    """How much of the work is done, all seeds together, from 0 to 1."""
+    """Share of the work that is done, all seeds together, from 0 to 1."""
 
 
 def train(
@@ -99,7 +99,7 @@ def train(
 ) -> list[Path]:
     """Train every seed that is not finished and return the policy files in the order of the seeds.
 
-    A run that was interrupted resumes from its last checkpoint; nothing but time depends on that. A finished seed is
+    An interrupted run resumes from its last checkpoint, with the same result. A finished seed is
     not trained again.
 
     Args:
@@ -126,8 +126,8 @@ def train(
     return [store.get(unit.key) / POLICY for unit in units]
 
 
-def on_report(run: TrainRun, told: Callable[[Report], None]) -> Observer:
-    """Return an observer that calls `told` with a `Report` whenever a seed has made progress."""
+def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
+    """Return an observer that calls `callback` with a `Report` whenever a seed has made progress."""
     last: dict[int, float] = {}
 
     def observe(status: Status) -> None:
@@ -138,7 +138,7 @@ def on_report(run: TrainRun, told: Callable[[Report], None]) -> Observer:
             if progress.facts and progress.done != last.get(seed):
                 last[seed] = progress.done
                 mean = progress.facts.get("return", float("nan"))
-                told(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
+                callback(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
 
     return observe
 
@@ -164,7 +164,7 @@ def train_segment(
         return False
     save_policy(export_policy(run, runner.spec, state), work.folder / POLICY)
     write_curves(state, work.folder)
-    write_whole(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    write_atomic(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
     checkpoint.unlink(missing_ok=True)
     return True
 

@@ -1,7 +1,7 @@
 """Reports: figures and an HTML page from extrapolation tables, without simulation.
 
     schema.py           the Parquet table: columns, version, read_table, write_table
-    lanes.py            a table without repetition: one row for each lane, curves as matrices
+    lanes.py            one row for each lane (deployed episode), curves as matrices
     statistics.py       estimates with intervals: training runs are the units
     groups.py           the lanes of a table that share policy, clock and task
     theme.py            colors, dash patterns, shapes, fonts, sizes
@@ -11,14 +11,13 @@
     render.py           Figure: a chart with title and note, as PNG, SVG, PDF, or as a specification in a page
     figures.py          which figures a table gives
     table.py            the summary table
-    verdict.py          the sentence on top
+    verdict.py          the verdict on each policy and clock, and its sentence
     document.py         a self-contained HTML document of figures and tables
     page.py             write_report: the page of a table, the figures as files beside it
     errors.py           ReportError
 
-Charts are Altair's; vl-convert draws them. `theme` and the three modules after it know nothing of tables.
-
-Of perdure the package imports only `runs.write_whole`. Its parts are loaded when they are first used.
+Charts are Altair's; vl-convert draws them. `theme`, `axes`, `curves` and `rows` do not depend on tables. Of perdure the
+package imports only `schema` and `runs.write_atomic`. Its modules are loaded at first use.
 """
 
 from importlib import import_module

@@ -19,7 +19,7 @@ from perdure.report.statistics import (
 from perdure.report.verdict import Verdict, judge
 
 MOST_POINTS = 80
-"""Checkpoints drawn per curve; a table may hold many more."""
+"""Recorded steps drawn per curve; a table may hold many more."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Estimate:
 
     group: Group
     steps: IntArray
-    """The checkpoints kept, shape (points,); the last one is the table's last."""
+    """The recorded steps kept, shape (points,); the last one is the table's last."""
     returns: Interval
     """Mean cumulative return, shape (points,)."""
     return_units: FloatArray
@@ -43,7 +43,7 @@ class Estimate:
 
     @property
     def final_return(self) -> float:
-        """Mean return at the last checkpoint."""
+        """Mean return at the last recorded step."""
         return float(self.returns.estimate[-1])
 
 
@@ -75,7 +75,7 @@ def _working(group: Group, kept: IntArray, rng: np.random.Generator, how: Bootst
 
 
 def thin(steps: IntArray, most: int) -> IntArray:
-    """Choose at most `most` checkpoints, half evenly on a log scale and half on a linear one, ends included.
+    """Choose at most `most` recorded steps, half evenly on a log scale and half on a linear one, ends included.
 
     Args:
         steps: Rising positive steps, shape (n,).

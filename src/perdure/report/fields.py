@@ -48,7 +48,7 @@ ROW = Table(
             f"train_horizon must be at most {MOST_STEPS:.0e} steps, or infinite",
             lambda of: of("train_horizon").is_finite() & (of("train_horizon") > MOST_STEPS),
         ),
-        Rule("the checkpoint step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
+        Rule("the recorded step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
         Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
         Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),
         Rule("the lane is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),

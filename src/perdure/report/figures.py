@@ -212,13 +212,13 @@ def _choice_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     last = wording.whole(float(estimates[0].steps[-1]))
     chart = curve_chart(
         lines,
-        Axis("C: the steps to go that the policy is told", low=-0.03 * values[-1]),
+        Axis("C: steps to go given to the policy", low=-0.03 * values[-1]),
         Axis(f"mean return of {last} steps ({_episodes(estimates)})"),
         levels=levels,
     )
     over = _notes(estimates, "returns", "Bars:")
-    note = f"{over} Level lines: no C to choose. The C that is best here was chosen on these very episodes."
-    return [Figure("return-against-c", f"Return of {last} steps by the steps to go that are told", chart, note)]
+    note = f"{over} Level lines: clocks without C. The best C is optimistic: it was chosen on the episodes shown here."
+    return [Figure("return-against-c", f"Return of {last} steps by the steps to go given to the policy", chart, note)]
 
 
 def _sweep(line: str, kind: str, sweep: Sequence[Estimate], style: Style) -> Curve:

@@ -29,7 +29,7 @@ class Group:
 
     task: str
     line: str
-    """Who acts: the method, its training seeds pooled; the policy's label where that would mix policies, or presets."""
+    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies."""
     clock: str
     clock_kind: str
     clock_steps: float
@@ -37,7 +37,7 @@ class Group:
     """[steps]; inf: trained without an end; nan: unknown."""
     test_horizon: int
     steps: IntArray
-    """Checkpoints, shape (steps,), rising."""
+    """Recorded steps, shape (steps,), rising."""
     runs: IntArray
     """Which training run each lane belongs to, shape (lanes,)."""
     returns: FloatArray
@@ -46,11 +46,11 @@ class Group:
     """Shape (lanes, steps)."""
     end_details: tuple[str, ...]
     verdicts: tuple[str, ...]
-    """Of each lane: its outcome, or what its policy was already within its training horizon."""
+    """Outcome of each lane; "never worked" or "cannot tell" if its policy was that within its training horizon."""
     notes: tuple[str, ...]
     """Evidence for the state of each lane's policy."""
     failed_steps: IntArray
-    """Steps before the lane's failure; without one the steps it was watched, shape (lanes,)."""
+    """Steps before the lane's failure; without a failure, all steps of the lane, shape (lanes,)."""
     end_hold: FloatArray
     """Hold score at the end or before the lane ended, shape (lanes,); nan where it is not known."""
     ever_idle: BoolArray
@@ -89,7 +89,7 @@ class Group:
 
     @cached_property
     def working(self) -> FloatArray:
-        """Share of lanes without a failure so far at each checkpoint, by Kaplan and Meier (1958), shape (steps,).
+        """Share of lanes without a failure so far at each recorded step, by Kaplan and Meier (1958), shape (steps,).
 
         A lane that the environment cut, or that cannot be judged, is watched until it ended. Policies that never worked
         have failed from the start.

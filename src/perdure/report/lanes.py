@@ -1,7 +1,7 @@
-"""Convert a table to lanes: one row of facts for each lane, and curves as matrices.
+"""Convert a table to lanes (deployed episodes): one row of facts for each lane, and curves as matrices.
 
-A table repeats a lane's labels at every checkpoint. A large one has millions of rows and thirty columns, so columns are
-looked at one by one, and only the rows of each lane's last checkpoint are kept of most.
+A table repeats a lane's labels at every recorded step. A large table has millions of rows and thirty columns. Columns
+are therefore read one by one, and most are kept only for each lane's last recorded step.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LANE = ("task", "policy", "train_seed", "clock", "eval_seed")
 OF_LANE = ("method", "train_horizon", "clock_kind", "clock_steps")
 """Columns that are the same in all rows of a lane."""
 CURVES = ("step", "return", "alive")
-"""Columns that differ from checkpoint to checkpoint."""
+"""Columns that differ from step to step."""
 
 Columns = Callable[[str], pl.Series]
 """Name of a column to the column."""
@@ -32,7 +32,7 @@ class Lanes:
     """All lanes of one task."""
 
     steps: IntArray
-    """Checkpoints, shape (m,), rising."""
+    """Recorded steps, shape (m,), rising."""
     facts: pl.DataFrame
     """One row for each lane: every column of the table but `CURVES`, and `place`, the row that names the lane first."""
     returns: NDArray[np.float64]
@@ -50,7 +50,7 @@ def split_lanes(column: Columns, facts: list[str], name: str) -> tuple[Lanes, ..
         name: Of the table, for messages.
 
     Raises:
-        ReportError: A lane has two rows for one step, or lanes of a task differ in their checkpoints or test horizon.
+        ReportError: A lane has two rows for one step, or lanes of a task differ in recorded steps or test horizon.
     """
     keys, steps, order = _in_order(column, name)
     starts = _starts(keys)
@@ -68,7 +68,7 @@ def split_lanes(column: Columns, facts: list[str], name: str) -> tuple[Lanes, ..
         rows = None if (lengths[lanes] != lengths[lanes[0]]).any() else _original(index, order)
         if rows is None or (steps[index] != steps[index[0]]).any() or np.ptp(horizons[rows]):
             task = whole["task"][int(lanes[0])]
-            raise ReportError(f"{name}: the lanes on {task} do not share their checkpoint steps and test horizon.")
+            raise ReportError(f"{name}: the lanes on {task} do not share their recorded steps and test horizon.")
         parts.append((steps[index[0]], whole[lanes], rows))
     del keys, steps, horizons
     returns, alive = column("return").to_numpy(), column("alive").to_numpy()

@@ -19,32 +19,36 @@ from perdure.report.render import Figure, Format, javascript, save, unique
 from perdure.report.schema import read_lanes
 from perdure.report.table import HEADINGS, make_rows
 from perdure.report.verdict import headline
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 PAGE = "report.html"
 MOST_POINTS = 12
-"""Policies and clocks whose evidence is written out."""
+"""Most policies and clocks for which the text gives the evidence."""
 SEED = 0
-"""Of the bootstrap's generator: the same table, the same intervals."""
-METHOD = """Every policy ran closed loop under every clock from the same start states. The episodes of one training
-run are averaged first; training runs are the units of the 95 % intervals. With one training run its episodes are the
-units, and the interval is labeled “evaluation seeds only”: it says nothing about training again. Fewer than ten units
-give Student's t interval, which covers the mean of normal scores in 95 of 100 cases whatever their number. Ten or more
-give a percentile bootstrap (2,000 resamples), which covers it in about 90 (ten units) to 93 (24 units). A share of the
-episodes of one training run gives Wilson's score interval. <em>Clock</em>: what the policy was told about time;
-constant(C): always C steps to go; countdown(T): the steps to go until T; periodic(C): a countdown from C, again and
-again. <em>Running</em>: not ended by the environment. <em>Hold score</em>: (rate - idle) / (reference - idle), where
-rate is the reward per step, reference the rate of the policy itself within its training horizon, and idle the better
-of zero and random actions, measured. Rates are per step before the end, so an early fall does not lower a score; falls
-are counted as falls, an ended episode earns nothing more of its return, and it counts 0 in the mean hold score.
-<em>Level</em>: the same score with a published policy of the task as reference. An episode <em>holds</em> if it runs
-to the end with a mean hold score of at least 0.75 in the last tenth of the steps. It <em>decays</em> below that, unless
-chance explains it, and <em>fails silently</em> below 0.25. After a pause in which it earned no more than an idle
-robot, five times that pause is averaged. It <em>falls</em> if the environment ends it, and <em>diverges</em> if the
-simulation blows up. A policy <em>never worked</em> if it does no better than idle within its own training horizon. A
-policy holds if at least nine in ten episodes do; otherwise it has the commonest verdict of its episodes. <em>Ever
-idle</em>: episodes in which two windows in a row scored below 0.25. <em>Half failed by</em>: median of the Kaplan-Meier
-curve."""
+"""Seed of the bootstrap: the same table gives the same intervals."""
+METHOD = """Every policy ran closed loop under every clock from the same start states. Intervals are 95 % intervals
+over training runs: the episodes of one training run are averaged first. With one training run the episodes are the
+units, and the interval is labeled “evaluation seeds only”: it says nothing about other training runs. Fewer than ten
+units give Student's t interval, which covers the mean of normal scores in 95 of 100 cases whatever their number. Ten
+or more give a percentile bootstrap (2,000 resamples), which covers it in about 90 (ten units) to 93 (24 units). A
+share of the episodes of one training run gives Wilson's score interval."""
+WORDS = """<em>Lane</em>: one deployed episode, from one start state under one clock.<br>
+<em>Clock</em>: sets the time-to-go input. constant(C): always C steps to go; countdown(T): the steps to go until T;
+periodic(C): a countdown from C, again and again.<br>
+<em>Running</em>: not ended by the environment.<br>
+<em>Hold score</em>: (rate - idle) / (reference - idle). Rate is the reward per step before the end, reference the rate
+of the policy itself within its training horizon, and idle the measured rate of zero or of random actions, whichever is
+higher. An early fall does not lower the rate; an ended episode counts as 0 in the mean hold score, and its return stays
+constant.<br>
+<em>Level</em>: the same score with a published policy of the task as reference.<br>
+<em>Holds</em>: the episode runs to the end, with a mean hold score of at least 0.75 in the last tenth of the steps.
+After a pause in which it earned no more than an idle robot, the mean is taken over five times the pause.<br>
+<em>Decays</em>: the score is below 0.75, and chance does not explain it. <em>Fails silently</em>: it is below 0.25.<br>
+<em>Falls</em>: the environment ends the episode. <em>Diverges</em>: the simulation becomes invalid.<br>
+<em>Never worked</em>: the policy does no better than idle within its own training horizon.<br>
+<em>Verdict on a policy</em>: it holds if at least nine in ten episodes hold; otherwise the most common outcome.<br>
+<em>Ever idle</em>: episodes in which two consecutive windows scored below 0.25.<br>
+<em>Half failed by</em>: median of the Kaplan-Meier curve."""
 
 
 Estimates = dict[str, list[Estimate]]
@@ -123,11 +127,15 @@ def write_report(
         figures = unique(make_figures(estimates), taken)
         save(figures, folder, formats)
         sections.append(_section(task, estimates, figures))
-    return write_whole(folder / PAGE, _page(sections, command))
+    return write_atomic(folder / PAGE, _page(sections, command))
 
 
 def _page(sections: Sequence[str], command: str) -> str:
-    return document.page("perdure: does it hold?", [*sections, document.text("How this was made", METHOD)], command)
+    return document.page(
+        "perdure: does it hold?",
+        [*sections, document.text("Words", WORDS), document.text("How this was made", METHOD)],
+        command,
+    )
 
 
 def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]) -> str:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from perdure.report import theme
 from perdure.report.errors import ReportError
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 if TYPE_CHECKING:
     import altair as alt
@@ -107,7 +107,7 @@ def save(figures: Iterable[Figure], folder: Path, formats: Sequence[Format] = ("
     """
     for figure in figures:
         for kind in formats:
-            write_whole(folder / f"{figure.name}.{kind}", render(figure, kind))
+            write_atomic(folder / f"{figure.name}.{kind}", render(figure, kind))
 
 
 def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:

@@ -1,4 +1,4 @@
-"""The table `perdure.extrapolation`, version 2: one row per lane and checkpoint step, as Parquet.
+"""The table `perdure.extrapolation`, version 2: one row per lane and recorded step, as Parquet.
 
 | column | type | meaning |
 |---|---|---|
@@ -11,8 +11,8 @@
 | clock_kind | text | "constant", "periodic", "countdown", "none" |
 | clock_steps | float | the clock's number, e.g. C = 500; nan where there is none |
 | eval_seed | int | start state: the same for every policy and clock of a task |
-| test_horizon | int | steps the lane was asked to last |
-| step | int | the checkpoint, > 0 |
+| test_horizon | int | steps of the lane, unless it ended earlier |
+| step | int | a recorded step, > 0 |
 | return | float | sum of rewards over the first `step` steps; an ended lane keeps its last value |
 | alive | bool | the lane completed `step` steps without ending before |
 | end_reason | text | "survived", "terminated", "truncated" or "diverged" |
@@ -27,13 +27,13 @@
 | policy_state | text | "worked", "never worked" (within its horizon no better than idle), "cannot tell" |
 | policy_note | text | the evidence for that |
 | outcome | text | "holds", "decays", "fails silently", "falls", "diverges", "cut" or "unknown" |
-| failed_step | int | steps before the failure began; without one the steps watched |
+| failed_step | int | steps before the failure began; without a failure, all steps of the lane |
 | end_hold | float | (rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known |
-| ever_idle | bool | two windows in a row, at any time, were no better than idle |
+| ever_idle | bool | two consecutive windows, at any time, were no better than idle |
 
 Tables of version 1 are read too; they say nothing about idle robots, so their policies are "cannot tell".
 
-A lane is (task, policy, train_seed, clock, eval_seed); all lanes of a task share their checkpoint steps. The file's
+A lane is (task, policy, train_seed, clock, eval_seed); all lanes of a task share their recorded steps. The file's
 key-value metadata holds `schema`, `version`, a SHA-256 of the content and what the writer adds, such as the `command`.
 """
 
@@ -52,7 +52,7 @@ import polars as pl
 from perdure.report.errors import ReportError
 from perdure.report.fields import NOTES, ROW
 from perdure.report.lanes import CURVES, Columns, Lanes, split_lanes
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.schema import SchemaError, check_columns, read_columns, read_notes, read_parquet
 
 T = TypeVar("T")
@@ -128,7 +128,7 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
     ordered.write_parquet(
         buffer, metadata={**notes, "sha256": _digest(ordered.get_column, notes), "seal": _UNSEALED.decode()}
     )
-    return write_whole(path, _sealed(buffer.getvalue()))
+    return write_atomic(path, _sealed(buffer.getvalue()))
 
 
 def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str]]:

@@ -1,7 +1,7 @@
 """The verdict on each policy and clock, and its text at the top of the page.
 
-Each episode has a verdict of its own in the table. A group of episodes *holds* if at least HOLDING_SHARE of
-its episodes do; otherwise it gets the commonest failure.
+Each episode has an outcome in the table. The verdict on a group of episodes is *holds* if at least HOLDING_SHARE of the
+episodes hold. Otherwise it is the most common other outcome.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from perdure.report.statistics import DEFAULT, Bootstrap, Interval, survival_int
 HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.02
-"""Movement per step, in training standard deviations, below which a robot is said to be nearly motionless."""
+"""Movement per step, in training standard deviations, below which a robot is called nearly motionless."""
 MUCH = 2.0
-"""Movement in the last tenth of the steps differs from that in the first if it is this many times as much, or less."""
+"""Movement counts as changed if its ratio, last to first tenth of the steps, exceeds MUCH or is below 1 / MUCH."""
 FAILURES = ("falls", "fails silently", "decays", "diverges", "never worked", "cannot tell")
-"""Verdicts other than "holds"; the earlier one wins where two are equally common."""
+"""Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
 _MOST_NAMED = 6
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from perdure.runs.atomic_write import write_atomic
 from perdure.runs.errors import StoreError
 from perdure.runs.source import source_digest
-from perdure.runs.whole import write_whole
 from perdure.schema import Anything, Items, SchemaError, Table, Text, read_json
 
 RECORD = "unit.json"
@@ -58,7 +58,7 @@ class Identity:
         before = Identity.read(folder).sources if (folder / RECORD).is_file() else ()
         sources = sorted({*before, source_digest()})
         record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sources}
-        write_whole(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
+        write_atomic(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
 
     @classmethod
     def read(cls, folder: Path) -> Identity:

@@ -66,7 +66,7 @@ class RayWorkers:
             key = self._keys.pop(reference)
             try:
                 found = self._ray.get(reference)
-                ended.append(Ended(key, found.get("outcome"), found.get("error", "")))
+                ended.append(Ended(key, found.get("result"), found.get("error", "")))
             except self._ray.exceptions.RayError as error:
                 ended.append(Ended(key, None, " ".join(str(error).split())[:500]))
         return ended

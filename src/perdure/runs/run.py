@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from perdure.runs.atomic_write import write_atomic
 from perdure.runs.errors import RunError
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, attempt, read_progress
-from perdure.runs.whole import write_whole
 from perdure.runs.workers import Ended, Workers, one_line
 from perdure.schema import SchemaError, Table, Text, printable, read_json
 
@@ -28,7 +28,7 @@ State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
 
 
 @dataclass(frozen=True)
-class Progress:
+class UnitProgress:
     """Progress of one unit."""
 
     state: State
@@ -48,7 +48,7 @@ class Progress:
         return 1.0 if self.state == "finished" else min(1.0, self.done / self.total) if self.total > 0 else 0.0
 
 
-Status = Mapping[str, Progress]
+Status = Mapping[str, UnitProgress]
 """Key of each unit to its progress."""
 Observer = Callable[[Status], None]
 
@@ -115,11 +115,13 @@ class _Run:
             for key in unit.after:
                 if key not in self._units:
                     raise RunError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
-        self._status: dict[str, Progress] = {}
+        self._status: dict[str, UnitProgress] = {}
         for unit in units:
             finished = store.done(unit.key, unit.config)
             done, total, facts = read_progress(store, unit.key)
-            self._status[unit.key] = Progress("finished" if finished else "waiting", done, total, facts, "", unit.size)
+            self._status[unit.key] = UnitProgress(
+                "finished" if finished else "waiting", done, total, facts, "", unit.size
+            )
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 
@@ -131,8 +133,8 @@ class _Run:
                 continue
             self._set(unit.key, "running")
             try:
-                outcome = attempt(self._store.root, unit, threads, self._reporter(unit.key))
-                self._took(Ended(unit.key, outcome))
+                result = attempt(self._store.root, unit, threads, self._reporter(unit.key))
+                self._took(Ended(unit.key, result))
             except Exception as error:
                 self._errors[unit.key] = error
                 self._took(Ended(unit.key, None, one_line(error)))
@@ -207,14 +209,14 @@ class _Run:
     def _took(self, ended: Ended) -> None:
         """Record how an attempt ended."""
         note = self._store.note_path("failures", ended.key)
-        if ended.outcome is None:
+        if ended.result is None:
             with suppress(OSError):  # a disk that takes no record must not hide the error itself
-                write_whole(note, json.dumps({"error": ended.error}) + "\n")
+                write_atomic(note, json.dumps({"error": ended.error}) + "\n")
             self._set(ended.key, "failed", error=ended.error)
             return
         with suppress(OSError):
             note.unlink(missing_ok=True)
-        if ended.outcome == "busy":
+        if ended.result == "busy":
             self._try_again[ended.key] = time.monotonic() + BUSY_SECONDS
             self._set(ended.key, "busy")
             return
@@ -223,7 +225,7 @@ class _Run:
         if not facts or done < known.done:  # reported in this process, not through the store
             done, total, facts = known.done, known.total, dict(known.facts)
         state: State = "waiting"
-        if ended.outcome == "finished":
+        if ended.result == "finished":
             state, done = "finished", total
             with suppress(OSError):
                 self._store.note_path("progress", ended.key).unlink(missing_ok=True)

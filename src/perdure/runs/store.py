@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from perdure.runs import lock
+from perdure.runs.atomic_write import sync_file, sync_folder
 from perdure.runs.errors import OtherSourceWarning, StoreError, UnitBusyError
 from perdure.runs.identity import RECORD, Identity, check_key
 from perdure.runs.source import source_digest
-from perdure.runs.whole import sync_file, sync_folder
 
 Config = Mapping[str, Any]
 
@@ -65,7 +65,7 @@ class Store:
         lock_path = self._lock_path(key)
         descriptor = lock.acquire(lock_path)
         if descriptor is None:
-            raise UnitBusyError(f"{key!r} is being worked on by another process in {self.root}.")
+            raise UnitBusyError(f"{key!r} is being run by another process in {self.root}.")
         try:
             workspace = Workspace(self._begin_work(unit))
             yield workspace
@@ -197,7 +197,7 @@ class Store:
             if (self.root / parent / RECORD).is_file():
                 raise StoreError(f"{unit.key!r} lies inside the unit {parent.as_posix()!r} of {self.root}.")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise StoreError(f"{folder} is in the way of the unit {unit.key!r}: it exists and is not a unit.")
+            raise StoreError(f"{folder} blocks the unit {unit.key!r}: the folder exists and is not a unit.")
 
     def _begin_work(self, unit: Identity) -> Path:
         if self.done(unit.key):

@@ -16,10 +16,10 @@ from perdure.runs.errors import StoreError, UnitBusyError
 from perdure.runs.store import Store
 from perdure.schema import Real, SchemaError, Table, read_json
 
-Report = Callable[..., None]
+ReportCallback = Callable[..., None]
 """Called as ``report(done, total, **facts)``: work done and total work, in any unit; further numbers to show."""
 
-Outcome = Literal["finished", "unfinished", "busy"]
+AttemptResult = Literal["finished", "unfinished", "busy"]
 
 PROGRESS = Table(
     {
@@ -71,10 +71,10 @@ class Work:
     """Folder for its result; an interrupted attempt may have left files there."""
     threads: int
     """Cores it may use. No result may depend on it."""
-    report: Report
+    report: ReportCallback
 
 
-def attempt(root: str | Path, unit: Unit, threads: int = 1, report: Report | None = None) -> Outcome:
+def attempt(root: str | Path, unit: Unit, threads: int = 1, report: ReportCallback | None = None) -> AttemptResult:
     """Run a unit in this process, up to its end or its next checkpoint.
 
     Args:

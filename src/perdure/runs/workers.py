@@ -19,7 +19,7 @@ from typing import Any, Protocol, Self
 
 from perdure.runs.cores import own_cores
 from perdure.runs.errors import RunError
-from perdure.runs.unit import Outcome, Unit, attempt
+from perdure.runs.unit import AttemptResult, Unit, attempt
 from perdure.schema import printable
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -35,7 +35,7 @@ class Ended:
     """A finished attempt at a unit."""
 
     key: str
-    outcome: Outcome | None
+    result: AttemptResult | None
     """None if it failed."""
     error: str = ""
     """Why, in one line."""
@@ -82,7 +82,7 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
         return LocalWorkers(count, max(1, min(total // count, wanted)))
     kind, _, address = on.partition(":")
     if kind != "ray" or on.endswith(":"):
-        raise RunError(f"units run on here, local, ray or ray:ADDRESS, not on {on!r}")
+        raise RunError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}")
     from perdure.runs.on_ray import RayWorkers
 
     return RayWorkers(address or None, min(wanted, total))
@@ -152,7 +152,7 @@ class LocalWorkers:
                 ended.append(Ended(key, None, process.end()))
             else:
                 self._idle.append(process)
-                ended.append(Ended(key, answer.get("outcome"), answer.get("error", "")))
+                ended.append(Ended(key, answer.get("result"), answer.get("error", "")))
         return ended
 
     def __exit__(self, *exception: object) -> None:
@@ -235,9 +235,9 @@ def serve() -> None:
 
 
 def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
-    """Run a unit and return {"outcome": ...}, or {"error": ...} in one line if it fails."""
+    """Run a unit and return {"result": ...}, or {"error": ...} in one line if it fails."""
     try:
-        return {"outcome": attempt(root, unit, threads)}
+        return {"result": attempt(root, unit, threads)}
     except Exception as error:
         import traceback
 

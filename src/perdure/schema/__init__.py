@@ -1,14 +1,14 @@
-"""What files may hold, declared once for each kind of file and checked where the file is read.
+"""Declare what each kind of file may contain, and check it when a file is read.
 
     kinds.py      kinds of values: Text, Whole, Real, Flag, Choice, Items, Maybe, Table, Anything
     columns.py    the same kinds checked over the columns of a Polars table
-    strict.py     JSON whose every fault is a SchemaError
-    parquet.py    Parquet decoded by Polars, whose every fault is a SchemaError
+    strict.py     read JSON; any fault is a SchemaError
+    parquet.py    read Parquet with Polars; any fault is a SchemaError
     text.py       text for a terminal: without control characters
     errors.py     SchemaError
 
-A reader declares a `Table` and turns a SchemaError into its own error, with the file's name. The package imports
-nothing else of perdure.
+A reader declares a `Table` and converts a SchemaError to its own error, with the file's name. The package imports no
+other part of perdure.
 """
 
 from perdure.schema.columns import check_columns

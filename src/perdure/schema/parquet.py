@@ -66,7 +66,7 @@ class _Decoder:
                 self._end()
                 raise
         if error is not None:
-            raise SchemaError(f"it is no readable Parquet: {error}")
+            raise SchemaError(f"it is not a readable Parquet file: {error}")
         return answer
 
     def _exchange(self, content: bytes, what: str, columns: Sequence[str] | None) -> tuple[str | None, bytes]:

@@ -12,6 +12,6 @@
 """
 
 from perdure.studies.errors import StudyError
-from perdure.studies.study import Count, How, Step, Study, find_study, list_studies
+from perdure.studies.study import RunOptions, StepProgress, Study, StudyStep, find_study, list_studies
 
-__all__ = ["Count", "How", "Step", "Study", "StudyError", "find_study", "list_studies"]
+__all__ = ["RunOptions", "StepProgress", "Study", "StudyError", "StudyStep", "find_study", "list_studies"]

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from perdure.runs import Observer, OtherSourceWarning, Progress, RunError, Status
+from perdure.runs import Observer, OtherSourceWarning, RunError, Status, UnitProgress
 from perdure.studies.errors import StudyError
-from perdure.studies.status import count_steps
-from perdure.studies.study import Count, How, Step
+from perdure.studies.status import read_step_progress
+from perdure.studies.study import RunOptions, StepProgress, StudyStep
 
 
 def run_steps(
-    steps: Sequence[Step],
-    how: How,
+    steps: Sequence[StudyStep],
+    options: RunOptions,
     sizes: Mapping[str, float] | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> None:
@@ -23,14 +23,14 @@ def run_steps(
 
     Args:
         steps: In their order.
-        how: Where; its observer is called with the progress of the whole study.
+        options: Where; its observer is called with the progress of the whole study.
         sizes: Work of each step beside others, by key, such as its seconds; the step's own amount by default.
         report: Called with a line when a step begins or fails.
 
     Raises:
         RunError: Steps failed; raised when all others are done.
     """
-    board = _Board(steps, count_steps(steps), sizes, how.observe)
+    board = _Board(steps, read_step_progress(steps), sizes, options.observe)
     failed: dict[str, str] = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OtherSourceWarning)
@@ -41,7 +41,7 @@ def run_steps(
                 continue
             report(step.key)
             try:
-                step.run(replace(how, observe=board.observer(step.key)))
+                step.run(replace(options, observe=board.observer(step.key)))
                 board.set(step.key, "finished")
             except ValueError as error:
                 if not type(error).__module__.startswith("perdure."):  # a fault of the program
@@ -73,14 +73,18 @@ class _Board:
     """The progress of all steps as one status: the running step by its units, the others as one unit each."""
 
     def __init__(
-        self, steps: Sequence[Step], counts: Mapping[str, Count], sizes: Mapping[str, float] | None, observe: Observer
+        self,
+        steps: Sequence[StudyStep],
+        progress: Mapping[str, StepProgress],
+        sizes: Mapping[str, float] | None,
+        observe: Observer,
     ) -> None:
         self._observe = observe
-        self._all: dict[str, Progress] = {}
+        self._all: dict[str, UnitProgress] = {}
         for step in steps:
-            count, size = counts[step.key], step.amount if sizes is None else sizes[step.key]
-            finished = count.done >= count.total
-            self._all[step.key] = Progress("finished" if finished else "waiting", count.share, 1.0, {}, "", size)
+            state, size = progress[step.key], step.amount if sizes is None else sizes[step.key]
+            finished = state.done >= state.total
+            self._all[step.key] = UnitProgress("finished" if finished else "waiting", state.share, 1.0, {}, "", size)
 
     def set(self, key: str, state: str) -> None:
         """Record the state of a step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from perdure.studies.study import Count, Step
+from perdure.studies.study import StepProgress, StudyStep
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Line:
 
     stage: str
     steps: int
-    count: Count
+    progress: StepProgress
     amount: float
     """All the work."""
     left: float
@@ -24,50 +24,53 @@ class Line:
     """Hours on the given cores for what is left; nan where no speed is known."""
 
 
-def count_steps(steps: Sequence[Step]) -> dict[str, Count]:
+def read_step_progress(steps: Sequence[StudyStep]) -> dict[str, StepProgress]:
     """Return how far each step is, by its key."""
-    return {step.key: step.count() for step in steps}
+    return {step.key: step.progress() for step in steps}
 
 
 def lines(
-    steps: Sequence[Step], counts: Mapping[str, Count], speeds: Mapping[str, float] | None = None, cores: int = 1
+    steps: Sequence[StudyStep],
+    progress: Mapping[str, StepProgress],
+    speeds: Mapping[str, float] | None = None,
+    cores: int = 1,
 ) -> list[Line]:
     """Return the stages in their order.
 
     Args:
         steps: Of the study.
-        counts: From `count_steps`.
+        progress: From `read_step_progress`.
         speeds: Lane steps a second of one core for each task; None: hours are not known.
         cores: That work at the same time.
     """
     found = []
     for stage in dict.fromkeys(step.stage for step in steps):
         members = [step for step in steps if step.stage == stage]
-        of = [counts[step.key] for step in members]
+        of = [progress[step.key] for step in members]
         total = sum(each.total for each in of)
         amount = sum(step.amount for step in members)
         left = sum(step.amount * (1.0 - each.share) for step, each in zip(members, of, strict=True))
-        count = Count(
+        together = StepProgress(
             total,
             sum(each.done for each in of),
             sum(each.running for each in of),
             sum(each.failed for each in of),
             1.0 - left / amount if amount else 1.0,
         )
-        hours = sum(_hours(step, counts[step.key], speeds) for step in members) / cores
-        found.append(Line(stage, len(members), count, amount, left, members[0].measure, hours))
+        hours = sum(_hours(step, progress[step.key], speeds) for step in members) / cores
+        found.append(Line(stage, len(members), together, amount, left, members[0].measure, hours))
     return found
 
 
-def seconds_left(step: Step, count: Count, speed: float) -> float:
+def seconds_left(step: StudyStep, progress: StepProgress, speed: float) -> float:
     """Return the core-seconds that a step still takes."""
-    return step.seconds(speed) * (1.0 - count.share)
+    return step.seconds(speed) * (1.0 - progress.share)
 
 
-def _hours(step: Step, count: Count, speeds: Mapping[str, float] | None) -> float:
+def _hours(step: StudyStep, progress: StepProgress, speeds: Mapping[str, float] | None) -> float:
     if speeds is None:
         return float("nan")
-    return seconds_left(step, count, speeds[step.task]) / 3600.0
+    return seconds_left(step, progress, speeds[step.task]) / 3600.0
 
 
 def cost_text(found: Sequence[Line], cores: int) -> str:
@@ -81,21 +84,22 @@ def cost_text(found: Sequence[Line], cores: int) -> str:
 
 
 def status_text(found: Sequence[Line]) -> str:
-    """Return the counts of done, running and failed units as text."""
+    """Return the numbers of done, running and failed units as text."""
     rows = []
     for line in found:
-        count = line.count
-        states = [f"{count.done:,} of {count.total:,} units done"]
+        states = [f"{line.progress.done:,} of {line.progress.total:,} units done"]
         states += [
-            f"{number} {name}" for number, name in ((count.running, "running"), (count.failed, "failed")) if number
+            f"{number} {name}"
+            for number, name in ((line.progress.running, "running"), (line.progress.failed, "failed"))
+            if number
         ]
-        rows.append(f"  {line.stage:24} {', '.join(states)} ({count.share:.0%} of the work)")
+        rows.append(f"  {line.stage:24} {', '.join(states)} ({line.progress.share:.0%} of the work)")
     return "\n".join(rows)
 
 
-def failed_steps(steps: Sequence[Step], counts: Mapping[str, Count]) -> list[str]:
+def failed_steps(steps: Sequence[StudyStep], progress: Mapping[str, StepProgress]) -> list[str]:
     """Return the keys of steps with failed units."""
-    return [step.key for step in steps if counts[step.key].failed]
+    return [step.key for step in steps if progress[step.key].failed]
 
 
 def _duration(hours: float) -> str:

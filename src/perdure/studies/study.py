@@ -17,7 +17,7 @@ _STUDIES = {"horizon": "perdure.studies.horizon.study", "placement": "perdure.st
 
 
 @dataclass(frozen=True)
-class Count:
+class StepProgress:
     """Progress of a step, in units of work."""
 
     total: int
@@ -31,8 +31,8 @@ class Count:
 
 
 @dataclass(frozen=True)
-class How:
-    """Where and how a step is run. No result depends on it."""
+class RunOptions:
+    """Where a step runs, and callbacks for its progress. No result depends on it."""
 
     on: str = "local"
     """See `perdure.runs.make_workers`."""
@@ -42,7 +42,7 @@ class How:
     """Called once if another command is running the same step, before waiting for it."""
 
 
-class Step(Protocol):
+class StudyStep(Protocol):
     """A resumable part of a study; a finished step is not run again."""
 
     @property
@@ -72,10 +72,10 @@ class Step(Protocol):
     def seconds(self, speed: float) -> float:
         """Return the core-seconds of the whole step where one core makes `speed` lane steps of the task a second."""
 
-    def count(self) -> Count:
+    def progress(self) -> StepProgress:
         """Return its progress, read from the store."""
 
-    def run(self, how: How) -> None:
+    def run(self, options: RunOptions) -> None:
         """Run it to its end.
 
         Raises:
@@ -101,7 +101,7 @@ class Study:
     scales: tuple[Scale, ...]
     phases: tuple[int, ...]
     """Phases that run by default."""
-    plan: Callable[[str, Path, Sequence[int]], Sequence[Step]]
+    plan: Callable[[str, Path, Sequence[int]], Sequence[StudyStep]]
     """From (scale, folder of the results, phases) to all steps, in their order."""
     analyze: Callable[[str, Path], Sequence[Path]]
     """From (scale, folder) to the files written; reads what steps of any phase left, simulates nothing."""

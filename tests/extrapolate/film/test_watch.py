@@ -12,10 +12,10 @@ from perdure.envs import make_world
 from perdure.extrapolate.film import FilmError, watch
 from perdure.extrapolate.film.camera import Camera
 from perdure.extrapolate.film.captions import BOTTOM, FAILED, GAP, TOP, Caption, compose
-from perdure.extrapolate.film.moment import Judge
+from perdure.extrapolate.film.judge import Judge
 from perdure.extrapolate.film.mp4 import write_film
+from perdure.extrapolate.film.render_env import find_render_env
 from perdure.extrapolate.film.replay import replay
-from perdure.extrapolate.film.twin import twin_of
 from perdure.horizon import Constant
 from perdure.policy import load_policy
 
@@ -30,8 +30,8 @@ def policy():
 
 
 @pytest.fixture(scope="module")
-def twin(policy):
-    return twin_of(policy.task.name, policy.task.observation_size)
+def render_env(policy):
+    return find_render_env(policy.task.name, policy.task.observation_size)
 
 
 @pytest.fixture(scope="module")
@@ -89,20 +89,20 @@ class TestTheReplay:
     def lane(self, film):
         return film.lanes[1]
 
-    def test_pays_what_the_judged_episode_paid_and_goes_on_after_its_end(self, policy, lane, twin):
-        instants = list(replay(policy, lane, twin, lane.end_step + 30))
+    def test_pays_what_the_judged_episode_paid_and_goes_on_after_its_end(self, policy, lane, render_env):
+        instants = list(replay(policy, lane, render_env, lane.end_step + 30))
         assert [each.step for each in instants] == list(range(1, lane.end_step + 31))
         assert instants[lane.end_step - 1].total == pytest.approx(lane.total, rel=1e-12)
         assert instants[-1].total == instants[lane.end_step - 1].total
 
     @pytest.mark.parametrize("change", [{"total": 0.0}, {"end_step": 60}, {"clock": ALWAYS}, {"eval_seed": 5}])
-    def test_of_another_episode_than_the_judged_one_is_refused(self, policy, lane, twin, change):
+    def test_of_another_episode_than_the_judged_one_is_refused(self, policy, lane, render_env, change):
         with pytest.raises(FilmError, match=r"is not the one that was judged|when it was filmed"):
-            list(replay(policy, replace(lane, **change), twin, STEPS))
+            list(replay(policy, replace(lane, **change), render_env, STEPS))
 
-    def test_is_not_disturbed_by_the_camera(self, policy, lane, twin):
+    def test_is_not_disturbed_by_the_camera(self, policy, lane, render_env):
         totals = []
-        for instant in replay(policy, lane, twin, lane.end_step):
+        for instant in replay(policy, lane, render_env, lane.end_step):
             if instant.step == 20:
                 with Camera(instant.env, SIZE) as camera:
                     assert camera.take().std() > 5
@@ -141,14 +141,14 @@ class TestTwins:
         [("Hopper-v3", "Hopper-v4"), ("Ant-v5", "Ant-v5"), ("gymnasium:Hopper-v5", "Hopper-v5")],
     )
     def test_have_the_dynamics_of_the_task(self, task, env_id):
-        assert twin_of(task, 11).env_id == env_id
+        assert find_render_env(task, 11).env_id == env_id
 
     @pytest.mark.parametrize("task", ["Ant-v3", "Humanoid-v3", "Humanoid-v4", "Ant-v4", "Walker2d-v3"])
     def test_give_observations_of_the_same_length_and_zero_forces_where_envpool_does(self, task):
         world = make_world(task, [0])
         theirs = world.reset()[0]
         world.step(np.zeros((1, world.spec.action_size)))
-        env = twin_of(task, world.spec.observation_size).build()
+        env = find_render_env(task, world.spec.observation_size).build()
         ours = env.reset(seed=0)[0]
         for _ in range(5):
             ours = env.step(env.action_space.sample())[0]
@@ -160,16 +160,16 @@ class TestTwins:
 
     @pytest.mark.parametrize("task", ["CheetahRun-v1", "perdure/HomePlace-v0", "Hopper-v9"])
     def test_do_not_exist_for_other_tasks(self, task):
-        with pytest.raises(FilmError, match=f"there is no film of {task}"):
-            twin_of(task, 11)
+        with pytest.raises(FilmError, match=f"{task} cannot be filmed"):
+            find_render_env(task, 11)
 
     def test_are_mujoco_environments(self):
-        with pytest.raises(FilmError, match="Pendulum-v1 is no MuJoCo environment"):
-            twin_of("gymnasium:Pendulum-v1", 3).build()
+        with pytest.raises(FilmError, match="Pendulum-v1 is not a MuJoCo environment"):
+            find_render_env("gymnasium:Pendulum-v1", 3).build()
 
 
-def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, twin):
-    judge = Judge(policy, twin.open(), 50)
+def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_env):
+    judge = Judge(policy, render_env.open(), 50)
     assert judge.policy.reference is not policy.reference
     assert judge.scale.state == "worked"
     assert judge.scale.idle == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"

@@ -8,7 +8,7 @@ from tiny_study import CLOCKS, GRID, write_training
 from perdure.extrapolate.run import StoreError, read_lanes
 from perdure.studies.horizon import evaluation
 from perdure.studies.horizon.evaluation import EvaluateRow
-from perdure.studies.study import How
+from perdure.studies.study import RunOptions
 
 TEST = GRID.split("test")
 ONE = replace(TEST, seeds=1)
@@ -21,7 +21,7 @@ def out(tmp_path_factory):
     write_training(folder)
     fewer = replace(GRID, swept=CLOCKS[:1]), replace(GRID, swept=CLOCKS[:2])
     for grid, row, split in ((GRID, 0, ONE), (fewer[0], 1, TEST), (fewer[1], 1, ONE)):
-        EvaluateRow(grid, GRID.rows[row], split, folder).run(How(on="here"))
+        EvaluateRow(grid, GRID.rows[row], split, folder).run(RunOptions(on="here"))
     return folder
 
 
@@ -40,7 +40,7 @@ def test_start_states_that_every_policy_has_are_read(out, monkeypatch):
 
 
 def test_its_progress_counts_every_lane(out):
-    counts = [EvaluateRow(GRID, row, TEST, out).count() for row in GRID.rows]
+    counts = [EvaluateRow(GRID, row, TEST, out).progress() for row in GRID.rows]
     assert [(each.done, each.total) for each in counts] == [(2, 4), (6, 16)]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from perdure.runs import Store, attempt
-from perdure.studies import How, StudyError
+from perdure.studies import RunOptions, StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
 from perdure.studies.placement.hand_over import SCHEMA, hand_over_step
 from perdure.studies.placement.release_speed import release_speeds, speed_figures, speed_table
@@ -26,8 +26,8 @@ def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("placement")
     shutil.copytree(COMMITTED, folder / "tables")
     step = RunRow(GRID, ROW, folder)
-    assert step.count().done == 0
-    step.run(How(cores=1))
+    assert step.progress().done == 0
+    step.run(RunOptions(cores=1))
     return folder
 
 
@@ -36,14 +36,14 @@ def subject(row):
 
 
 def test_a_finished_step_has_nothing_left(out):
-    count = RunRow(GRID, ROW, out).count()
-    assert (count.total, count.done, count.share) == (1, 1, 1.0)
+    progress = RunRow(GRID, ROW, out).progress()
+    assert (progress.total, progress.done, progress.share) == (1, 1, 1.0)
 
 
 def test_a_row_without_policies_fails_alone(out):
     missing = RunRow(GRID, replace(ROW, place="delta-7"), out)
     with pytest.raises(StudyError, match="no policy is shipped for delta-7 on set_table"):
-        missing.run(How(cores=1))
+        missing.run(RunOptions(cores=1))
 
 
 def test_logs_replace_their_row_and_no_other(out):
@@ -77,7 +77,7 @@ def test_a_measurement_keeps_its_numbers_until_all_units_are_there(out):
     step = hand_over_step(GRID, out)
     committed = read_tables(out).hand_over
     attempt(runs_folder(out), step.units[0])
-    assert step.count().done == 1
+    assert step.progress().done == 1
     assert update_tables(GRID, out).hand_over.equals(committed)
     summary = json.loads((Store(runs_folder(out)).get(step.units[0].key) / "summary.json").read_text())
     assert list(summary) == list(SCHEMA)

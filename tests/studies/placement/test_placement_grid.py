@@ -58,5 +58,5 @@ def test_the_plan_counts_every_episode(tmp_path, scale, steps, episodes):
     planned = study.plan(scale, tmp_path / "none", study.phases)
     assert len({step.key for step in planned}) == len(planned) == steps
     assert sum(step.amount for step in planned) == episodes
-    assert all(step.count().done == 0 for step in planned)
+    assert all(step.progress().done == 0 for step in planned)
     assert all(is_task(step.task) for step in planned)

@@ -1,11 +1,11 @@
-"""Films of the moment at which a policy fails, found by the verdict.
+"""Films of a policy's failure, at the step that the verdict found.
 
 | file | what it holds |
 |---|---|
 | `watch.py` | `watch`: find the moment, render it, write the film |
-| `twin.py` | the Gymnasium environment that stands in for a task, since EnvPool cannot render |
-| `moment.py` | episodes judged in that environment |
-| `replay.py` | an episode stepped once more, with its simulation to look at |
+| `render_env.py` | the Gymnasium environment that is rendered instead of a task |
+| `judge.py` | run and judge episodes in that environment |
+| `replay.py` | step a judged episode again, with access to its simulation |
 | `camera.py` | pictures of a MuJoCo simulation, with or without a display |
 | `captions.py`, `mp4.py` | words in pictures; the file |
 | `errors.py` | `FilmError` |

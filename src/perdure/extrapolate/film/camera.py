@@ -34,7 +34,7 @@ class Camera:
             size: Width and height in pixels.
 
         Raises:
-            FilmError: If nothing can be drawn on this machine.
+            FilmError: If nothing can be rendered on this machine.
         """
         import mujoco
 
@@ -111,4 +111,6 @@ def _open_context(width: int, height: int) -> Any:
             failures.append(f"{kind} ({type(error).__name__}: {' '.join(str(error).split())[:80]})")
         else:
             return context
-    raise FilmError(f"nothing can be drawn here: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6")
+    raise FilmError(
+        f"nothing can be rendered on this machine: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6"
+    )

@@ -11,8 +11,8 @@ import numpy as np
 
 from perdure.envs import GymnasiumWorld
 from perdure.extrapolate.film.errors import FilmError
-from perdure.extrapolate.film.moment import JudgedLane
-from perdure.extrapolate.film.twin import Twin
+from perdure.extrapolate.film.judge import JudgedLane
+from perdure.extrapolate.film.render_env import RenderEnv
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED
 from perdure.policy import ClosedLoop, LanePolicy, Policy
 from perdure.policy.one_thread import one_thread
@@ -25,18 +25,18 @@ class Instant:
     step: int
     reward: float
     total: float
-    """Return so far, without what came after the end."""
+    """Return so far; steps after the end do not count."""
     env: Any
-    """The environment, in this very state."""
+    """The environment in the state after this step."""
 
 
-def replay(policy: Policy, lane: JudgedLane, twin: Twin, stop: int) -> Iterator[Instant]:
-    """Yield step after step of a judged episode, and of what the robot does after its end, up to step ``stop``.
+def replay(policy: Policy, lane: JudgedLane, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
+    """Yield each step of a judged episode, and of what the robot does after its end, up to step ``stop``.
 
     Raises:
         FilmError: If the episode is not the one that was judged.
     """
-    env = twin.build()
+    env = render_env.build()
     world = GymnasiumWorld([lambda: env], [FIRST_EVAL_SEED + lane.eval_seed])
     try:
         with one_thread():

@@ -12,17 +12,17 @@ from perdure.envs import refuse_import
 from perdure.extrapolate.film.camera import Camera, Picture
 from perdure.extrapolate.film.captions import Caption, compose
 from perdure.extrapolate.film.errors import FilmError
-from perdure.extrapolate.film.moment import Judge, JudgedLane
+from perdure.extrapolate.film.judge import Judge, JudgedLane
 from perdure.extrapolate.film.mp4 import check_film, write_film
+from perdure.extrapolate.film.render_env import RenderEnv, find_render_env
 from perdure.extrapolate.film.replay import Instant, replay
-from perdure.extrapolate.film.twin import Twin, twin_of
 from perdure.horizon import Clock
 from perdure.policy import Policy
 
 BEFORE, AFTER = 5.0, 1.0
 """Seconds shown before a failure and after it."""
 MOST_WINDOW = 10.0
-"""Seconds: a silent failure begins somewhere in a window of rewards, so the window is shown, but no more than this."""
+"""Most seconds shown of the window of rewards in which a silent failure begins."""
 RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
@@ -62,19 +62,19 @@ def watch(
     """Film a policy; the left panel shows an episode that holds, if there is one.
 
     Args:
-        policy: Who acts.
+        policy: The policy.
         out: The film, an .mp4.
-        clock: What it is told about time; None takes its own clock.
+        clock: Clock of the policy; None: its own clock.
         beside: A second clock, from the same start state, over the same steps.
-        until_failure: Look for the first start state from which the policy fails under ``clock``, and film the moment:
-            5 s before it and 1 s after it. Else the first 6 s from the first start state are filmed.
-        steps: How long each episode is asked to last.
-        eval_seeds: Start states among which a failure is looked for.
+        until_failure: Search for the first start state from which the policy fails under ``clock``, and film 5 s before
+            the failure and 1 s after it. Otherwise film the first 6 s from the first start state.
+        steps: Steps of each episode, unless it ends earlier.
+        eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: The first of them.
         size: Width and height of a panel's picture in pixels, even.
 
     Raises:
-        FilmError: If there is no such environment in Gymnasium, no failure, nothing can be drawn or no film be written.
+        FilmError: If Gymnasium lacks the environment, no episode fails, rendering fails, or the file cannot be written.
         PolicyError: If the policy takes no clock.
     """
     out = Path(out)
@@ -89,13 +89,13 @@ def watch(
     if clock is not None and not policy.has_clock:
         raise FilmError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, (), "the policy")
-    twin = twin_of(policy.task.name, policy.task.observation_size)
-    judge = Judge(policy, twin.open(), steps)
+    render_env = find_render_env(policy.task.name, policy.task.observation_size)
+    judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
     lane = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
     lanes = [lane] if beside is None else [lane, *judge.judge(beside, [lane.eval_seed])]
     lanes.sort(key=lambda each: each.outcome != "holds")
-    scene = _Scene(judge, twin, size, lane if until_failure else None)
+    scene = _Scene(judge, render_env, size, lane if until_failure else None)
     count = write_film(scene.pictures(lanes), out, scene.rate)
     return Film(out, tuple(lanes), scene.world, count)
 
@@ -103,12 +103,12 @@ def watch(
 class _Scene:
     """Steps and camera of one part of the video."""
 
-    def __init__(self, judge: Judge, twin: Twin, size: tuple[int, int], failing: JudgedLane | None) -> None:
-        env = twin.build()
+    def __init__(self, judge: Judge, render_env: RenderEnv, size: tuple[int, int], failing: JudgedLane | None) -> None:
+        env = render_env.build()
         seconds_per_step = float(env.unwrapped.dt)
         env.close()
-        self._judge, self._twin, self._size = judge, twin, size
-        self.world = _world(twin)
+        self._judge, self._render_env, self._size = judge, render_env, size
+        self.world = _world(render_env)
         self._stride = max(1, round(1.0 / (RATE * seconds_per_step)))
         self.rate = 1.0 / (self._stride * seconds_per_step)
         before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
@@ -128,7 +128,7 @@ class _Scene:
     def _panel(self, lane: JudgedLane, stack: ExitStack) -> Iterator[tuple[Picture, Caption]]:
         camera: Camera | None = None
         recent: deque[float] = deque(maxlen=SCORE_STEPS)
-        for instant in replay(self._judge.policy, lane, self._twin, self._last):
+        for instant in replay(self._judge.policy, lane, self._render_env, self._last):
             recent.append(instant.reward)
             if instant.step < self._first or (instant.step - self._first) % self._stride:
                 continue
@@ -166,8 +166,8 @@ def _outcome(lane: JudgedLane) -> str:
     return f"{lane.outcome} for {lane.end_step:,} steps" if lane.outcome == "holds" else lane.outcome
 
 
-def _world(twin: Twin) -> str:
+def _world(render_env: RenderEnv) -> str:
     import gymnasium
     import mujoco
 
-    return f"{twin.env_id}, Gymnasium {gymnasium.__version__}, MuJoCo {mujoco.__version__}"
+    return f"{render_env.env_id}, Gymnasium {gymnasium.__version__}, MuJoCo {mujoco.__version__}"

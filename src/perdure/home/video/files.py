@@ -14,7 +14,7 @@ import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Picture
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 GIF_PACE = 0.08
 """Seconds that a picture of a GIF stays: browsers count in hundredths and slow down what is faster."""
@@ -54,7 +54,7 @@ def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Pat
         image = image.quantize(colors, dither=Image.Dither.NONE)
     box = io.BytesIO()
     image.save(box, "PNG", optimize=True)
-    return write_whole(path, box.getvalue())
+    return write_atomic(path, box.getvalue())
 
 
 @contextmanager

@@ -18,10 +18,10 @@ from perdure.horizon.wrappers.horizon_limit import HorizonLimit
 class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Append phi(t, T) to the observation.
 
-    In training (t, T) are those of the :class:`HorizonLimit` beneath. In deployment they are what a clock says,
-    whatever the environment does: ``TimeToGoObservation(env, Geometric(10), clock=Constant(500))``.
+    In training (t, T) come from the :class:`HorizonLimit` below. At deployment they come from a clock:
+    ``TimeToGoObservation(env, Geometric(10), clock=Constant(500))``.
 
-    The last observation of an episode carries phi(T, T): nothing left.
+    The last observation of an episode contains phi(T, T): no steps left.
     """
 
     def __init__(
@@ -34,9 +34,9 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         """Wrap an environment.
 
         Args:
-            env: With a :class:`HorizonLimit` somewhere beneath, unless a clock is given.
+            env: Contains a :class:`HorizonLimit`, unless a clock is given.
             embedding: phi.
-            clock: What the agent is told in deployment; None tells it the training horizon.
+            clock: Sets the time-to-go at deployment; None: the time-to-go of the training horizon.
             dict: Observations are {"observation", "time_to_go"} instead of one flat vector, so that a normalizer can
                 leave phi out (Stable-Baselines3: ``VecNormalize(norm_obs_keys=["observation"])``).
 
@@ -95,4 +95,4 @@ def find_limit(env: gymnasium.Env[Any, Any]) -> HorizonLimit[Any, Any]:
         if isinstance(layer, HorizonLimit):
             return layer
         layer = layer.env
-    raise HorizonError(f"the time-to-go needs a HorizonLimit beneath it, or a clock; neither is in {env}")
+    raise HorizonError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")

@@ -38,8 +38,8 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         Args:
             env: With a :class:`VectorHorizonLimit` somewhere beneath, unless a clock is given.
             embedding: phi.
-            clock: What the agent is told in deployment, one clock for all lanes or one for each; None tells it the
-                training horizons.
+            clock: Sets the time-to-go at deployment, one clock for all lanes or one for each; None: the time-to-go of
+                the training horizons.
             dict: Observations are {"observation", "time_to_go"} instead of one flat vector.
 
         Raises:
@@ -122,4 +122,4 @@ def find_limit(env: VectorEnv[Any, Any, Any]) -> VectorHorizonLimit:
         if isinstance(layer, VectorHorizonLimit):
             return layer
         layer = layer.env
-    raise HorizonError(f"the time-to-go needs a VectorHorizonLimit beneath it, or a clock; neither is in {env}")
+    raise HorizonError(f"the time-to-go needs a VectorHorizonLimit below it, or a clock; {env} has neither")

@@ -15,7 +15,7 @@ from perdure.policy.errors import PolicyError
 from perdure.policy.onnx.graph import IR_VERSION, OPSET, Graph, Value
 from perdure.policy.onnx.model import OnnxModel, require
 from perdure.policy.policy import Policy
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 CHECKED = 1_000
 """Random observations on which the model's actions are compared with the policy's."""
@@ -62,7 +62,7 @@ def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) ->
         raise PolicyError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     data = _model(policy, clock).SerializeToString()
     _compare(policy, clock, OnnxModel(data, str(path)))
-    write_whole(Path(path), data)
+    write_atomic(Path(path), data)
     return Path(path)
 
 

@@ -85,7 +85,7 @@ def _layers(state: TorchState, ours: str, theirs: str, what: str) -> list[tuple[
     numbers = sorted(int(match[1]) for match in found if match)
     if not numbers or "actor_logstd" not in state.names:
         raise PolicyFileError(
-            f"{what} is no model of CleanRL's ppo_continuous_action: it holds {', '.join(state.names[:8])}"
+            f"{what} is not a model of CleanRL's ppo_continuous_action: it holds {', '.join(state.names[:8])}"
         )
     if numbers != list(range(0, 2 * len(numbers), 2)):
         raise PolicyFileError(f"{what}: {theirs} must have its linear layers at 0, 2, 4, ..., it has them at {numbers}")

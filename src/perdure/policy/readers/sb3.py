@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyFileError
-from perdure.policy.readers.sb3_data import ACTOR_CRITIC, DOOR, SAC, TD3, TQC, Sb3Settings, read_settings
+from perdure.policy.readers.sb3_data import ACTOR_CRITIC, SAC, TD3, TQC, USE_A_FUNCTION, Sb3Settings, read_settings
 from perdure.policy.readers.torch_state import TorchState
 from perdure.policy.readers.zip_members import ZipMembers
 
@@ -102,7 +102,7 @@ def _layer_names(names: list[str], settings: Sb3Settings, what: str) -> list[str
     unknown = [name for name in names if not re.fullmatch(known, name)]
     if unknown or not layers:
         part = "".join(letter for letter in unknown[0][:80] if letter.isprintable()) if unknown else "no layers"
-        raise PolicyFileError(f"{what}: its policy is not a plain perceptron, it has {part!r}: {DOOR}")
+        raise PolicyFileError(f"{what}: its policy is not a plain perceptron, it has {part!r}: {USE_A_FUNCTION}")
     return layers
 
 

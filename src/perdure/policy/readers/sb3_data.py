@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from perdure.policy.activations import ACTIVATIONS
 from perdure.policy.errors import PolicyFileError
 
-DOOR = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
+USE_A_FUNCTION = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
 """Where policies go that cannot be read."""
 ACTOR_CRITIC = "stable_baselines3.common.policies"
 SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
@@ -65,7 +65,7 @@ class Sb3Settings:
     """As written in the zip, rounded; None where it does not say."""
     gamma: float
     behind_vecnormalize: bool
-    """Whether training certainly ran behind a VecNormalize. PPO, A2C and TRPO tell."""
+    """Whether training certainly ran behind a VecNormalize. Only models of PPO, A2C and TRPO show it."""
     seed: int | None
     steps: int | None
     """Environment steps trained."""
@@ -121,16 +121,20 @@ def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
 def _check_observations(space: dict[str, Any], what: str) -> None:
     kind = _class_name(space)
     if kind != "Box":
-        raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read from zips: {DOOR}")
+        raise PolicyFileError(
+            f"{what} is for {kind} observations; only vectors (Box) are read from zips: {USE_A_FUNCTION}"
+        )
     shape = space.get("_shape")
     if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
-        raise PolicyFileError(f"{what} is for image observations: {DOOR}")
+        raise PolicyFileError(f"{what} is for image observations: {USE_A_FUNCTION}")
 
 
 def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     kind = _class_name(space)
     if kind != "Box":
-        raise PolicyFileError(f"{what} is for {kind} actions; only continuous ones (Box) are read from zips: {DOOR}")
+        raise PolicyFileError(
+            f"{what} is for {kind} actions; only continuous ones (Box) are read from zips: {USE_A_FUNCTION}"
+        )
     low, high = (_written_numbers(space.get(name)) for name in ("low", "high"))
     return None if low is None or high is None else (low, high)
 
@@ -155,7 +159,7 @@ def _policy_module(policy_class: dict[str, Any], what: str) -> str:
     if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
         raise PolicyFileError(
             f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
-            f"and TD3: {DOOR}"
+            f"and TD3: {USE_A_FUNCTION}"
         )
     return module
 
@@ -165,7 +169,7 @@ def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
     extractor = _short(kwargs.get("features_extractor_class", "FlattenExtractor"))
     if unknown or "FlattenExtractor" not in extractor:
         name = unknown[0] if unknown else "features_extractor_class"
-        raise PolicyFileError(f"{what}: its policy has the setting {_short(name)}, which is not read: {DOOR}")
+        raise PolicyFileError(f"{what}: its policy has the setting {_short(name)}, which is not read: {USE_A_FUNCTION}")
 
 
 def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
@@ -175,7 +179,8 @@ def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
     found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
     if found is None or found[1] not in TORCH_ACTIVATIONS:
         raise PolicyFileError(
-            f"{what}: its activation function is {_short(written)}; known are {', '.join(TORCH_ACTIVATIONS)}: {DOOR}"
+            f"{what}: its activation function is {_short(written)}; known are {', '.join(TORCH_ACTIVATIONS)}: "
+            f"{USE_A_FUNCTION}"
         )
     return TORCH_ACTIVATIONS[found[1]]
 

@@ -17,7 +17,7 @@ from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.identity import file_digest, library_versions
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
-from perdure.policy.readers.sb3_data import DOOR
+from perdure.policy.readers.sb3_data import USE_A_FUNCTION
 from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
 from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
@@ -120,7 +120,7 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
         hint = " (was it wrapped in TimeFeatureWrapper? --time-feature linear:1000)" if inputs == expected + 1 else ""
         raise PolicyError(
             f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
-            f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {DOOR}"
+            f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {USE_A_FUNCTION}"
         )
     if outputs != spec.action_size:
         raise PolicyError(f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}")
@@ -132,7 +132,7 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
         if not np.allclose(written, needed, rtol=1e-5, atol=1e-6):
             raise PolicyError(
                 f"{what}: its actions have the {name} bounds {written.tolist()}, those of {spec.name} "
-                f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {DOOR}"
+                f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {USE_A_FUNCTION}"
             )
 
 
@@ -160,7 +160,7 @@ def _provenance(
     settings = model.settings
     name = "".join(letter for letter in path.stem if letter.isprintable())
     provenance: dict[str, Any] = {
-        # Models of one name are taken for training runs of one method, told apart by their seeds.
+        # Models of one name are taken for training runs of one method, distinguished by their seeds.
         "method": f"SB3 {settings.algorithm} ({name})",
         **({} if settings.seed is None else {"seed": settings.seed}),
         "steps": settings.steps,

@@ -43,7 +43,7 @@ class TorchState:
         self._what = what
         if data[:2] != b"PK":
             raise PolicyFileError(
-                f"{what} is not a zip archive; PyTorch before 1.6 wrote others: give --trust if you trust the file"
+                f"{what} is not a zip archive; PyTorch before 1.6 wrote other files: give --trust if you trust the file"
             )
         self._members = ZipMembers(data, what)
         descriptions = [name for name in self._members.names if name.count("/") == 1 and name.endswith("/data.pkl")]

@@ -17,8 +17,8 @@ from perdure.policy.readers.sb3 import Sb3Model, read_layers
 from perdure.policy.readers.sb3_data import (
     ACTOR_CRITIC,
     DEFAULT_ACTIVATION,
-    DOOR,
     TORCH_ACTIVATIONS,
+    USE_A_FUNCTION,
     Sb3Settings,
     algorithm_of,
 )
@@ -98,7 +98,7 @@ def _load(path: Path) -> Any:
     settings = import_module("stable_baselines3.common.save_util").load_from_zip_file(str(path), device="cpu")[0]
     algorithm = algorithm_of(settings)
     if algorithm not in PACKAGES:
-        raise PolicyFileError(f"{path} is of no algorithm that is read ({', '.join(PACKAGES)}): {DOOR}")
+        raise PolicyFileError(f"{path} is not a model of {', '.join(PACKAGES)}: {USE_A_FUNCTION}")
     return getattr(import_module(PACKAGES[algorithm]), algorithm).load(str(path), device="cpu")
 
 
@@ -108,7 +108,7 @@ def _settings(model: Any, what: str) -> Sb3Settings:
     activation = TORCH_ACTIVATIONS.get(policy.activation_fn.__name__)
     module = type(policy).__module__
     if activation is None or module not in DEFAULT_ACTIVATION:
-        raise PolicyFileError(f"{what}: {module} with {policy.activation_fn.__name__} is not read: {DOOR}")
+        raise PolicyFileError(f"{what}: {module} with {policy.activation_fn.__name__} is not read: {USE_A_FUNCTION}")
     space = model.action_space
     return Sb3Settings(
         algorithm=type(model).__name__,

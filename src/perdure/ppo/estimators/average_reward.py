@@ -1,6 +1,6 @@
 """Advantages of the average reward per step: no discount, and no horizon.
 
-The differential value V(s) tells how much more reward follows s than follows on average. With rho the average reward,
+The differential value V(s) is how much more reward follows s than follows on average. With rho the average reward,
 
     delta_t = r_t - rho + V'_t - V(s_t)
     A_t     = delta_t + lambda A_{t+1}

@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 
 from perdure.report.render import Figure, Format, save
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.studies.csv_files import write_csv
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
@@ -39,7 +39,7 @@ def analyze(grid: Grid, out: Path) -> list[Path]:
     figures = list(make_figures(results))
     save(figures, out / "figures", FORMATS)
     written += [out / "figures" / f"{figure.name}.{kind}" for figure in figures for kind in FORMATS]
-    written.append(write_whole(out / "claims.md", claims_text(decided)))
+    written.append(write_atomic(out / "claims.md", claims_text(decided)))
     return [*written, write_page(out / "README.md", results, decided, figures)]
 
 

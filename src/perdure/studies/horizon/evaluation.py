@@ -15,7 +15,7 @@ from perdure.report import read_table
 from perdure.runs import Store
 from perdure.studies.horizon.grid import Grid, Row, Split, evaluation_folder
 from perdure.studies.horizon.training import policy_paths
-from perdure.studies.study import Count, How
+from perdure.studies.study import RunOptions, StepProgress
 
 TABLE = "lanes.parquet"
 GROUPS = "groups"
@@ -36,22 +36,22 @@ class EvaluateRow:
 
     @property
     def key(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"{self.stage} {self.row.key}"
 
     @property
     def stage(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"evaluation {self.split.name}"
 
     @property
     def after(self) -> tuple[str, ...]:
-        """See `Step`."""
+        """See `StudyStep`."""
         return (f"training {self.row.key}",)
 
     @property
     def task(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.row.task
 
     @property
@@ -82,21 +82,21 @@ class EvaluateRow:
 
     @property
     def amount(self) -> float:
-        """See `Step`; a lane that falls costs less."""
+        """See `StudyStep`; a lane that falls costs less."""
         return float(self.lanes * self.grid.steps)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`; acting costs a quarter of a lane step beside the bare task (make bench)."""
+        """See `StudyStep`; acting costs a quarter of a lane step beside the bare task (make bench)."""
         return START_SECONDS + 1.25 * self.amount / speed
 
-    def count(self) -> Count:
-        """See `Step`; units are lanes, running and failed ones are groups of them."""
+    def progress(self) -> StepProgress:
+        """See `StudyStep`; units are lanes, running and failed ones are groups of them."""
         if not self.folder.is_dir():
-            return Count(self.lanes, 0)
+            return StepProgress(self.lanes, 0)
         store, done = Store(self.folder), int(self._finished().sum())
         busy = sum(store.is_busy(key) for key in store.begun())
         failed = len(store.noted("failures"))
-        return Count(self.lanes, done, busy, failed, done / self.lanes)
+        return StepProgress(self.lanes, done, busy, failed, done / self.lanes)
 
     def _finished(self) -> NDArray[np.bool_]:
         """Return which lanes are in the store, shape (policies, clocks, start states)."""
@@ -122,15 +122,15 @@ class EvaluateRow:
             parts.append(read_lanes(replace(self.evaluation, clocks=known, eval_seeds=count), self.folder))
         return pl.concat(parts) if parts else None
 
-    def run(self, how: How) -> None:
-        """See `Step`."""
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`."""
         command = f"perdure study horizon --scale {self.grid.name}"
         extrapolate(
             self.evaluation,
             self.folder,
-            cores=how.cores,
-            on=how.on,
+            cores=options.cores,
+            on=options.on,
             command=command,
-            observe=how.observe,
-            waiting=how.waiting,
+            observe=options.observe,
+            waiting=options.waiting,
         )

@@ -32,7 +32,7 @@ def mechanism_figures(results: Results) -> Iterator[Figure]:
         axes = Axis("steps to go of the training horizon"), Axis("mean reward per step")
         yield from _curves(bins, setting, "steps to go", "reward", axes, "reward-to-go", "Reward by steps to go")
         axes = (
-            Axis("C: the steps to go that the policy is told"),
+            Axis("C: steps to go given to the policy"),
             Axis("change of the action, as a share of the action box", low=0.0),
         )
         title = "Change of the action with C instead of 500 steps to go"

@@ -15,7 +15,7 @@ import polars as pl
 
 from perdure.horizon import Countdown
 from perdure.policy import load_policy
-from perdure.runs import Work, write_whole
+from perdure.runs import Work, write_atomic
 from perdure.studies.horizon.grid import Grid, Row
 from perdure.studies.horizon.mechanism_actions import OWN, action_changes
 from perdure.studies.horizon.mechanism_rewards import fall_rate, rewards_to_go
@@ -63,7 +63,7 @@ def measure(work: Work, *, path: str, lanes: int) -> None:
         changes.write_parquet(work.folder / ACTIONS)
         found["action dependence"] = float(changes.filter(pl.col("C") != OWN)["change"].to_numpy().mean())
     known = {name: value for name, value in found.items() if math.isfinite(value)}
-    write_whole(work.folder / SUMMARY, json.dumps(known, indent=1) + "\n")
+    write_atomic(work.folder / SUMMARY, json.dumps(known, indent=1) + "\n")
 
 
 def read_mechanism(grid: Grid, out: Path) -> pl.DataFrame:

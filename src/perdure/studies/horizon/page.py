@@ -9,7 +9,7 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.report.render import Figure
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.decide import ClaimDecision
@@ -29,7 +29,7 @@ def write_page(path: Path, results: Results, decided: Sequence[ClaimDecision], f
     before, _, rest = old.partition(BEGIN)
     after = rest.partition(END)[2] if rest else "\n"
     generated = f"{BEGIN}\n{_text(results, decided, figures)}{END}"
-    return write_whole(path, f"{before.rstrip()}\n\n{generated}{after}")
+    return write_atomic(path, f"{before.rstrip()}\n\n{generated}{after}")
 
 
 def _text(results: Results, decided: Sequence[ClaimDecision], figures: Sequence[Figure]) -> str:

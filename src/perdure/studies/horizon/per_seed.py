@@ -12,7 +12,7 @@ from typing import Any
 from perdure.runs import Store, Unit, make_workers, read_status, run_units
 from perdure.studies.horizon.grid import Grid, Row
 from perdure.studies.horizon.training import policy_paths
-from perdure.studies.study import Count, How
+from perdure.studies.study import RunOptions, StepProgress
 
 VERSION = 1
 """Raised when the functions of these units give other numbers."""
@@ -38,26 +38,26 @@ class PerSeed:
 
     @property
     def key(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"{self.stage} {self.row.key}"
 
     @property
     def after(self) -> tuple[str, ...]:
-        """See `Step`."""
+        """See `StudyStep`."""
         return (f"training {self.row.key}",)
 
     @property
     def task(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.row.task
 
     @property
     def amount(self) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.lane_steps * len(self.row.seeds)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return 2.0 * self.amount / speed
 
     @property
@@ -80,15 +80,15 @@ class PerSeed:
     def _total(self) -> int:
         return len(self.row.seeds)
 
-    def count(self) -> Count:
-        """See `Step`."""
+    def progress(self) -> StepProgress:
+        """See `StudyStep`."""
         units = self.units()
         if not self.store.is_dir() or not units:
-            return Count(self._total, 0)
+            return StepProgress(self._total, 0)
         store, status = Store(self.store), read_status(units, self.store)
         open_units = [unit for unit in units if status[unit.key].state != "finished"]
         done = len(units) - len(open_units)
-        return Count(
+        return StepProgress(
             total=self._total,
             done=done,
             running=sum(store.is_busy(unit.key) for unit in open_units),
@@ -96,12 +96,12 @@ class PerSeed:
             share=done / self._total,
         )
 
-    def run(self, how: How) -> None:
-        """See `Step`."""
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`."""
         store, units = Store(self.store), self.units()
         missing = [unit for unit in units if not store.done(unit.key, unit.config)]
         if missing:
-            run_units(units, self.store, make_workers(how.on, missing, how.cores), how.observe)
+            run_units(units, self.store, make_workers(options.on, missing, options.cores), options.observe)
 
     def folders(self) -> dict[int, Path]:
         """Return the folder of each finished unit, by training seed."""

@@ -73,7 +73,7 @@ class Results:
         return {seed: value for seed, value in under(test, clocks, measure).items() if value is not None}
 
     def clocks(self, row: Row, rule: str) -> dict[int, str]:
-        """Return the clock that a rule gives each training run of a row; {} where it cannot be told."""
+        """Return the clock that a rule gives each training run of a row; {} if the results do not decide it."""
         test, validation = self.of(row), self.of(row, VALIDATION)
         if rule in ("chosen", "chosen periodic"):
             kind = "constant" if rule == "chosen" else "periodic"

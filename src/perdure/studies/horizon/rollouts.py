@@ -56,7 +56,7 @@ def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int, first_s
         loop = ClosedLoop(world, [LanePolicy(policy, clock) for clock in clocks])
         with one_thread():
             for step in range(steps):
-                if not len(loop.living):
+                if not len(loop.running):
                     break
                 moved = loop.advance()
                 observations[step, moved.lanes] = moved.before

@@ -11,7 +11,7 @@ import polars as pl
 from perdure.extrapolate import Extrapolation
 from perdure.horizon import Constant
 from perdure.policy import load_policy
-from perdure.runs import Work, write_whole
+from perdure.runs import Work, write_atomic
 from perdure.studies.horizon.choose_clock_bandit import choose_by_halving
 from perdure.studies.horizon.choose_clock_value import choose_by_value
 from perdure.studies.horizon.grid import SWEPT, Grid, Row
@@ -53,7 +53,7 @@ def choose(work: Work, *, path: str, candidates: list[float], most_steps: int) -
         }
         for choice in found
     ]
-    write_whole(work.folder / FILE, json.dumps(choices, indent=1) + "\n")
+    write_atomic(work.folder / FILE, json.dumps(choices, indent=1) + "\n")
 
 
 def read_rules(grid: Grid, out: Path) -> pl.DataFrame:

@@ -10,15 +10,15 @@ from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, make_grid
 from perdure.studies.horizon.mechanism import mechanism_steps
 from perdure.studies.horizon.rules import rule_steps
 from perdure.studies.horizon.training import TrainRow
-from perdure.studies.study import Scale, Step, Study
+from perdure.studies.study import Scale, Study, StudyStep
 
 QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and does a constant time-to-go help?"
 
 
-def plan(scale: str, out: Path, phases: Sequence[int]) -> list[Step]:
+def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
     """Return all steps: every row's training, its evaluation on validation and test start states, short rollouts."""
     grid = make_grid(scale, phases)
-    steps: list[Step] = [TrainRow(grid, row, out) for row in grid.rows]
+    steps: list[StudyStep] = [TrainRow(grid, row, out) for row in grid.rows]
     evaluated = [row for row in grid.rows if row.evaluated]
     for split in grid.splits:
         steps += [EvaluateRow(grid, row, split, out) for row in evaluated]

@@ -65,7 +65,7 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
         grid: Whose rows.
         out: Folder of the results.
         split: Name of the start states.
-        whole: Keep all checkpoints, for curves; otherwise those that the measures need.
+        whole: Keep all recorded steps, for curves; otherwise those that the measures need.
     """
     found = {}
     for row in grid.rows:
@@ -140,7 +140,7 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _marks(frame: pl.DataFrame) -> tuple[int, int, int]:
-    """Return the checkpoints of "return within", before the last tenth, and at the end."""
+    """Return the recorded steps of "return within", before the last tenth, and at the end."""
     horizon = int(frame["test_horizon"][0])
     steps = frame["step"].unique().sort().to_numpy()
     wanted = (min(WITHIN, horizon), (1.0 - LATE) * horizon)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from perdure.ppo import PPOConfig, method_config
 from perdure.runs import Store, Unit, read_status
 from perdure.studies.horizon.grid import Grid, Row, training_folder
-from perdure.studies.study import Count, How
+from perdure.studies.study import RunOptions, StepProgress
 
 if TYPE_CHECKING:
     from perdure.ppo.training import TrainRun
@@ -38,12 +38,12 @@ class TrainRow:
 
     @property
     def key(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return f"training {self.row.key}"
 
     @property
     def task(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.row.task
 
     @cached_property
@@ -57,23 +57,23 @@ class TrainRow:
 
     @property
     def amount(self) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return sum(unit.size for unit in self._units)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         robot = self.task.partition("-")[0]
         ratio = LANE_STEPS_PER_TRAINING_STEP.get(robot, LANE_STEPS_PER_TRAINING_STEP["Hopper"])
         return COMPILE_SECONDS * len(self.row.seeds) + self.amount * ratio / speed
 
-    def count(self) -> Count:
-        """See `Step`."""
+    def progress(self) -> StepProgress:
+        """See `StudyStep`."""
         folder = training_folder(self.out)
         if not folder.is_dir():
-            return Count(len(self._units), 0)
+            return StepProgress(len(self._units), 0)
         store, status = Store(folder), read_status(self._units, folder)
         open_units = [unit for unit in self._units if status[unit.key].state != "finished"]
-        return Count(
+        return StepProgress(
             total=len(self._units),
             done=len(self._units) - len(open_units),
             running=sum(store.is_busy(unit.key) for unit in open_units),
@@ -81,11 +81,11 @@ class TrainRow:
             share=sum(each.share for each in status.values()) / len(status),
         )
 
-    def run(self, how: How) -> None:
-        """See `Step`."""
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`."""
         from perdure.ppo.training import train
 
-        train(self.run_, training_folder(self.out), cores=how.cores, on=how.on, observe=how.observe)
+        train(self.run_, training_folder(self.out), cores=options.cores, on=options.on, observe=options.observe)
 
 
 def train_run(grid: Grid, row: Row) -> TrainRun:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from perdure.report.render import Figure
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.studies.placement.grid import Grid
 from perdure.studies.placement.markdown import difference_table, headline, percent
 from perdure.studies.placement.markdown_measured import hand_over_measured, noise_measured
@@ -34,7 +34,7 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
         _part("Figures", "\n".join(map(_link, figures))) if figures else "",
         _commands(grid),
     ]
-    return write_whole(path, "\n".join(part for part in parts if part))
+    return write_atomic(path, "\n".join(part for part in parts if part))
 
 
 def result_text(results: Results) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from perdure.home.evaluate.protocol import read_strategy
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 from perdure.studies.placement.names import STRATEGIES, TITLES, WORLDS
 
 Row = dict[str, Any]
@@ -40,7 +40,7 @@ class Results:
     def write(self, path: Path) -> Path:
         """Write them as a file that `read` reads."""
         values = {"commands": self.commands, "rows": self.rows, "pairs": self.pairs}
-        return write_whole(path, json.dumps(values, indent=1) + "\n")
+        return write_atomic(path, json.dumps(values, indent=1) + "\n")
 
 
 def _merged(old: Iterable[Row], new: Iterable[Row]) -> tuple[Row, ...]:

@@ -11,7 +11,7 @@ from perdure.home.evaluate.protocol import episode_blocks, run_protocol
 from perdure.runs import Store, StoreError
 from perdure.studies.errors import StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
-from perdure.studies.study import Count, How
+from perdure.studies.study import RunOptions, StepProgress
 
 STAGES = {"val": "known layouts", "eval": "unseen layouts"}
 """Split to the stage's name."""
@@ -38,41 +38,41 @@ class RunRow:
 
     @property
     def key(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.row.key
 
     @property
     def stage(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return STAGES[self.row.split]
 
     @property
     def amount(self) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return float(self.row.total)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return START_SECONDS + self.amount * EPISODE_COST[self.row.task] / speed
 
-    def count(self) -> Count:
-        """See `Step`; units are blocks of episodes."""
+    def progress(self) -> StepProgress:
+        """See `StudyStep`; units are blocks of episodes."""
         protocol = self.row.protocol()
         sizes = {block.key(protocol): block.last - block.first + 1 for block in episode_blocks(protocol)}
-        return count_keys(runs_folder(self.out), sizes)
+        return progress_of_keys(runs_folder(self.out), sizes)
 
-    def run(self, how: How) -> None:
-        """See `Step`.
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`.
 
         Raises:
             RunError: A block of episodes failed.
             StudyError: A policy is missing, or the store holds these episodes with other settings.
         """
         settings: dict[str, Any] = {
-            "cores": how.cores,
-            "on": how.on,
+            "cores": options.cores,
+            "on": options.on,
             "command": self.row.command,
-            "observe": how.observe,
+            "observe": options.observe,
         }
         try:
             run_protocol(self.row.protocol(), runs_folder(self.out), **settings)
@@ -80,7 +80,7 @@ class RunRow:
             raise StudyError(str(error)) from error
 
 
-def count_keys(folder: Path, sizes: dict[str, int]) -> Count:
+def progress_of_keys(folder: Path, sizes: dict[str, int]) -> StepProgress:
     """Return how far the units of some keys are, by the store in a folder.
 
     Args:
@@ -88,11 +88,11 @@ def count_keys(folder: Path, sizes: dict[str, int]) -> Count:
         sizes: Key to how much work the unit is.
     """
     if not folder.is_dir():
-        return Count(len(sizes), 0)
+        return StepProgress(len(sizes), 0)
     store = Store(folder)
     done = [key for key in sizes if store.done(key)]
     left = [key for key in sizes if key not in set(done)]
-    return Count(
+    return StepProgress(
         len(sizes),
         len(done),
         sum(store.is_busy(key) for key in left),

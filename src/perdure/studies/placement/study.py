@@ -10,13 +10,13 @@ from perdure.studies.placement.halt_in_noise import noise_step
 from perdure.studies.placement.hand_over import hand_over_step
 from perdure.studies.placement.page import QUESTION
 from perdure.studies.placement.row_step import RunRow
-from perdure.studies.study import Scale, Step, Study
+from perdure.studies.study import Scale, Study, StudyStep
 
 
-def plan(scale: str, out: Path, phases: Sequence[int]) -> list[Step]:
+def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
     """Return all steps: one for each row of the grid, then the two measurements."""
     grid = make_grid(scale, phases)
-    steps: list[Step] = [RunRow(grid, row, out) for row in grid.rows]
+    steps: list[StudyStep] = [RunRow(grid, row, out) for row in grid.rows]
     steps += [hand_over_step(grid, out)] if grid.hand_over_episodes else []
     steps += [noise_step(grid, out)] if grid.noise_episodes else []
     return steps

@@ -10,10 +10,10 @@ from typing import Any
 
 import polars as pl
 
-from perdure.runs import Store, Unit, Work, make_workers, run_units, write_whole
+from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
 from perdure.studies.placement.grid import runs_folder
-from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, count_keys
-from perdure.studies.study import Count, How
+from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, progress_of_keys
+from perdure.studies.study import RunOptions, StepProgress
 
 SUMMARY = "summary.json"
 TASK = "set_table"
@@ -40,28 +40,30 @@ class Measurement:
 
     @property
     def stage(self) -> str:
-        """See `Step`."""
+        """See `StudyStep`."""
         return self.key
 
     @property
     def amount(self) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return sum(unit.size for unit in self.units)
 
     def seconds(self, speed: float) -> float:
-        """See `Step`."""
+        """See `StudyStep`."""
         return START_SECONDS * len(self.units) + self.amount * self.episode_cost / speed
 
-    def count(self) -> Count:
-        """See `Step`."""
-        return count_keys(runs_folder(self.out), {unit.key: round(unit.size) for unit in self.units})
+    def progress(self) -> StepProgress:
+        """See `StudyStep`."""
+        return progress_of_keys(runs_folder(self.out), {unit.key: round(unit.size) for unit in self.units})
 
-    def run(self, how: How) -> None:
-        """See `Step`."""
+    def run(self, options: RunOptions) -> None:
+        """See `StudyStep`."""
         store = Store(runs_folder(self.out))
         missing = [unit for unit in self.units if not store.done(unit.key, unit.config)]
         if missing:
-            run_units(self.units, runs_folder(self.out), make_workers(how.on, missing, how.cores), how.observe)
+            run_units(
+                self.units, runs_folder(self.out), make_workers(options.on, missing, options.cores), options.observe
+            )
 
     def table(self) -> pl.DataFrame | None:
         """Return the summaries in the units' order; None unless all are there."""
@@ -77,4 +79,4 @@ class Measurement:
 
 def leave(work: Work, summary: dict[str, Any]) -> None:
     """Write a unit's summary into its work folder."""
-    write_whole(work.folder / SUMMARY, json.dumps(summary, indent=1) + "\n")
+    write_atomic(work.folder / SUMMARY, json.dumps(summary, indent=1) + "\n")

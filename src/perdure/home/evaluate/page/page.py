@@ -17,7 +17,7 @@ from perdure.home.evaluate.page.placements import MEASURES, kind_figure, release
 from perdure.home.evaluate.page.success import final_figure, stage_figure
 from perdure.report import document
 from perdure.report.render import Figure, Format, save, slug, unique
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 PAGE = "report.html"
 METHOD = """A task plan runs skills one after the other, whatever became of the last one, from the same episodes and
@@ -63,7 +63,7 @@ def write_page(
     if others:
         made = "".join(f"<pre>{html.escape(each)}</pre>" for each in others)
         parts.append(f"<section><h2>The logs were made by</h2>{made}</section>")
-    return write_whole(folder / PAGE, document.page("perdure home: does it stay?", parts, command))
+    return write_atomic(folder / PAGE, document.page("perdure home: does it stay?", parts, command))
 
 
 def make_figures(comparison: Comparison) -> list[Figure]:

@@ -14,8 +14,8 @@ from perdure.envs.world import BoolArray, IntArray, TaskSpec
 class LaneTracker:
     """Keeps track of which lanes run, and for how many steps.
 
-    Worlds ask it before they touch their simulator (`lanes_to_reset`, `lanes_to_step`: nothing changes) and tell it
-    what happened afterwards (`begin`, `advance`), so a refused call leaves both sides as they were.
+    Before a world uses its simulator, it calls `lanes_to_reset` or `lanes_to_step`, which only check the arguments.
+    Afterwards it calls `begin` or `advance`. A refused call therefore changes neither the world nor the tracker.
     """
 
     def __init__(self, num_lanes: int) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from perdure.envs import OpenEnv
 from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.extrapolate.baselines import idle_baseline, with_reference
 from perdure.extrapolate.film.errors import FilmError
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED
-from perdure.extrapolate.measured import idle_of, measured_actor
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
@@ -27,7 +27,7 @@ class JudgedLane:
     outcome: str
     """As in the table: "holds", "falls", ..."""
     failed_step: int
-    """Steps completed before the failure began; without one, the steps it was watched."""
+    """Steps completed before the failure began; without a failure, all steps of the episode."""
     end_step: int
     total: float
     """Its return."""
@@ -45,16 +45,18 @@ class Judge:
         """Measure idle robots and the policy itself.
 
         Args:
-            policy: Who acts.
+            policy: The policy.
             source: The environment.
-            steps: How long each episode is asked to last.
+            steps: Length of each episode in steps, if nothing ends it earlier.
         """
-        # The stored reference may be of another engine.
-        measured = measured_actor(replace(policy, reference=None), source)
+        # The stored reference may have been measured with another engine.
+        measured = with_reference(replace(policy, reference=None), source)
         assert isinstance(measured, Policy)
         assert measured.reference is not None
         self.policy, self._source, self._steps = measured, source, steps
-        self.scale: ScoreScale = make_score_scale(measured.reference, idle_of(source), task_rate(policy.task.name))
+        self.scale: ScoreScale = make_score_scale(
+            measured.reference, idle_baseline(source), task_rate(policy.task.name)
+        )
 
     def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedLane]:
         """Run one episode from each start state."""

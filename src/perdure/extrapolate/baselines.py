@@ -1,4 +1,4 @@
-"""Measure a policy and an idle robot within the training horizon."""
+"""Measure what scores are relative to: the policy and an idle robot within the training horizon."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from perdure.envs import OpenEnv, World
 from perdure.extrapolate.idle import EPISODES, FIRST_SEED, Idle, measure_idle
-from perdure.policy import Actor, FunctionPolicy, LaneStep, Policy, Reference, measure_reference
+from perdure.policy import FunctionPolicy, LaneStep, Policy, PolicyLike, Reference, measure_reference
 
 
-def idle_of(source: OpenEnv) -> Idle:
+def idle_baseline(source: OpenEnv) -> Idle:
     """Return what an idle robot earns, from EPISODES start states or the next number that fills a VectorEnv."""
     worlds = list(_worlds(source))
     try:
@@ -23,20 +23,20 @@ def idle_of(source: OpenEnv) -> Idle:
             world.close()
 
 
-def measured_actor(actor: Actor, source: OpenEnv) -> Actor:
-    """Return the actor with its reference episodes, and a function with the spread of its observations.
+def with_reference(policy: PolicyLike, source: OpenEnv) -> PolicyLike:
+    """Return the policy with its reference episodes, and a function with the spread of its observations.
 
     A `Policy` that holds reference episodes already is returned as it is.
     """
-    if isinstance(actor, Policy) and actor.reference is not None:
-        return actor
-    moments = _Moments(actor.task.observation_size)
-    parts = [measure_reference(actor, world.num_lanes, world, moments.take) for world in _worlds(source)]
+    if isinstance(policy, Policy) and policy.reference is not None:
+        return policy
+    running_std = _RunningStd(policy.task.observation_size)
+    parts = [measure_reference(policy, world.num_lanes, world, running_std.update) for world in _worlds(source)]
     reference = _joined(parts)
-    if isinstance(actor, Policy):
-        return replace(actor, reference=reference)
-    assert isinstance(actor, FunctionPolicy)
-    return replace(actor, reference=reference, std=moments.std)
+    if isinstance(policy, Policy):
+        return replace(policy, reference=reference)
+    assert isinstance(policy, FunctionPolicy)
+    return replace(policy, reference=reference, std=running_std.std)
 
 
 def _worlds(source: OpenEnv) -> Iterator[World]:
@@ -56,14 +56,14 @@ def _joined(parts: Sequence[Reference]) -> Reference:
     )
 
 
-class _Moments:
+class _RunningStd:
     """Standard deviation of observations; sums are kept around the first of them, against cancellation."""
 
     def __init__(self, size: int) -> None:
         self._shift: NDArray[np.float64] | None = None
         self._count, self._sum, self._squares = 0, np.zeros(size), np.zeros(size)
 
-    def take(self, lane_step: LaneStep) -> None:
+    def update(self, lane_step: LaneStep) -> None:
         rows = lane_step.before
         if self._shift is None:
             self._shift = rows[0].copy()

@@ -17,11 +17,11 @@ from perdure.envs.world import FloatArray
 T = TypeVar("T")
 
 
-def call(who: str, method: str, function: Callable[..., T], *args: Any, **keywords: Any) -> T:
-    """Call a method of a foreign environment.
+def call(where: str, method: str, function: Callable[..., T], *args: Any, **keywords: Any) -> T:
+    """Call a method of a third-party environment.
 
     Args:
-        who: Names the environment and, where known, lane and step.
+        where: Names the environment and, if known, lane and step.
         method: Name of the method, for the message.
         function: The method.
         args: Its arguments.
@@ -38,18 +38,18 @@ def call(who: str, method: str, function: Callable[..., T], *args: Any, **keywor
         raise
     except BaseException as error:
         text = " ".join(str(error).split())
-        raise WorldError(f"{who}: {method} raised {type(error).__name__}{f': {text}' if text else ''}") from error
+        raise WorldError(f"{where}: {method} raised {type(error).__name__}{f': {text}' if text else ''}") from error
 
 
-def read_tuple(who: str, method: str, returned: Any, length: int) -> tuple[Any, ...]:
+def read_tuple(where: str, method: str, returned: Any, length: int) -> tuple[Any, ...]:
     """Return what a method returned if it is a tuple of this length."""
     if not isinstance(returned, tuple | list) or len(returned) != length:
         found = f"{len(returned)} values" if isinstance(returned, tuple | list) else type(returned).__name__
-        raise WorldError(f"{who}: {method} must return {length} values, it returned {found}")
+        raise WorldError(f"{where}: {method} must return {length} values, it returned {found}")
     return tuple(returned)
 
 
-def read_observation(who: str, method: str, space: Any, observation: Any) -> FloatArray:
+def read_observation(where: str, method: str, space: Any, observation: Any) -> FloatArray:
     """Return an observation as a vector, shape (flatdim(space),), float64, in memory of its own.
 
     Raises:
@@ -62,16 +62,16 @@ def read_observation(who: str, method: str, space: Any, observation: Any) -> Flo
         is_box = isinstance(space, gymnasium.spaces.Box)
         flat = np.asarray(observation if is_box else gymnasium.spaces.flatten(space, observation))
     except Exception as error:
-        raise WorldError(f"{who}: {method} returned an observation that does not fit {space}: {error}") from error
+        raise WorldError(f"{where}: {method} returned an observation that does not fit {space}: {error}") from error
     if flat.dtype.kind not in "fiub":
-        raise WorldError(f"{who}: {method} returned an observation of {flat.dtype}; it must be real numbers")
+        raise WorldError(f"{where}: {method} returned an observation of {flat.dtype}; it must be real numbers")
     if flat.size != size or (is_box and flat.shape != space.shape and flat.shape != (size,)):
         expected = space.shape if is_box else (size,)
-        raise WorldError(f"{who}: {method} returned an observation of shape {flat.shape}, not {expected}")
+        raise WorldError(f"{where}: {method} returned an observation of shape {flat.shape}, not {expected}")
     return flat.astype(np.float64).ravel()
 
 
-def read_reward(who: str, reward: Any) -> float:
+def read_reward(where: str, reward: Any) -> float:
     """Return a reward as a number.
 
     Raises:
@@ -79,11 +79,11 @@ def read_reward(who: str, reward: Any) -> float:
     """
     value = np.asarray(reward)
     if value.dtype.kind not in "fiub" or value.size != 1:
-        raise WorldError(f"{who}: the reward must be a real number, it is {reward!r}")
+        raise WorldError(f"{where}: the reward must be a real number, it is {reward!r}")
     return float(value.reshape(()))
 
 
-def read_flag(who: str, name: str, flag: Any) -> bool:
+def read_flag(where: str, name: str, flag: Any) -> bool:
     """Return `terminated` or `truncated` as a bool; 0 and 1 are taken as well.
 
     Raises:
@@ -93,5 +93,5 @@ def read_flag(who: str, name: str, flag: Any) -> bool:
     if value.size != 1 or not (
         value.dtype.kind == "b" or (value.dtype.kind in "iu" and int(value.reshape(())) in (0, 1))
     ):
-        raise WorldError(f"{who}: {name} must be True or False, it is {flag!r}")
+        raise WorldError(f"{where}: {name} must be True or False, it is {flag!r}")
     return bool(value.reshape(()))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from perdure.envs import WorldError
 from perdure.envs.checks import checked_lanes
-from perdure.envs.lanes import LaneTracker
+from perdure.envs.lane_tracker import LaneTracker
 
 LANES = 4
 event = st.tuples(

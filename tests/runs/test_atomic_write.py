@@ -1,4 +1,4 @@
-"""write_whole: the old file or the new one, never half of it."""
+"""write_atomic: the old file or the new one, never half of it."""
 
 import os
 import resource
@@ -9,7 +9,7 @@ import textwrap
 
 import pytest
 
-from perdure.runs import write_whole
+from perdure.runs import write_atomic
 
 
 def names(folder):
@@ -23,8 +23,8 @@ def run_script(script, *arguments):
 
 
 def test_bytes_and_text_arrive_unchanged_and_alone(tmp_path):
-    assert write_whole(tmp_path / "a.bin", b"\x00\r\n\xff") == tmp_path / "a.bin"
-    write_whole(tmp_path / "b.txt", "gr\u00fc\u00df\r\ndich\n")
+    assert write_atomic(tmp_path / "a.bin", b"\x00\r\n\xff") == tmp_path / "a.bin"
+    write_atomic(tmp_path / "b.txt", "gr\u00fc\u00df\r\ndich\n")
     assert (tmp_path / "a.bin").read_bytes() == b"\x00\r\n\xff"
     assert (tmp_path / "b.txt").read_bytes() == b"gr\xc3\xbc\xc3\x9f\r\ndich\n"
     assert names(tmp_path) == ["a.bin", "b.txt"]
@@ -32,27 +32,27 @@ def test_bytes_and_text_arrive_unchanged_and_alone(tmp_path):
 
 def test_missing_folders_are_made_and_an_old_file_is_replaced(tmp_path):
     path = tmp_path / "x" / "y" / "file"
-    write_whole(path, "old, and longer than the new one")
-    write_whole(path, "new")
+    write_atomic(path, "old, and longer than the new one")
+    write_atomic(path, "new")
     assert path.read_text() == "new"
 
 
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "real").write_text("old")
     (tmp_path / "link").symlink_to("real")
-    write_whole(tmp_path / "link", "new")
+    write_atomic(tmp_path / "link", "new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real").read_text() == "new"
 
 
 def test_the_file_gets_the_permissions_an_ordinary_open_would_give(tmp_path):
-    write_whole(tmp_path / "ours", "x")
+    write_atomic(tmp_path / "ours", "x")
     (tmp_path / "plain").write_text("x")
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 def test_a_name_of_the_greatest_length_can_be_written(tmp_path):
-    write_whole(tmp_path / ("n" * 255), "x")
+    write_atomic(tmp_path / ("n" * 255), "x")
     assert names(tmp_path) == ["n" * 255]
 
 
@@ -60,17 +60,17 @@ def test_a_full_disk_leaves_the_old_file_whole_and_names_it(tmp_path):
     # A limit on file size fails the write in its middle, exactly where a full disk would.
     script = """
         import resource, signal, sys
-        from perdure.runs import write_whole
+        from perdure.runs import write_atomic
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
         try:
-            write_whole(sys.argv[1], b"n" * 10_000)
+            write_atomic(sys.argv[1], b"n" * 10_000)
         except OSError as error:
             print(error)
             sys.exit(7)
     """
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] != 4096
-    write_whole(tmp_path / "file", b"old" * 2000)
+    write_atomic(tmp_path / "file", b"old" * 2000)
     result = run_script(script, tmp_path / "file")
     assert result.returncode == 7, result.stderr
     assert str(tmp_path / "file") in result.stdout
@@ -82,19 +82,19 @@ def test_what_a_killed_writer_left_is_removed_by_the_next_one_and_a_living_write
     # The writer stops right before its rename; SIGSTOP keeps it alive, SIGKILL then makes its file a leftover.
     script = """
         import os, signal, sys
-        from perdure.runs import write_whole
+        from perdure.runs import write_atomic
         os.replace = lambda *_: os.kill(os.getpid(), signal.SIGSTOP)
-        write_whole(sys.argv[1], "never arrives")
+        write_atomic(sys.argv[1], "never arrives")
     """
     process = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script), str(tmp_path / "file")])
     os.waitpid(process.pid, os.WUNTRACED)
     assert len(names(tmp_path)) == 1
-    write_whole(tmp_path / "file", "first")
+    write_atomic(tmp_path / "file", "first")
     assert len(names(tmp_path)) == 2, "the temporary file of a living writer must stay"
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert (tmp_path / "file").read_text() == "first"
-    write_whole(tmp_path / "file", "second")
+    write_atomic(tmp_path / "file", "second")
     assert names(tmp_path) == ["file"]
     assert (tmp_path / "file").read_text() == "second"
 
@@ -102,5 +102,5 @@ def test_what_a_killed_writer_left_is_removed_by_the_next_one_and_a_living_write
 def test_a_folder_in_the_way_is_an_error_that_names_it(tmp_path):
     (tmp_path / "taken").mkdir()
     with pytest.raises(OSError, match="taken"):
-        write_whole(tmp_path / "taken", "x")
+        write_atomic(tmp_path / "taken", "x")
     assert names(tmp_path) == ["taken"]

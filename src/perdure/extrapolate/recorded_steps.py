@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 PER_DECADE = 10
-"""Checkpoints for each factor of ten, so that a plot over log steps is smooth."""
+"""Recorded steps for each factor of ten, so that a plot on a log axis is smooth."""
 FEWEST_WINDOWS, MOST_WINDOWS = 100, 1000
-"""Checkpoints spread evenly, so that a plot over steps is smooth too. Rewards between two of them are judged."""
+"""Evenly spaced recorded steps, so that a plot on a linear axis is smooth. Rewards between two of them are judged."""
 WINDOW = 1000
-"""Steps between two of those, as far as their number allows: the length of an ordinary episode."""
+"""Steps between two evenly spaced ones, if their number allows it: the length of an ordinary episode."""
 
 
 def window_steps(steps: int) -> NDArray[np.int64]:
@@ -19,7 +19,7 @@ def window_steps(steps: int) -> NDArray[np.int64]:
     return np.ceil(np.linspace(0, steps, count + 1)[1:]).astype(np.int64)
 
 
-def checkpoint_steps(steps: int) -> NDArray[np.int64]:
+def recorded_steps(steps: int) -> NDArray[np.int64]:
     """Return rising step numbers from 1 to ``steps``, evenly spaced on a log axis and on a linear axis."""
     decades = np.log10(steps)
     log = np.round(np.logspace(0, decades, int(np.ceil(decades * PER_DECADE)) + 1))

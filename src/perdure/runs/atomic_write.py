@@ -5,13 +5,15 @@ from __future__ import annotations
 import fcntl
 import os
 import secrets
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from perdure.runs.errors import StoreError
 from perdure.runs.lock import is_still_at
 
 
-def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
+def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
 
     Missing folders are made. A symbolic link at `path` stays, its target is replaced. What a killed writer of the same
@@ -47,6 +49,26 @@ def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
     return Path(path)
 
 
+def write_result(path: Path, data: bytes) -> Path:
+    """Write a result atomically; if that fails, save it to a new temporary folder.
+
+    Raises:
+        StoreError: The result is in the temporary folder; the message names it and how to continue.
+        OSError: It could not be written to the temporary folder either.
+    """
+    try:
+        return write_atomic(path, data)
+    except OSError as error:
+        try:
+            kept = write_atomic(Path(tempfile.mkdtemp(prefix="perdure-kept-"), path.name), data)
+        except OSError:
+            raise error from None
+        raise StoreError(
+            f"{os.fspath(path)}: {error.strerror}; the finished result is kept in {kept}: make the disk writable, "
+            f"copy it to {os.fspath(path)} and run the same command"
+        ) from error
+
+
 def sync_folder(folder: Path) -> None:
     """Make the names inside `folder` durable (POSIX: fsync of the directory)."""
     descriptor = os.open(folder, os.O_RDONLY)
@@ -73,7 +95,7 @@ def _write_all(descriptor: int, payload: bytes) -> None:
 
 
 def _open_temporary(target: Path) -> tuple[Path, int]:
-    """Make a new locked file beside `target`; the lock tells others that its writer lives."""
+    """Make a new locked file beside `target`; the lock shows other processes that its writer is alive."""
     while True:
         temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

@@ -1,8 +1,8 @@
 """The Gymnasium equivalent of a task, for rendering: EnvPool cannot render.
 
-EnvPool's and Gymnasium's robots of one name move alike to rounding (`tests/envs/test_gymnasium_parity.py`), on another
-build of MuJoCo. After some hundred steps of contacts that is another trajectory. So the failure to be shown is looked
-for in the environment that is filmed, not carried over.
+Robots of one name move alike in EnvPool and Gymnasium, up to rounding (`tests/envs/test_gymnasium_parity.py`): the two
+use different builds of MuJoCo. After some hundred steps with contacts the trajectories differ. The failure that a film
+shows is therefore searched for in the Gymnasium environment.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ ROBOTS = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "Invert
           "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip
 """EnvPool's tasks that Gymnasium has under the same name."""
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
-"""EnvPool's to Gymnasium's: its v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
+"""EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
 CONTACT_FORCES = 84
 ZERO_FORCES = {("Ant", "v3"), ("Ant", "v2"), ("Humanoid", "v2"), ("Humanoid", "v3"), ("Humanoid", "v4")}
-"""Where EnvPool's last CONTACT_FORCES numbers are zeros, as they were with MuJoCo 2."""
+"""Tasks whose last CONTACT_FORCES observation components are zeros in EnvPool, as they were with MuJoCo 2."""
 
 
 class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
-    """Zeros in place of the contact forces, or appended if there are none."""
+    """Replaces the contact forces by zeros, or appends zeros if there are none."""
 
     def __init__(self, env: Any, size: int) -> None:
         super().__init__(env)
@@ -47,7 +47,7 @@ class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
 
 
 @dataclass(frozen=True)
-class Twin:
+class RenderEnv:
     """A MuJoCo environment of Gymnasium."""
 
     env_id: str
@@ -57,16 +57,16 @@ class Twin:
     def build(self) -> Any:
         """Return a new environment without a step limit."""
         mujoco = _mujoco()
-        mujoco.set_mju_user_warning(lambda message: None)  # advice about the file of a robot, for who wrote it
+        mujoco.set_mju_user_warning(lambda message: None)  # advice for the author of the robot file
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # advice about versions
+            warnings.simplefilter("ignore")  # about outdated versions
             env = gymnasium.make(self.env_id, max_episode_steps=-1, disable_env_checker=True)
         if not hasattr(env.unwrapped, "mujoco_renderer"):
-            raise FilmError(f"{self.env_id} is no MuJoCo environment of Gymnasium; only those are filmed")
+            raise FilmError(f"{self.env_id} is not a MuJoCo environment of Gymnasium; only those can be filmed")
         return env if self.forces is None else _ZeroForces(env, self.forces)
 
     def open(self) -> OpenEnv:
-        """Return where worlds of it come from."""
+        """Return a source of worlds of this environment."""
         limit = gymnasium.spec(self.env_id).max_episode_steps
         return OpenEnv(
             lambda seeds: GymnasiumWorld(
@@ -76,7 +76,7 @@ class Twin:
 
 
 def _mujoco() -> Any:
-    """Return MuJoCo, which loads what MUJOCO_GL names when it is imported."""
+    """Return MuJoCo, whose import loads the driver that MUJOCO_GL names."""
     try:
         return import_module("mujoco")
     except Exception as error:  # every driver fails in its own way
@@ -84,8 +84,8 @@ def _mujoco() -> Any:
         raise FilmError(f"MuJoCo cannot be loaded (MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}): {reason}") from None
 
 
-def twin_of(task: str, observation_size: int) -> Twin:
-    """Return the environment that stands in for a task.
+def find_render_env(task: str, observation_size: int) -> RenderEnv:
+    """Return the environment that is rendered instead of a task.
 
     Args:
         task: Its name, such as "Hopper-v3" or "gymnasium:Hopper-v5".
@@ -97,12 +97,12 @@ def twin_of(task: str, observation_size: int) -> Twin:
     if find_spec("mujoco") is None:
         raise FilmError("films need MuJoCo: pip install 'perdure[film]'")
     if task.startswith(GYMNASIUM_PREFIX):
-        return Twin(task.removeprefix(GYMNASIUM_PREFIX))
+        return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
     robot, _, version = task.partition("-")
     if robot not in ROBOTS or version not in VERSIONS:
         raise FilmError(
-            f"there is no film of {task}: filmed are {', '.join(ROBOTS)}, and MuJoCo environments of Gymnasium "
+            f"{task} cannot be filmed; films exist for {', '.join(ROBOTS)}, and for MuJoCo environments of Gymnasium "
             "(gymnasium:ID); for the home benchmark, see perdure home video"
         )
     zeros = (robot, version) in ZERO_FORCES
-    return Twin(f"{robot}-{VERSIONS[version]}", observation_size if zeros else None)
+    return RenderEnv(f"{robot}-{VERSIONS[version]}", observation_size if zeros else None)

@@ -36,7 +36,7 @@ class ActingLanes(Protocol):
         """
 
 
-class Actor(Protocol):
+class PolicyLike(Protocol):
     """A policy of any origin. `Policy` is one, `FunctionPolicy` another."""
 
     @property
