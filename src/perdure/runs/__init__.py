@@ -18,13 +18,13 @@ The only other part of perdure that this package imports is `schema`.
 """
 
 from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError
-from perdure.runs.identity import config_digest
+from perdure.runs.identity import config_digest, file_digest
 from perdure.runs.rescue import write_result
 from perdure.runs.run import Observer, Progress, Status, read_status, run_units
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, Work, attempt
 from perdure.runs.whole import write_whole
-from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, core_count, make_workers
+from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
 
 __all__ = [
     "ONE_THREAD",
@@ -41,8 +41,10 @@ __all__ = [
     "Work",
     "Workers",
     "attempt",
+    "check_on",
     "config_digest",
     "core_count",
+    "file_digest",
     "make_workers",
     "read_status",
     "run_units",

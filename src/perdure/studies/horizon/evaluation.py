@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from perdure.extrapolate import Extrapolation, extrapolate
 from perdure.horizon import clock_from_json
-from perdure.runs import Store
+from perdure.runs import Store, file_digest
 from perdure.studies.horizon.grid import Grid, Row, Split, evaluation_folder
+from perdure.studies.horizon.row_step import RowStep
 from perdure.studies.horizon.training import policy_paths
 from perdure.studies.study import Count, How
 
@@ -21,35 +21,10 @@ START_SECONDS = 4.0
 
 
 @dataclass(frozen=True)
-class EvaluateRow:
+class EvaluateRow(RowStep):
     """All lanes of a row on one split: policies x clocks x start states."""
 
-    grid: Grid
-    row: Row
     split: Split
-    out: Path
-
-    measure = "lane steps"
-
-    @property
-    def key(self) -> str:
-        """See `Step`."""
-        return f"{self.stage} {self.row.key}"
-
-    @property
-    def stage(self) -> str:
-        """See `Step`."""
-        return f"evaluation {self.split.name}"
-
-    @property
-    def after(self) -> tuple[str, ...]:
-        """See `Step`."""
-        return (f"training {self.row.key}",)
-
-    @property
-    def task(self) -> str:
-        """See `Step`."""
-        return self.row.task
 
     @property
     def folder(self) -> Path:
@@ -94,7 +69,7 @@ class EvaluateRow:
 
     def _finished(self, store: Store) -> set[tuple[str, str, int]]:
         """Return the planned lanes that are in the store, as (policy's digest, clock, start state)."""
-        digests = {_digest(path) for path in self.evaluation.policies if path.is_file()}
+        digests = {file_digest(path) for path in self.evaluation.policies if path.is_file()}
         clocks = {clock.label for clock in self.evaluation.deployment_clocks(None)} | {"none"}
         first, count = self.split.first_seed, self.split.seeds
         return {
@@ -118,6 +93,11 @@ class EvaluateRow:
         )
 
 
+def evaluate_row(grid: Grid, row: Row, split: Split, out: Path) -> EvaluateRow:
+    """Return the step that evaluates a row on a split."""
+    return EvaluateRow(grid, row, out, f"evaluation {split.name}", split)
+
+
 def _lanes(config: dict[str, Any], steps: int) -> list[Any]:
     return list(config["lanes"]) if config.get("steps") == steps else []
 
@@ -125,7 +105,3 @@ def _lanes(config: dict[str, Any], steps: int) -> list[Any]:
 def _lane(written: Any) -> tuple[str, str, int]:
     digest, clock, seed = written
     return digest, "none" if clock is None else clock_from_json(clock).label, int(seed)
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -12,7 +12,7 @@ import polars as pl
 
 from perdure.report import read_table
 from perdure.report.groups import LANE_FAILURES
-from perdure.studies.horizon.evaluation import TABLE, EvaluateRow
+from perdure.studies.horizon.evaluation import TABLE, evaluate_row
 from perdure.studies.horizon.grid import Grid, Row
 from perdure.studies.study import How
 
@@ -78,7 +78,7 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
 
 
 def _read_row(grid: Grid, row: Row, out: Path, split: str) -> pl.DataFrame | None:
-    step = EvaluateRow(grid, row, grid.split(split), out)
+    step = evaluate_row(grid, row, grid.split(split), out)
     path = step.folder / TABLE
     if not path.is_file():
         count = step.count()
