@@ -134,7 +134,7 @@ def test_a_folder_that_may_not_be_written_is_named(perdure, files, tmp_path):
 
 
 def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
-    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2)
+    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2, "--on", "here")
     line = failed(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()

@@ -21,10 +21,10 @@ SHORT = ("--steps", 30, "--eval-seeds", 2, "--on", "here")
 
 
 @pytest.fixture(scope="module")
-def evaluated(perdure, tmp_path_factory):
-    """A folder in which a model was evaluated, and the finished process."""
+def evaluated(command, tmp_path_factory):
+    """A folder in which a model was evaluated, and what the command said."""
     folder = tmp_path_factory.mktemp("evaluated")
-    return folder, perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
+    return folder, command("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
 
 
 def test_a_model_is_imported_and_evaluated(evaluated):
