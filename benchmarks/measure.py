@@ -28,7 +28,7 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
 
     A number of seeds that the processes share evenly keeps each of them busy beside the others.
     """
-    from perdure.ppo import TrainRun, method_config, train
+    from perdure.ppo import TrainRun, method_config, on_report, train
 
     world = make_world(task, [0])
     size = world.spec.observation_size
@@ -37,14 +37,10 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
     marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
+    run = TrainRun(task, "ppo", config, tuple(marks))
+    observe = on_report(run, lambda report: marks[report.seed].append((report.step, time.perf_counter())))
     with tempfile.TemporaryDirectory() as out:
-        train(
-            TrainRun(task, "ppo", config, tuple(marks)),
-            out,
-            processes,
-            lambda report: marks[report.seed].append((report.step, time.perf_counter())),
-            processes,
-        )
+        train(run, out, cores=processes, on="here" if processes == 1 else "local", observe=observe)
     rates = [(last - first) / (ended - began) for (_, (first, began), *_, (last, ended)) in marks.values()]
     return {"steps_per_second": float(np.mean(rates)) * processes}
 

@@ -1,12 +1,16 @@
-"""The command line in a process of its own, and policies that are quickly made."""
+"""The command line in this process and in one of its own, and policies that are quickly made."""
 
+import io
 import os
 import subprocess
 import sys
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
 
+from perdure.__main__ import main
 from perdure.envs import make_world
 from perdure.horizon import Constant, Fixed, HorizonProtocol, Linear
 from perdure.policy import Normalizer, Policy, TaskInfo, save_policy
@@ -74,5 +78,30 @@ def perdure():
             text=True,
             timeout=timeout,
         )
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def command():
+    """Runs ``perdure ARGUMENTS`` in this process, which has its libraries loaded; returns what `perdure` returns."""
+
+    def run(*arguments, cwd):
+        out, err, code = io.StringIO(), io.StringIO(), 0
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            warnings.catch_warnings(),
+            redirect_stdout(out),
+            redirect_stderr(err),
+        ):
+            warnings.filterwarnings("ignore", category=DeprecationWarning)  # as in a process of its own
+            patch.chdir(cwd)
+            patch.setenv("COLUMNS", "80")
+            patch.setattr(sys, "argv", ["perdure", *map(str, arguments)])
+            try:
+                main()
+            except SystemExit as end:
+                code = end.code or 0
+        return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
     return run

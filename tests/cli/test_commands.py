@@ -25,8 +25,8 @@ def succeeded(process):
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)], ids=["nothing", "--help", "-h"])
-def test_help_lists_every_command(perdure, tmp_path, arguments):
-    text = succeeded(perdure(*arguments, cwd=tmp_path))
+def test_help_lists_every_command(command, tmp_path, arguments):
+    text = succeeded(command(*arguments, cwd=tmp_path))
     assert [
         name
         for name in ("train", "extrapolate", "report", "study", "list", "inspect")
@@ -34,9 +34,9 @@ def test_help_lists_every_command(perdure, tmp_path, arguments):
     ] == []
 
 
-@pytest.mark.parametrize("command", ["train", "train Hopper-v3", "extrapolate", "report", "study", "list", "inspect"])
-def test_every_command_explains_itself_on_stdout(perdure, tmp_path, command):
-    process = perdure(*command.split(), "--help", cwd=tmp_path)
+@pytest.mark.parametrize("name", ["train", "train Hopper-v3", "extrapolate", "report", "study", "list", "inspect"])
+def test_every_command_explains_itself_on_stdout(command, tmp_path, name):
+    process = command(*name.split(), "--help", cwd=tmp_path)
     assert "usage: perdure" in succeeded(process)
     assert process.stderr == ""
 
@@ -45,26 +45,26 @@ def test_the_version_is_printed(perdure, tmp_path):
     assert succeeded(perdure("--version", cwd=tmp_path)).split() == ["perdure", library.__version__]
 
 
-def test_list_tasks_names_the_six_tasks_of_the_thesis(perdure, tmp_path):
-    assert set(SIX) <= set(succeeded(perdure("list", "tasks", cwd=tmp_path)).split())
+def test_list_tasks_names_the_six_tasks_of_the_thesis(command, tmp_path):
+    assert set(SIX) <= set(succeeded(command("list", "tasks", cwd=tmp_path)).split())
 
 
-def test_list_methods_names_every_method(perdure, tmp_path):
+def test_list_methods_names_every_method(command, tmp_path):
     from perdure.ppo import METHODS
 
-    text = succeeded(perdure("list", "methods", cwd=tmp_path))
+    text = succeeded(command("list", "methods", cwd=tmp_path))
     assert [name for name in METHODS if f"| {name} |" not in text] == []
 
 
-def test_list_policies_names_every_shipped_file(perdure, tmp_path):
+def test_list_policies_names_every_shipped_file(command, tmp_path):
     from perdure.policy.shipped import shipped_policies
 
-    lines = succeeded(perdure("list", "policies", cwd=tmp_path)).splitlines()
+    lines = succeeded(command("list", "policies", cwd=tmp_path)).splitlines()
     assert [line.split()[0] for line in lines if line] == list(shipped_policies())
 
 
-def test_inspect_shows_what_is_in_the_file(perdure, files, tmp_path):
-    text = succeeded(perdure("inspect", files / "timed.safetensors", cwd=tmp_path))
+def test_inspect_shows_what_is_in_the_file(command, files, tmp_path):
+    text = succeeded(command("inspect", files / "timed.safetensors", cwd=tmp_path))
     for part in ("InvertedPendulum-v4", "Linear()", "constant(50)", "made by a test", "12 weights"):
         assert part in text
 
@@ -93,20 +93,20 @@ def test_train_prints_where_the_policy_is(trained):
     assert policy.clock.label == "constant(500)"
 
 
-def test_a_finished_run_is_not_trained_again(perdure, trained):
+def test_a_finished_run_is_not_trained_again(command, trained):
     folder, printed = trained
     before = (folder / printed.strip()).stat().st_mtime_ns
-    again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
+    again = command("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
     assert succeeded(again) == printed
     assert (folder / printed.strip()).stat().st_mtime_ns == before
 
 
-def test_a_run_that_other_code_made_is_taken_and_told_of_in_one_line(perdure, trained):
+def test_a_run_that_other_code_made_is_taken_and_told_of_in_one_line(command, trained):
     folder, printed = trained
     record = (folder / printed.strip()).parent / "unit.json"
     before = record.read_text()
     record.write_text(json.dumps({**json.loads(before), "sources": ["another"]}))
-    again = perdure("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
+    again = command("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", cwd=folder)
     record.write_text(before)
     assert succeeded(again) == printed
     told = [line for line in again.stderr.splitlines() if "another version of perdure" in line]
@@ -115,22 +115,22 @@ def test_a_run_that_other_code_made_is_taken_and_told_of_in_one_line(perdure, tr
     assert "OtherSourceWarning" not in again.stderr
 
 
-def test_a_run_of_the_same_name_with_other_settings_is_refused(perdure, trained):
+def test_a_run_of_the_same_name_with_other_settings_is_refused(command, trained):
     folder, _ = trained
     other = ("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--ppo.clip-range", 0.1, "--out", "runs")
-    process = perdure(*other, cwd=folder)
+    process = command(*other, cwd=folder)
     assert process.returncode == 2
     assert process.stderr.count("\n") == 1
     assert "clip_range" in process.stderr
 
 
 @pytest.fixture(scope="module")
-def extrapolated(perdure, trained):
+def extrapolated(command, trained):
     """The same folder after an evaluation, and what that printed."""
     folder, printed = trained
     clocks = ("--clocks", "constant:0", "constant:500", "countdown")
-    arguments = ("extrapolate", printed.strip(), *clocks, "--steps", 50, "--eval-seeds", 2, "--out", "carried")
-    return folder, succeeded(perdure(*arguments, cwd=folder))
+    arguments = (*clocks, "--steps", 50, "--eval-seeds", 2, "--on", "here", "--out", "carried")
+    return folder, succeeded(command("extrapolate", printed.strip(), *arguments, cwd=folder))
 
 
 def test_extrapolate_writes_one_row_for_each_lane_and_recorded_step(extrapolated):
@@ -150,7 +150,7 @@ def test_extrapolate_writes_its_report_and_says_where(extrapolated):
     assert "perdure extrapolate" in page.read_text()
 
 
-def test_report_is_made_again_from_the_table_alone(perdure, extrapolated, tmp_path):
+def test_report_is_made_again_from_the_table_alone(command, extrapolated, tmp_path):
     folder, _ = extrapolated
-    succeeded(perdure("report", folder / "carried" / "lanes.parquet", "--out", tmp_path / "again", cwd=tmp_path))
+    succeeded(command("report", folder / "carried" / "lanes.parquet", "--out", tmp_path / "again", cwd=tmp_path))
     assert (tmp_path / "again" / "report.html").read_bytes() == (folder / "carried" / "report.html").read_bytes()

@@ -50,6 +50,9 @@ MISTAKES = {
     "no steps": ("steps", *EVALUATE, "--steps", 0),
     "no start states": ("eval_seeds", *EVALUATE, "--eval-seeds", 0),
     "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
+    "a place that is none": ("did you mean 'local'?", *PENDULUM, *TINY, "--on", "locl"),
+    "a place that is none in an evaluation": ("here, local, ray or ray:ADDRESS", *EVALUATE, "--on", "cloud"),
+    "a place that is none in a study": ("here, local, ray or ray:ADDRESS", "study", "horizon", "--on", "cloud"),
     "no cores in an evaluation": ("cores", *EVALUATE, "--steps", 10, "--cores", 0),
     "inspect nothing": ("A policy file", "inspect"),
     "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
@@ -131,7 +134,7 @@ def test_a_folder_that_may_not_be_written_is_named(perdure, files, tmp_path):
 
 
 def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
-    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2)
+    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2, "--on", "here")
     line = failed(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()

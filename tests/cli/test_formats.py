@@ -21,38 +21,63 @@ def refused(process):
     return line
 
 
-@pytest.mark.parametrize("command", ["export", "watch", "card"])
-def test_each_command_is_listed_and_explains_itself(perdure, tmp_path, command):
-    assert f"perdure {command} " in succeeded(perdure(cwd=tmp_path))
-    assert "usage: perdure" in succeeded(perdure(command, "--help", cwd=tmp_path))
+@pytest.mark.parametrize("name", ["export", "watch", "card"])
+def test_each_command_is_listed_and_explains_itself(command, tmp_path, name):
+    assert f"perdure {name} " in succeeded(command(cwd=tmp_path))
+    assert "usage: perdure" in succeeded(command(name, "--help", cwd=tmp_path))
 
 
-def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(perdure, files, tmp_path):
+def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp_path):
     file = files / "timed.safetensors"
-    assert succeeded(perdure("export", file, "p.onnx", "--clock", "constant:20", cwd=tmp_path)).strip() == "p.onnx"
+    assert succeeded(command("export", file, "p.onnx", "--clock", "constant:20", cwd=tmp_path)).strip() == "p.onnx"
     rows = np.random.default_rng(0).standard_normal((50, 4))
     (actions,) = onnxruntime.InferenceSession(tmp_path / "p.onnx").run(None, {"observation": rows})
     expected = load_policy(file).act(rows, np.zeros(50), Constant(20.0))
     np.testing.assert_allclose(actions, expected, atol=1e-6)
     flags = ("--env", "envpool:InvertedPendulum-v4", "--steps", 30, "--eval-seeds", 2, "--out", "out")
-    assert "Report: " in succeeded(perdure("extrapolate", "p.onnx", *flags, cwd=tmp_path))
+    assert "Report: " in succeeded(command("extrapolate", "p.onnx", *flags, cwd=tmp_path))
     frame, notes = read_table(tmp_path / "out" / "lanes.parquet")
     assert set(frame["policy"]) == {"p"}
     assert notes["command"].startswith("perdure extrapolate p.onnx --env")
 
 
-def test_the_clock_default_is_the_policys_own(perdure, files, tmp_path):
-    succeeded(perdure("export", files / "timed.safetensors", "own.onnx", "--clock", "default", cwd=tmp_path))
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--normalizer", "n.pkl"), "--normalizer n.pkl: for models of Stable-Baselines3"),
+        (("--time-feature=linear:1000",), "--time-feature linear:1000: for models of Stable-Baselines3"),
+        (("--trust",), "--trust: for models of Stable-Baselines3"),
+        (("--cores", 2), "--cores 2: an ONNX model is evaluated in this process, on one core"),
+        (("--on", "local"), "--on local: an ONNX model is evaluated in this process, on one core"),
+        (("--max_lanes", 48), "--max-lanes 48: an ONNX model is evaluated in this process, on one core"),
+        (("--modules", "walls", "doors"), "--modules walls doors: an ONNX model imports nothing but the module that"),
+        (("--clocks", "default"), "--clocks default: an ONNX model has no clock of its own"),
+        (("--clocks", "constant:9", "default"), "--clocks default: an ONNX model has no clock of its own"),
+    ],
+)
+def test_a_flag_that_means_nothing_to_an_onnx_model_is_refused(command, tmp_path, flags, message):
+    line = refused(command("extrapolate", "p.onnx", "--env", "Pendulum-v1", *flags, cwd=tmp_path))
+    assert message in line
+
+
+@pytest.mark.parametrize("flags", [("--on", "here"), ("--cores", 1)])
+def test_a_flag_that_says_how_an_onnx_model_is_evaluated_anyway_is_not(command, tmp_path, flags):
+    line = refused(command("extrapolate", "p.onnx", "--env", "Pendulum-v1", *flags, cwd=tmp_path))
+    assert "there is no file p.onnx" in line
+
+
+def test_the_clock_default_is_the_policys_own(command, files, tmp_path):
+    succeeded(command("export", files / "timed.safetensors", "own.onnx", "--clock", "default", cwd=tmp_path))
     model = onnxruntime.InferenceSession(tmp_path / "own.onnx")
     assert model.get_modelmeta().custom_metadata_map["perdure.clock"] == "constant(50)"
 
 
-def test_a_card_lies_beside_the_policy(perdure, files, tmp_path):
+def test_a_card_lies_beside_the_policy(command, files, tmp_path):
     (tmp_path / "shared").mkdir()
     (tmp_path / "shared" / "policy.safetensors").write_bytes((files / "timed.safetensors").read_bytes())
-    flags = ("--steps", 30, "--eval-seeds", 2, "--cores", 1, "--out", "out")
-    succeeded(perdure("extrapolate", "shared", *flags, cwd=tmp_path))
-    path = succeeded(perdure("card", "shared", "--table", "out/lanes.parquet", cwd=tmp_path)).strip()
+    flags = ("--steps", 30, "--eval-seeds", 2, "--on", "here", "--out", "out")
+    succeeded(command("extrapolate", "shared", *flags, cwd=tmp_path))
+    path = succeeded(command("card", "shared", "--table", "out/lanes.parquet", cwd=tmp_path)).strip()
     assert path == "shared/README.md"
     assert "# timed on InvertedPendulum-v4" in (tmp_path / path).read_text()
 
@@ -72,8 +97,8 @@ def test_a_card_lies_beside_the_policy(perdure, files, tmp_path):
         (("extrapolate", "."), "must hold one policy (*.safetensors), it holds none"),
     ],
 )
-def test_a_mistake_ends_in_one_line(perdure, files, tmp_path, arguments, message):
+def test_a_mistake_ends_in_one_line(command, files, tmp_path, arguments, message):
     names = {name: str(files / f"{name}.safetensors") for name in ("timed", "timeless")}
-    line = refused(perdure(*(each.format(**names) for each in arguments), cwd=tmp_path))
+    line = refused(command(*(each.format(**names) for each in arguments), cwd=tmp_path))
     assert message in line
     assert not any(path.suffix in (".onnx", ".mp4") for path in tmp_path.iterdir())

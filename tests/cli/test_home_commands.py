@@ -15,22 +15,22 @@ def succeeded(process):
 COMMANDS = ("list", "episode", "plan", "video", "view", "train", "run", "analyze", "failures")
 
 
-def test_help_lists_every_command(perdure, tmp_path):
-    text = succeeded(perdure("home", cwd=tmp_path))
+def test_help_lists_every_command(command, tmp_path):
+    text = succeeded(command("home", cwd=tmp_path))
     assert [name for name in COMMANDS if f"perdure home {name} " not in text] == []
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(perdure, tmp_path, command):
-    assert f"usage: perdure home {command}" in succeeded(perdure("home", command, "--help", cwd=tmp_path))
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(command, tmp_path, name):
+    assert f"usage: perdure home {name}" in succeeded(command("home", name, "--help", cwd=tmp_path))
 
 
-def test_the_british_spelling_of_analyze_works(perdure, tmp_path):
-    assert "usage: perdure home analyze" in succeeded(perdure("home", "analyse", "--help", cwd=tmp_path))
+def test_the_british_spelling_of_analyze_works(command, tmp_path):
+    assert "usage: perdure home analyze" in succeeded(command("home", "analyse", "--help", cwd=tmp_path))
 
 
-def test_list_names_tasks_skills_and_objects(perdure, tmp_path):
-    text = succeeded(perdure("home", "list", cwd=tmp_path))
+def test_list_names_tasks_skills_and_objects(command, tmp_path):
+    text = succeeded(command("home", "list", cwd=tmp_path))
     for name in ("tidy_house", "prepare_groceries", "set_table", "navigate", "open_drawer", "024_bowl", "013_apple"):
         assert name in text
 
@@ -50,33 +50,33 @@ def test_an_episode_is_told_and_drawn(perdure, tmp_path):
     assert len(picture) > 20_000
 
 
-def test_the_plan_of_set_table_opens_the_drawer_first(perdure, tmp_path):
-    text = succeeded(perdure("home", "plan", "set_table", cwd=tmp_path))
+def test_the_plan_of_set_table_opens_the_drawer_first(command, tmp_path):
+    text = succeeded(command("home", "plan", "set_table", cwd=tmp_path))
     assert text.index("open_drawer") < text.index("pick") < text.index("close_drawer") < text.index("open_fridge")
 
 
-def test_a_run_is_kept_and_analyzed(perdure, tmp_path):
+def test_a_run_is_kept_and_analyzed(perdure, command, tmp_path):
     arguments = ("set_table", "--episodes", 1, "--max-lanes", 1, "--policies", "place=oracle", "--out", "kept")
     text = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))
     assert "close_1" in text
-    again = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
+    again = succeeded(command("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
     assert again == text
-    assert succeeded(perdure("home", "analyze", "kept", cwd=tmp_path)) in text
+    assert succeeded(command("home", "analyze", "kept", cwd=tmp_path)) in text
     page = tmp_path / "kept" / "set_table" / "val" / "rl" / "report.html"
     assert f"Report: {page}" in text
     assert "perdure home run set_table --episodes 1" in page.read_text()
     assert "scripted oracle" in page.read_text()
-    printed = succeeded(perdure("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
+    printed = succeeded(command("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
     assert printed.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
     assert (tmp_path / "page" / "set-table-val-success.png").exists()
-    process = perdure("home", "analyze", "kept", "--out", page, cwd=tmp_path)
+    process = command("home", "analyze", "kept", "--out", page, cwd=tmp_path)
     assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
     assert "report.html" in process.stderr
 
 
-def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(perdure, files, tmp_path):
+def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(command, files, tmp_path):
     for arguments in (("run", "set_table"), ("analyze", files / "none.parquet")):
-        process = perdure("home", *arguments, "--out", files / "foreign.txt" / "deeper", cwd=tmp_path, timeout=30)
+        process = command("home", *arguments, "--out", files / "foreign.txt" / "deeper", cwd=tmp_path)
         assert (process.returncode, process.stderr.count("\n")) == (2, 1)
         assert "foreign.txt/deeper: Not a directory" in process.stderr
 
@@ -105,8 +105,8 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(per
         (("video", "set_table", "--policies", "place=oracle"), "--place"),
     ],
 )
-def test_what_a_user_gets_wrong_ends_in_one_line(perdure, tmp_path, arguments, message):
-    process = perdure("home", *arguments, cwd=tmp_path)
+def test_what_a_user_gets_wrong_ends_in_one_line(command, tmp_path, arguments, message):
+    process = command("home", *arguments, cwd=tmp_path)
     assert process.returncode == 2
     assert len(process.stderr.strip().splitlines()) == 1, process.stderr
     assert message in process.stderr

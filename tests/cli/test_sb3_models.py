@@ -17,14 +17,14 @@ from perdure.policy import load_policy
 FIXTURES = Path(__file__).parents[1] / "policy" / "readers" / "fixtures"
 MODEL, STATISTICS = FIXTURES / "ppo.zip", FIXTURES / "ppo.pkl"
 FLAGS = ("--env", "Pendulum-v1", "--normalizer", STATISTICS)
-SHORT = ("--steps", 30, "--eval-seeds", 2, "--cores", 1)
+SHORT = ("--steps", 30, "--eval-seeds", 2, "--on", "here")
 
 
 @pytest.fixture(scope="module")
-def evaluated(perdure, tmp_path_factory):
-    """A folder in which a model was evaluated, and the finished process."""
+def evaluated(command, tmp_path_factory):
+    """A folder in which a model was evaluated, and what the command said."""
     folder = tmp_path_factory.mktemp("evaluated")
-    return folder, perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
+    return folder, command("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
 
 
 def test_a_model_is_imported_and_evaluated(evaluated):
@@ -39,30 +39,30 @@ def test_a_model_is_imported_and_evaluated(evaluated):
     assert len(load_policy(file).reference.lengths) == 20
 
 
-def test_the_same_command_imports_and_evaluates_nothing_again(evaluated, perdure):
+def test_the_same_command_imports_and_evaluates_nothing_again(evaluated, command):
     folder, _ = evaluated
     (file,) = (folder / "results" / "imported").iterdir()
     before = file.stat().st_mtime_ns
-    again = perdure("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
+    again = command("extrapolate", MODEL, *FLAGS, *SHORT, "--out", "results", cwd=folder)
     assert again.returncode == 0, again.stderr
     assert again.stderr.splitlines() == [f"perdure: reading {MODEL}"]  # no progress: every lane is there
     assert file.stat().st_mtime_ns == before
 
 
-def test_import_writes_a_policy_file_that_extrapolate_and_inspect_take(perdure, tmp_path):
-    made = perdure("import", MODEL, *FLAGS, "--out", "made.safetensors", cwd=tmp_path)
+def test_import_writes_a_policy_file_that_extrapolate_and_inspect_take(command, tmp_path):
+    made = command("import", MODEL, *FLAGS, "--out", "made.safetensors", cwd=tmp_path)
     assert (made.returncode, made.stdout) == (0, "made.safetensors\n"), made.stderr
-    text = perdure("inspect", "made.safetensors", cwd=tmp_path).stdout
+    text = command("inspect", "made.safetensors", cwd=tmp_path).stdout
     for part in ("gymnasium:Pendulum-v1", "tanh", "Fixed(steps=200)", "SB3 PPO (ppo)", "20 episodes"):
         assert part in text
-    done = perdure("extrapolate", "made.safetensors", *SHORT, cwd=tmp_path)
+    done = command("extrapolate", "made.safetensors", *SHORT, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
-def test_several_models_share_the_flags_and_a_time_feature_takes_clocks(perdure, tmp_path):
+def test_several_models_share_the_flags_and_a_time_feature_takes_clocks(command, tmp_path):
     model, copy = FIXTURES / "sac-time.zip", tmp_path / "second.zip"
     copy.write_bytes(model.read_bytes())
-    process = perdure(
+    process = command(
         *("extrapolate", model, copy, "--env", "Pendulum-v1", "--time-feature", "linear", *SHORT),
         *("--clocks", "default", "constant:200", "periodic:200"),
         cwd=tmp_path,
@@ -83,7 +83,9 @@ gymnasium.register("Walled-v0", PendulumEnv, max_episode_steps=200)
 def test_a_module_named_in_env_is_imported(perdure, tmp_path, monkeypatch):
     (tmp_path / "walls.py").write_text(WALLS)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    process = perdure("extrapolate", FIXTURES / "trpo.zip", "--env", "walls:Walled-v0", *SHORT, cwd=tmp_path)
+    process = perdure(
+        "extrapolate", FIXTURES / "trpo.zip", "--env", "walls:Walled-v0", *SHORT, "--on", "local", cwd=tmp_path
+    )
     assert process.returncode == 0, process.stderr
 
 
@@ -119,9 +121,9 @@ def test_a_mistake_ends_in_one_line(mistake, tmp_path, monkeypatch, capsys):
     assert named in line
 
 
-def test_a_time_feature_of_other_steps_than_the_environments_limit_gives_a_warning(perdure, tmp_path):
+def test_a_time_feature_of_other_steps_than_the_environments_limit_gives_a_warning(command, tmp_path):
     arguments = ("import", FIXTURES / "sac-time.zip", "--env", "Pendulum-v1", "--time-feature", "linear:50")
-    process = perdure(*arguments, cwd=tmp_path)
+    process = command(*arguments, cwd=tmp_path)
     assert process.returncode == 0
     assert process.stderr.count("\n") == 1
     assert "counts down from 50 steps, but episodes of gymnasium:Pendulum-v1 end after 200" in process.stderr

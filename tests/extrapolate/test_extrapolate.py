@@ -42,7 +42,9 @@ def evaluation(policies):
 @pytest.fixture(scope="module")
 def whole(evaluation, tmp_path_factory):
     """In one process, one group."""
-    return extrapolate(evaluation, tmp_path_factory.mktemp("whole"), cores=1, command="perdure extrapolate ...")
+    return extrapolate(
+        evaluation, tmp_path_factory.mktemp("whole"), cores=1, on="here", command="perdure extrapolate ..."
+    )
 
 
 def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
@@ -101,7 +103,8 @@ def test_finished_lanes_are_not_run_again_however_they_were_grouped(evaluation, 
 
     def extrapolated(eval_seeds, cores, **changes):
         asked = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
-        return extrapolate(asked, tmp_path, cores=cores, observe=lambda status: started.append(set(status)))
+        observe = lambda status: started.append(set(status))  # noqa: E731
+        return extrapolate(asked, tmp_path, cores=cores, on="here", observe=observe)
 
     extrapolated(1, 2, max_lanes=3)
     first = set(Store(tmp_path).keys("groups"))
@@ -120,7 +123,7 @@ def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whol
     waited = []
     with Store(tmp_path).exclusive("extrapolate"):
         second = threading.Thread(
-            target=lambda: extrapolate(evaluation, tmp_path, cores=1, waiting=lambda: waited.append(True))
+            target=lambda: extrapolate(evaluation, tmp_path, on="here", waiting=lambda: waited.append(True))
         )
         second.start()
         second.join(3.0)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import tyro
 
+from perdure.cli.flags import Cores, On
 from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
-from perdure.cli.parse import parse
+from perdure.cli.parse import flag_name, parse
 from perdure.cli.report import write_and_show
 from perdure.cli.terminal import command_line
 
@@ -47,11 +48,8 @@ class ExtrapolateFlags:
     """First start state: choose a policy or a clock on some start states, and report on others."""
     out: Path = Path("extrapolation")
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
-    cores: int | None = None
-    """Cores to use; all by default. Results do not depend on it."""
-    on: str = "local"
-    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
-    cluster)."""
+    cores: Cores = None
+    on: On = "local"
     max_lanes: int = 48
     """Most lanes in one process at a time. Results do not depend on it; a crash costs at most these lanes."""
     modules: tuple[str, ...] = ()
@@ -63,6 +61,7 @@ def main(args: list[str]) -> None:
     flags = parse(ExtrapolateFlags, args, "extrapolate")
     command = command_line("perdure", "extrapolate", *args)
     if any(name.endswith(".onnx") for name in flags.policies):
+        _check_one_model(flags, {flag_name(arg) for arg in args})
         _one_model(flags, command)
         return
     from perdure.extrapolate import Extrapolation
@@ -93,13 +92,39 @@ def main(args: list[str]) -> None:
     write_and_show(table, flags.out)
 
 
-def _one_model(flags: ExtrapolateFlags, command: str) -> None:
-    """Evaluate an ONNX model, in this process."""
+_SB3_ONLY = "for models of Stable-Baselines3 (.zip) only"
+_IN_PROCESS = "an ONNX model is evaluated in this process, on one core"
+_NOT_FOR_ONNX = {
+    "normalizer": _SB3_ONLY,
+    "time_feature": _SB3_ONLY,
+    "trust": _SB3_ONLY,
+    "cores": _IN_PROCESS,
+    "on": _IN_PROCESS,
+    "max_lanes": _IN_PROCESS,
+    "modules": "an ONNX model imports nothing but the module that --env names",
+}
+"""Field to the reason why it has no meaning for an ONNX model."""
+
+
+def _check_one_model(flags: ExtrapolateFlags, given: set[str]) -> None:
+    """Refuse flags that an ONNX model does not take."""
     from perdure.cli.errors import CommandError
-    from perdure.extrapolate import extrapolate
 
     if len(flags.policies) > 1 or flags.env is None:
         raise CommandError("an ONNX model is evaluated alone, and needs its environment: --env Hopper-v5")
+    for name, reason in _NOT_FOR_ONNX.items():
+        flag, value = f"--{name.replace('_', '-')}", getattr(flags, name)
+        if flag in given and (name, value) not in (("on", "here"), ("cores", 1)):
+            values = value if isinstance(value, tuple) else () if value is True else (value,)
+            raise CommandError(f"{' '.join(map(str, (flag, *values)))}: {reason}")
+    if "default" in flags.clocks and "--clocks" in given:
+        raise CommandError("--clocks default: an ONNX model has no clock of its own")
+
+
+def _one_model(flags: ExtrapolateFlags, command: str) -> None:
+    """Evaluate an ONNX model, in this process."""
+    from perdure.extrapolate import extrapolate
+
     result = extrapolate(
         flags.policies[0],
         flags.env,

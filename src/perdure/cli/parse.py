@@ -38,6 +38,11 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
         raise SystemExit(2) from None
 
 
+def flag_name(arg: str) -> str:
+    """Return the flag of an argument: "--eval-seed" for "--eval_seed=1"; any other argument unchanged."""
+    return arg.partition("=")[0].replace("_", "-") if arg.startswith("--") else arg
+
+
 def check_folder(path: Path) -> None:
     """Raise NotADirectoryError if `path`, or a parent folder of it, is a file."""
     for each in (path, *path.parents):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from perdure.cli.flags import Cores, On
 from perdure.cli.parse import check_folder, parse
 
 if TYPE_CHECKING:
@@ -26,11 +27,8 @@ class StudyFlags:
     """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""
     out: Path | None = None
     """Folder of the results; by default results/NAME for the scale thesis, runs/NAME-SCALE for the others."""
-    on: str = "local"
-    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
-    cluster)."""
-    cores: int | None = None
-    """Cores to use; all by default. Results do not depend on it."""
+    on: On = "local"
+    cores: Cores = None
     phases: tuple[int, ...] | None = None
     """Only these phases of the study, by number; its default phases if left out."""
     status: bool = False
@@ -42,7 +40,7 @@ class StudyFlags:
 def main(args: list[str]) -> None:
     """``perdure study``."""
     flags = parse(StudyFlags, args, "study")
-    from perdure.runs import core_count
+    from perdure.runs import check_on, core_count
     from perdure.studies import find_study
     from perdure.studies.run import read_folder
 
@@ -57,6 +55,7 @@ def main(args: list[str]) -> None:
         _show_status(study, scale, out, phases)
         return
     else:
+        check_on(flags.on)
         _carry_out(study, scale, out, phases, flags, core_count(flags.cores))
     written = study.analyze(scale, out)
     print(f"\n{len(written)} tables, figures and pages written, such as {written[-1].resolve()}")

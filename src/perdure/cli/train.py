@@ -10,6 +10,7 @@ from pathlib import Path
 
 import tyro
 
+from perdure.cli.flags import Cores, On
 from perdure.cli.parse import parse
 from perdure.ppo import PPOConfig, method_config
 from perdure.runs import Status
@@ -28,14 +29,11 @@ class TrainFlags:
     name: str | None = None
     """Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD."""
     seeds: tuple[int, ...] = (0,)
-    """Training seeds, trained side by side; each gives the same result as if trained alone."""
+    """Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone."""
     out: Path = Path("runs")
     """Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors."""
-    cores: int | None = None
-    """Cores to use; all by default. Results do not depend on it."""
-    on: str = "local"
-    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
-    cluster)."""
+    cores: Cores = None
+    on: On = "local"
     tensorboard: bool = False
     """Also write curves for TensorBoard to OUT/tensorboard."""
     ppo: PPOConfig = field(default_factory=PPOConfig)

@@ -46,21 +46,40 @@ def extrapolate(
 ) -> ExtrapolationResult: ...
 
 
-def extrapolate(evaluation: Any, *arguments: Any, **options: Any) -> ExtrapolationResult:
+def extrapolate(evaluation: Any, *arguments: Any, **options: Any) -> ExtrapolationResult:  # noqa: D417
     """Evaluate policies far beyond their training horizon.
 
     An `Extrapolation` names policy files. They run over the cores, leave their results in ``out`` and resume after an
     interruption: `perdure.extrapolate.run.extrapolate` explains the arguments.
 
-    A function, a `Policy` or one policy file runs in this process, in any environment:
-    `perdure.extrapolate.in_process.extrapolate_policy` explains the arguments.
+    Any other policy runs in this process, on one core, with the arguments below. Nothing is kept for a resumption,
+    because a function has no identity that a later process could check. Table, verdict and report are the same.
+
+    Args:
+        evaluation: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, its file, or an
+            ONNX model, which needs an env.
+        env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
+            its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
+        steps: How long each episode is asked to last.
+        clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
+            ``elapsed`` and ``horizon``.
+        eval_seeds: Start states.
+        first_eval_seed: The first of them.
+        training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
+            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own.
+        recurrent: The function has a memory.
+        name: Of the policy, in the table; by default the function's name.
+        out: Folder for lanes.parquet and report.html; None writes nothing.
+        command: Stored with the table.
+        progress: Called with (steps made, running episodes), for each group of episodes.
 
     Returns:
         The table of all lanes; as text, the verdicts.
 
     Raises:
-        ExtrapolationError: If there is nothing to evaluate, or a number makes no sense.
-        PolicyError: If a policy does not fit its environment.
+        ExtrapolationError: If there is nothing to evaluate, a number makes no sense, or an argument does not fit this
+            kind of policy.
+        PolicyError: If a policy does not fit its environment, or returns what is no action.
         WorldError: If an environment cannot be built or breaks its contract.
     """
     if isinstance(evaluation, Extrapolation):

@@ -29,51 +29,18 @@ def extrapolate_policy(
     policy: Callable[..., Any] | Policy | str | Path,
     env: Any = None,
     *,
-    steps: int = 100_000,
-    clocks: Sequence[str] | str | None = None,
-    eval_seeds: int = 20,
-    first_eval_seed: int = 0,
-    training_horizon: int | None = None,
-    recurrent: bool = False,
-    name: str | None = None,
     out: str | Path | None = None,
     command: str = "",
     progress: ProgressCallback = lambda step, running: None,
+    **options: Any,
 ) -> ExtrapolationResult:
-    """Evaluate one policy far beyond its training horizon, in this process, on one core.
-
-    Table, verdict and report are those of `perdure extrapolate`. Nothing is kept for a resumption, because a function
-    has no identity that a later process could check; policy files go through `Extrapolation`, which resumes.
-
-    Args:
-        policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`), a `Policy`, its file, or an
-            ONNX model, which needs an env.
-        env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; a factory; or a VectorEnv. Step limits of
-            its own are lifted: see `perdure.envs.open_env`. None: the task of a `Policy`.
-        steps: Steps of each episode, unless it ends earlier.
-        clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
-            ``elapsed`` and ``horizon``.
-        eval_seeds: Start states.
-        first_eval_seed: The first of them.
-        training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
-            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own.
-        recurrent: The function has a memory.
-        name: Of the policy, in the table; by default the function's name.
-        out: Folder for lanes.parquet and report.html; None writes nothing.
-        command: Stored with the table.
-        progress: Called with (steps made, running episodes), for each group of episodes.
-
-    Raises:
-        ExtrapolationError: If a number makes no sense or an argument does not fit this kind of policy.
-        WorldError: If the environment cannot be opened or breaks its contract.
-        PolicyError: If the policy does not fit the environment, or returns what is no action.
-    """
-    options = _Options(steps, clocks, eval_seeds, first_eval_seed, training_horizon, recurrent, name)
+    """Evaluate one policy in this process; `perdure.extrapolate.extrapolate` explains the arguments."""
+    chosen = _Options(**options)
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
-    with open_env(options.env_of(subject, env)) as source:
-        actor = with_reference(options.actor(subject, source), source)
+    with open_env(chosen.env_of(subject, env)) as source:
+        actor = with_reference(chosen.actor(subject, source), source)
         idle = idle_baseline(source)
-        frame = _evaluate(actor, source, options, idle, progress)
+        frame = _evaluate(actor, source, chosen, idle, progress)
     result = ExtrapolationResult(frame, None)
     if out is None:
         return result
@@ -91,13 +58,13 @@ def _loaded(path: str | Path) -> Policy | OnnxModel:
 class _Options:
     """Validated arguments."""
 
-    steps: int
-    clocks: Sequence[str] | str | None
-    eval_seeds: int
-    first_eval_seed: int
-    training_horizon: int | None
-    recurrent: bool
-    name: str | None
+    steps: int = 100_000
+    clocks: Sequence[str] | str | None = None
+    eval_seeds: int = 20
+    first_eval_seed: int = 0
+    training_horizon: int | None = None
+    recurrent: bool = False
+    name: str | None = None
 
     def __post_init__(self) -> None:
         self.evaluation  # noqa: B018 - refuses numbers and clocks that make no sense

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -27,8 +26,10 @@ from perdure.runs import (
     StoreError,
     Unit,
     Work,
+    check_on,
     config_digest,
     core_count,
+    file_digest,
     make_workers,
     run_units,
     write_result,
@@ -66,7 +67,7 @@ def extrapolate(
         evaluation: What is evaluated.
         out: A folder; made if it is missing.
         cores: Cores to use; all of them by default.
-        on: Where lanes run, see `perdure.runs.make_workers`.
+        on: Where lanes run: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`.
         command: Command line, stored with the table.
         observe: Called with the progress of every group of lanes, in steps of single lanes.
         waiting: Called once before waiting, if another evaluation into ``out`` is running.
@@ -77,6 +78,7 @@ def extrapolate(
         PolicyFileError: If a policy file cannot be read.
         OSError: If ``out`` cannot be written.
     """
+    check_on(on)
     workers = core_count(cores)
     policies = [load_policy(path) for path in evaluation.policies]
     for path, policy in zip(evaluation.policies, policies, strict=True):
@@ -84,7 +86,7 @@ def extrapolate(
     _check(policies)
     Path(out).mkdir(parents=True, exist_ok=True)  # fails before the work begins
     lanes = _plan(evaluation, policies)
-    digests = [policy_digest(path) for path in evaluation.policies]
+    digests = [file_digest(path) for path in evaluation.policies]
     for number, (path, digest) in enumerate(zip(evaluation.policies, digests, strict=True)):
         if digest in digests[:number]:
             first = evaluation.policies[digests.index(digest)]
@@ -115,7 +117,7 @@ def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
     """
     store = Store(out)
     policies = [load_policy(path) for path in evaluation.policies]
-    digests = [policy_digest(path) for path in evaluation.policies]
+    digests = [file_digest(path) for path in evaluation.policies]
     return _table(store, evaluation, policies, _plan(evaluation, policies), digests, _stored_versions(store))
 
 
@@ -190,11 +192,6 @@ def _plan(evaluation: Extrapolation, policies: Sequence[Policy]) -> list[LaneSpe
 
 def _identity(lane: LaneSpec, digests: Sequence[str]) -> Identity:
     return digests[lane.policy], "none" if lane.clock is None else lane.clock.label, lane.eval_seed
-
-
-def policy_digest(path: Path) -> str:
-    """Return what identifies a policy file in a store."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 Versions = dict[str, str]
@@ -292,7 +289,7 @@ def evaluate_group(work: Work, *, policies: Mapping[str, str], lanes: Sequence[S
         return
     used = list(dict.fromkeys(digest for digest, _, _ in lanes))
     for digest in used:
-        if policy_digest(Path(policies[digest])) != digest:
+        if file_digest(Path(policies[digest])) != digest:
             raise ExtrapolationError(f"{policies[digest]} has changed since this evaluation began")
     loaded = [load_policy(policies[digest]) for digest in used]
     specs = [

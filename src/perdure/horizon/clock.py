@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from abc import abstractmethod
+from typing import Any
 
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.registry import from_json, to_json
+from perdure.horizon.registry import Registered, from_json
 
 
-class Clock(ABC):
+class Clock(Registered):
     """Map elapsed steps since reset to the (t, T) that the embedding receives.
 
     Subclasses are frozen dataclasses with one number, ``steps``, and use array operators only.
     """
 
-    name: ClassVar[str]
-    """Name in files and on command lines."""
     steps: float
     """The clock's one setting, in steps."""
 
@@ -34,13 +32,9 @@ class Clock(ABC):
         """Return a short text for tables, such as "constant(500)"."""
         return f"{self.name}({str(float(self.steps)).removesuffix('.0')})"
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the clock as plain JSON values."""
-        return to_json(self)
-
 
 def clock_from_json(values: Any) -> Clock:
-    """Return the clock that :meth:`Clock.to_json` described.
+    """Return the clock that its `to_json` described.
 
     Args:
         values: ``{"name": ..., "steps": ...}``.

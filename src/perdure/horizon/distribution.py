@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from abc import abstractmethod
+from typing import Any
 
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.registry import from_json, to_json
+from perdure.horizon.registry import Registered, from_json
 
 
-class HorizonDistribution(ABC):
+class HorizonDistribution(Registered):
     """A distribution over horizons. Subclasses are frozen dataclasses and use array operators only."""
-
-    name: ClassVar[str]
-    """Name in files and on command lines."""
 
     @property
     @abstractmethod
@@ -24,13 +21,9 @@ class HorizonDistribution(ABC):
     def from_uniform(self, u: Any) -> Any:
         """Return horizons in steps, shaped like ``u``, from numbers drawn uniformly in [0, 1)."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the distribution as plain JSON values."""
-        return to_json(self)
-
 
 def distribution_from_json(values: Any) -> HorizonDistribution:
-    """Return the distribution that :meth:`HorizonDistribution.to_json` described.
+    """Return the distribution that its `to_json` described.
 
     Args:
         values: ``{"name": ..., field: value, ...}``.

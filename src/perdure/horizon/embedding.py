@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from abc import abstractmethod
+from typing import Any
 
-from perdure.horizon.registry import from_json, to_json
+from perdure.horizon.registry import Registered, from_json
 
 
-class Embedding(ABC):
+class Embedding(Registered):
     """Map elapsed steps t and a horizon T to the vector appended to the observation.
 
     Subclasses are frozen dataclasses. They use array operators only, so one body serves Python numbers, NumPy arrays
     and traced JAX arrays. If t > T, no steps are left.
     """
-
-    name: ClassVar[str]
-    """Name in files and on command lines."""
 
     @property
     @abstractmethod
@@ -32,13 +29,9 @@ class Embedding(ABC):
             horizon: T, steps the episode may last, shape (*batch,); may be infinite.
         """
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the embedding as plain JSON values."""
-        return to_json(self)
-
 
 def embedding_from_json(values: Any) -> Embedding:
-    """Return the embedding that :meth:`Embedding.to_json` described.
+    """Return the embedding that its `to_json` described.
 
     Args:
         values: ``{"name": ..., field: value, ...}``.

@@ -10,7 +10,8 @@ import dataclasses
 import difflib
 import inspect
 import math
-from typing import Any, TypeVar, get_type_hints
+from abc import ABC
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from perdure.horizon.errors import HorizonError
 from perdure.schema import Anything, Kind, Real, SchemaError, Table, Whole
@@ -21,18 +22,23 @@ LARGEST_COUNT = 100_000_000
 """Of steps or of components, in files."""
 
 
-def to_json(thing: Any) -> dict[str, Any]:
-    """Return ``{"name": ..., field: value, ...}`` of a frozen dataclass of numbers.
+class Registered(ABC):
+    """Base class of embeddings, clocks and distributions: frozen dataclasses of numbers."""
 
-    Args:
-        thing: An embedding, a clock or a distribution. Infinity, which JSON does not have, becomes the string "inf";
-            NumPy numbers become Python's.
-    """
-    return {"name": thing.name, **{f.name: _plain(getattr(thing, f.name)) for f in dataclasses.fields(thing)}}
+    name: ClassVar[str]
+    """Name in files and on command lines."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return ``{"name": ..., field: value, ...}``.
+
+        Infinity, which JSON does not have, becomes the string "inf"; NumPy numbers become Python's.
+        """
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return {"name": self.name, **{each.name: _plain(getattr(self, each.name)) for each in fields}}
 
 
 def from_json(base: type[T], values: Any) -> T:
-    """Return the instance of a subclass of ``base`` that :func:`to_json` described.
+    """Return the instance of a subclass of ``base`` that its `to_json` described.
 
     Args:
         base: The abstract idea, such as ``Embedding``.

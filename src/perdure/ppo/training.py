@@ -20,7 +20,18 @@ from perdure.ppo.export import export_policy, write_curves
 from perdure.ppo.presets import ZOO
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
-from perdure.runs import Observer, Status, Store, Unit, Work, core_count, make_workers, run_units, write_atomic
+from perdure.runs import (
+    Observer,
+    Status,
+    Store,
+    Unit,
+    Work,
+    check_on,
+    core_count,
+    make_workers,
+    run_units,
+    write_atomic,
+)
 
 POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
@@ -106,18 +117,17 @@ def train(
         run: What is trained.
         out: The folder of the store that keeps the runs.
         cores: Cores to use; all of them by default. Results do not depend on it.
-        on: Where seeds are trained, see `perdure.runs.make_workers`: "here" (this process, one seed after the other),
-            "local" (a process for each core: faster, also for one seed, but blind to environments that only this
-            process has registered; name those "gymnasium:module:Env-v0"), or a Ray cluster. Results do not depend
-            on it.
+        on: Where seeds are trained: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`. Results
+            do not depend on it.
         observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`.
 
     Raises:
         ConfigError: If the run makes no sense.
         StoreError: If the folder already holds a run of the same name with other settings.
         UnknownTask: If there is no such task.
-        RunError: If training a seed failed.
+        RunError: If training a seed failed, or ``cores`` or ``on`` is out of range.
     """
+    check_on(on)
     store, units = Store(out), [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]

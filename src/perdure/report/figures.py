@@ -23,6 +23,9 @@ MOST_CURVES = 8
 MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
+_FAILURE = (
+    "A failure: a fall, a divergence, or a gain over an idle robot below three quarters of training's, to the end. "
+)
 
 
 def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
@@ -40,7 +43,11 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
     chosen += [(title, sweep) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
     figures = []
     for title, part in chosen:
-        figures += [_working_figure(title, part), _survival_figure(title, part), _reward_figure(title, part)]
+        figures += [
+            _share_figure("working", "failed", title, part, _FAILURE),
+            _share_figure("survival", "ended", title, part),
+            _reward_figure(title, part),
+        ]
     figures += [*_choice_figure(estimates), *_hold_figure(estimates)]
     task = estimates[0].group.task
     return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
@@ -66,12 +73,18 @@ def _score(estimate: Estimate) -> float:
 def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
     """Return all C of one line and kind, with every policy without a clock."""
     baselines = [item for item in estimates if item.group.clock_kind == NO_CLOCK]
+    sweeps = _by_line_and_kind(estimates).items()
+    found = [(line, wording.clock(kind, "C"), sweep) for (line, kind), sweep in sweeps if len(sweep) > 2]
+    return [(f"{line}, {clock}", baselines + sweep) for line, clock, sweep in found]
+
+
+def _by_line_and_kind(estimates: Sequence[Estimate]) -> dict[tuple[str, str], list[Estimate]]:
+    """Return the groups whose clock has a C, by line and kind of clock."""
     sweeps: dict[tuple[str, str], list[Estimate]] = {}
     for item in estimates:
         if item.group.is_tuned_by_steps:
             sweeps.setdefault((item.group.line, item.group.clock_kind), []).append(item)
-    found = [(line, wording.clock(kind, "C"), sweep) for (line, kind), sweep in sweeps.items() if len(sweep) > 2]
-    return [(f"{line}, {clock}", baselines + sweep) for line, clock, sweep in found]
+    return sweeps
 
 
 def _styles(chosen: Sequence[Estimate]) -> list[Style]:
@@ -143,31 +156,19 @@ def _reward_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
     return Figure(name, ": ".join(filter(None, ("Reward per step so far", title))), chart, note)
 
 
-def _working_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
+def _share_figure(
+    name: Literal["working", "survival"], happened: str, title: str, chosen: Sequence[Estimate], note: str = ""
+) -> Figure:
+    """Draw the share of episodes to which something has not `happened`."""
     chart = curve_chart(
-        _curves(chosen, "working"),
+        _curves(chosen, name),
         _step_axis(chosen),
-        Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True),
+        Axis(f"share of episodes that have not {happened} ({_episodes(chosen)})", percent=True),
         markers=_markers(chosen),
         steps=True,
     )
-    shown = ": ".join(filter(None, ("Episodes that have not failed", title)))
-    note = (
-        "A failure: a fall, a divergence, or a gain over an idle robot below three quarters of training's, to the end. "
-    )
-    return Figure(slug("working", title), shown, chart, note + _notes(chosen, "working", _AT_THE_END))
-
-
-def _survival_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
-    chart = curve_chart(
-        _curves(chosen, "survival"),
-        _step_axis(chosen),
-        Axis(f"share of episodes that have not ended ({_episodes(chosen)})", percent=True),
-        markers=_markers(chosen),
-        steps=True,
-    )
-    shown = ": ".join(filter(None, ("Episodes that have not ended", title)))
-    return Figure(slug("survival", title), shown, chart, _notes(chosen, "survival", _AT_THE_END))
+    shown = ": ".join(filter(None, (f"Episodes that have not {happened}", title)))
+    return Figure(slug(name, title), shown, chart, note + _notes(chosen, name, _AT_THE_END))
 
 
 def _episodes(chosen: Sequence[Estimate]) -> str:
@@ -196,10 +197,7 @@ def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
 
 def _choice_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     """Return at the end against C, with the clocks that have no C as level lines."""
-    sweeps: dict[tuple[str, str], list[Estimate]] = {}
-    for item in estimates:
-        if item.group.is_tuned_by_steps:
-            sweeps.setdefault((item.group.line, item.group.clock_kind), []).append(item)
+    sweeps = _by_line_and_kind(estimates)
     values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
     if len(values) < 2:
         return []

@@ -19,11 +19,11 @@ The only other part of perdure that this package imports is `schema`.
 
 from perdure.runs.atomic_write import write_atomic, write_result
 from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError
-from perdure.runs.identity import config_digest
+from perdure.runs.identity import config_digest, file_digest
 from perdure.runs.run import Observer, Status, UnitProgress, read_status, run_units
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, Work, attempt
-from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, core_count, make_workers
+from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
 
 __all__ = [
     "ONE_THREAD",
@@ -40,8 +40,10 @@ __all__ = [
     "Work",
     "Workers",
     "attempt",
+    "check_on",
     "config_digest",
     "core_count",
+    "file_digest",
     "make_workers",
     "read_status",
     "run_units",

@@ -43,7 +43,7 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
             raise
         finally:
             os.close(descriptor)
-        sync_folder(target.parent)
+        sync(target.parent)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
     return Path(path)
@@ -69,17 +69,8 @@ def write_result(path: Path, data: bytes) -> Path:
         ) from error
 
 
-def sync_folder(folder: Path) -> None:
-    """Make the names inside `folder` durable (POSIX: fsync of the directory)."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def sync_file(path: Path) -> None:
-    """Make the content of the file at `path` durable."""
+def sync(path: Path) -> None:
+    """Make the content of a file, or the names inside a folder, durable (POSIX: fsync)."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

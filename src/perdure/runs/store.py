@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from perdure.runs import lock
-from perdure.runs.atomic_write import sync_file, sync_folder
+from perdure.runs.atomic_write import sync
 from perdure.runs.errors import OtherSourceWarning, StoreError, UnitBusyError
 from perdure.runs.identity import RECORD, Identity, check_key
 from perdure.runs.source import source_digest
@@ -221,7 +221,7 @@ class Store:
             target.parent.mkdir(parents=True, exist_ok=True)
             os.replace(folder, target)
         with suppress(OSError):
-            sync_folder(target.parent)
+            sync(target.parent)
 
 
 def _noted(folder: Path, suffix: str) -> tuple[str, ...]:
@@ -238,5 +238,5 @@ def _sync_tree(folder: Path) -> None:
         for name in files:
             file = Path(path) / name
             if file.is_file() and not file.is_symlink():
-                sync_file(file)
-        sync_folder(Path(path))
+                sync(file)
+        sync(Path(path))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import selectors
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -24,6 +26,8 @@ from perdure.schema import printable
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose libraries multiply on one thread from their first import on."""
+PLACES = ("here", "local", "ray")
+"""Values of `on` in `make_workers`, beside ray:ADDRESS."""
 PARENT_SECONDS = 0.5
 """How often a worker checks whether the process that started it still lives."""
 # The parent's module search path, and not the current folder: a worker imports what its parent would.
@@ -64,15 +68,21 @@ class Workers(Protocol):
 def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Workers | None:
     """Return what runs units, for `run_units`.
 
+    Results do not depend on where units run. The command line and `extrapolate` run them "local" by default. `train`
+    and the functions of `perdure.home` run them "here" by default, because only this process knows environments that
+    it has registered itself; other processes find those named "gymnasium:module:Env-v0".
+
     Args:
-        on: "here" (this process), "local" (processes on this machine), "ray" (a Ray of this command's own on this
-            machine) or "ray:ADDRESS" (a cluster that runs, such as "ray:auto").
+        on: "here" (this process, one unit after the other), "local" (a process for each core: faster, also for one
+            unit), "ray" (a Ray of this command's own on this machine) or "ray:ADDRESS" (a cluster that runs, such as
+            "ray:auto").
         units: What is to be run; there are no more processes than units.
         cores: Cores to use; all that this process may use by default. Ray uses those of its cluster.
 
     Raises:
         RunError: If `on` or `cores` is out of range, or Ray is not installed.
     """
+    check_on(on)
     total = core_count(cores)
     wanted = max((unit.cores for unit in units), default=1)
     if on == "here":
@@ -80,12 +90,21 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
     if on == "local":
         count = max(1, min(total, len(units)))
         return LocalWorkers(count, max(1, min(total // count, wanted)))
-    kind, _, address = on.partition(":")
-    if kind != "ray" or on.endswith(":"):
-        raise RunError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}")
     from perdure.runs.on_ray import RayWorkers
 
-    return RayWorkers(address or None, min(wanted, total))
+    return RayWorkers(on.partition(":")[2] or None, min(wanted, total))
+
+
+def check_on(on: str) -> None:
+    """Refuse what names no place for `make_workers`.
+
+    Raises:
+        RunError: With the valid values, and the nearest one.
+    """
+    if on not in PLACES and not re.fullmatch("ray:.+", on):
+        nearest = get_close_matches(on, PLACES, n=1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        raise RunError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}{hint}")
 
 
 def core_count(cores: int | None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import json
 import os
@@ -60,10 +61,10 @@ class _Decoder:
             try:
                 error, answer = self._exchange(content, what, columns)
             except (OSError, ValueError):  # no answer, or half of one
-                self._end()
+                self.end()
                 error, answer = "Polars gave up its process over it", b""
             except BaseException:  # an interrupt: the rest of the answer must not be taken for the next one
-                self._end()
+                self.end()
                 raise
         if error is not None:
             raise SchemaError(f"it is not a readable Parquet file: {error}")
@@ -90,7 +91,7 @@ class _Decoder:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
-            self._end()
+            self.end()
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", SERVE, json.dumps(sys.path)],
                 stdin=subprocess.PIPE,
@@ -101,7 +102,8 @@ class _Decoder:
             self._owner = os.getpid()
         return self._process
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End the process if this process started it."""
         if self._process is not None and self._owner == os.getpid():
             self._process.kill()
             self._process.wait()
@@ -112,3 +114,4 @@ class _Decoder:
 
 
 _decoder = _Decoder()
+atexit.register(_decoder.end)

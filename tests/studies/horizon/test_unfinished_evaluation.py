@@ -7,7 +7,7 @@ from tiny_study import CLOCKS, GRID, write_training
 
 from perdure.extrapolate.run import StoreError, read_lanes
 from perdure.studies.horizon import evaluation
-from perdure.studies.horizon.evaluation import EvaluateRow
+from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.study import RunOptions
 
 TEST = GRID.split("test")
@@ -21,12 +21,12 @@ def out(tmp_path_factory):
     write_training(folder)
     fewer = replace(GRID, swept=CLOCKS[:1]), replace(GRID, swept=CLOCKS[:2])
     for grid, row, split in ((GRID, 0, ONE), (fewer[0], 1, TEST), (fewer[1], 1, ONE)):
-        EvaluateRow(grid, GRID.rows[row], split, folder).run(RunOptions(on="here"))
+        evaluate_row(grid, GRID.rows[row], split, folder).run(RunOptions(on="here"))
     return folder
 
 
 def read(out, row, split=TEST):
-    frame = EvaluateRow(GRID, GRID.rows[row], split, out).read()
+    frame = evaluate_row(GRID, GRID.rows[row], split, out).read()
     lanes = frame.select("clock", "train_seed", "eval_seed").unique().sort("clock", "train_seed", "eval_seed")
     return lanes.rows()
 
@@ -40,12 +40,12 @@ def test_start_states_that_every_policy_has_are_read(out, monkeypatch):
 
 
 def test_its_progress_counts_every_lane(out):
-    counts = [EvaluateRow(GRID, row, TEST, out).progress() for row in GRID.rows]
+    counts = [evaluate_row(GRID, row, TEST, out).progress() for row in GRID.rows]
     assert [(each.done, each.total) for each in counts] == [(2, 4), (6, 16)]
 
 
 def test_a_missing_lane_is_named_instead_of_simulated(out):
-    step = EvaluateRow(GRID, GRID.rows[0], TEST, out)
+    step = evaluate_row(GRID, GRID.rows[0], TEST, out)
     with pytest.raises(StoreError, match="2 of 4 lanes are not in"):
         read_lanes(step.evaluation, step.folder)
 

@@ -9,8 +9,6 @@ import tyro
 
 from perdure.cli.home.flags import parse_home
 
-RENAMED = {"--seed": "--eval-seed"}
-
 
 @dataclass(frozen=True)
 class HomeEpisode:
@@ -34,7 +32,7 @@ class HomeEpisode:
 
 def main(args: list[str]) -> None:
     """Run ``perdure home episode``."""
-    flags = parse_home(HomeEpisode, args, "episode", RENAMED)
+    flags = parse_home(HomeEpisode, args, "episode")
     from rich.console import Console
     from rich.table import Table
 

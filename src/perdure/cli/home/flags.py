@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from perdure.cli.parse import parse
+from perdure.cli.parse import flag_name, parse
 from perdure.home.errors import HomeError
 
 T = TypeVar("T")
 
 
-def parse_home(kind: type[T], args: list[str], command: str, renamed: Mapping[str, str] | None = None) -> T:
+RENAMED = {"--lanes": "max_lanes", "--seed": "eval_seed"}
+"""Former spelling of a flag to the field that holds it now."""
+
+
+def parse_home(kind: type[T], args: list[str], command: str) -> T:
     """Return the dataclass `kind` filled from flags, see `perdure.cli.parse.parse`.
 
     Args:
         kind: The dataclass.
         args: The command line after the command.
         command: Name of the command, such as "run".
-        renamed: Former spelling of a flag to its present one.
 
     Raises:
         HomeError: If a former spelling is used.
     """
-    for flag in (arg.partition("=")[0].replace("_", "-") for arg in args):
-        if renamed and flag in renamed:
-            raise HomeError(f"{flag} of perdure home {command} is now {renamed[flag]}")
+    for flag in (flag_name(arg) for arg in args):
+        if hasattr(kind, field := RENAMED.get(flag, "")):
+            raise HomeError(f"{flag} of perdure home {command} is now {flag_name('--' + field)}")
     return parse(kind, args, f"home {command}")
 
 

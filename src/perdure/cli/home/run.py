@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from perdure.cli.flags import Cores, On
 from perdure.cli.home.flags import parse_home, policies
 from perdure.cli.parse import check_folder
 from perdure.cli.terminal import command_line
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.protocol import Protocol
-
-RENAMED = {"--lanes": "--max-lanes"}
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class HomeRun:
     episodes: int = 100
     """Number of episodes of the split, from its first one."""
     train_seeds: int = 1
-    """Number of training seeds; each has its own policies."""
+    """Number of training seeds, from seed 0; each has its own policies."""
     vary: Literal["all", "place"] = "all"
     """Policies that differ between training seeds: all, or place alone (the others are those of seed 0)."""
     eval_seeds: int = 1
@@ -56,11 +55,8 @@ class HomeRun:
     """Physics steps per second."""
     max_lanes: int = 50
     """Episodes that share a process at a time. Results do not depend on it."""
-    cores: int | None = None
-    """Cores to use; all by default. Results do not depend on it."""
-    on: str = "local"
-    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
-    cluster)."""
+    cores: Cores = None
+    on: On = "local"
     out: Path = Path("home-runs")
     """Folder of the logs."""
 
@@ -84,7 +80,7 @@ def make_protocol(flags: HomeRun) -> Protocol:
 
 def main(args: list[str]) -> None:
     """Run ``perdure home run``."""
-    flags = parse_home(HomeRun, args, "run", RENAMED)
+    flags = parse_home(HomeRun, args, "run")
     from perdure.home.evaluate.outcomes import analyze
     from perdure.home.evaluate.page import read_assignment, write_page
     from perdure.home.evaluate.protocol import run_protocol

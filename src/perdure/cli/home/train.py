@@ -8,6 +8,7 @@ from typing import Literal
 
 import tyro
 
+from perdure.cli.flags import Cores, On
 from perdure.cli.home.flags import parse_home
 
 
@@ -26,18 +27,15 @@ class HomeTrain:
     rolling: Literal["friction", "drag"] = "friction"
     """Rolling resistance, as for `perdure home run`."""
     seeds: tuple[int, ...] = (0,)
-    """Training seeds, trained side by side."""
+    """Training seeds, such as 0 1 2, trained side by side."""
     steps: int | None = None
     """Environment steps; the recipe's by default."""
     test_episodes: int = 200
     """Episodes on val starts after training."""
     out: Path = Path("runs")
     """Folder of the runs."""
-    cores: int | None = None
-    """Cores to use; all by default. Results do not depend on it."""
-    on: str = "local"
-    """Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a Ray
-    cluster)."""
+    cores: Cores = None
+    on: On = "local"
 
 
 def main(args: list[str]) -> None:

@@ -14,8 +14,6 @@ from perdure.cli.home.flags import parse_home, policies
 if TYPE_CHECKING:
     from perdure.home.evaluate.log import EpisodeLog
 
-RENAMED = {"--seed": "--eval-seed"}
-
 
 @dataclass(frozen=True)
 class HomeVideo:
@@ -55,7 +53,7 @@ class HomeVideo:
 
 def main(args: list[str]) -> None:
     """Run ``perdure home video``."""
-    flags = parse_home(HomeVideo, args, "video", RENAMED)
+    flags = parse_home(HomeVideo, args, "video")
     from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.errors import HomeError
     from perdure.home.video import (

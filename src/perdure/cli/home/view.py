@@ -9,8 +9,6 @@ import tyro
 
 from perdure.cli.home.flags import parse_home
 
-RENAMED = {"--seed": "--eval-seed"}
-
 
 @dataclass(frozen=True)
 class HomeView:
@@ -32,7 +30,7 @@ class HomeView:
 
 def main(args: list[str]) -> None:
     """Run ``perdure home view``."""
-    flags = parse_home(HomeView, args, "view", RENAMED)
+    flags = parse_home(HomeView, args, "view")
     from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.video import serve_episode
 

@@ -22,6 +22,7 @@ from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.torch_state import TorchState
 from perdure.policy.task import TaskInfo
+from perdure.runs import file_digest
 
 NO_NORMALIZER = "none"
 """Says that the model saw raw observations."""
@@ -138,10 +139,9 @@ def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def _provenance(path: Path, env: str) -> dict[str, object]:
-    from hashlib import sha256
 
     return {
         "method": f"CleanRL PPO ({path.stem})",
-        "source": {"file": path.name, "sha256": sha256(path.read_bytes()).hexdigest(), "env": env},
+        "source": {"file": path.name, "sha256": file_digest(path), "env": env},
         "versions": {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")},
     }

@@ -10,8 +10,9 @@ from typing import Any
 from perdure.envs import task_of_environment
 from perdure.policy.errors import PolicyFileError
 from perdure.policy.files import load_policy, save_policy
-from perdure.policy.readers.identity import file_digest, library_versions
+from perdure.policy.readers.identity import library_versions
 from perdure.policy.readers.sb3_import import NO_NORMALIZER, import_sb3
+from perdure.runs import file_digest
 
 
 def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:

@@ -15,12 +15,13 @@ from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.errors import PolicyError, PolicyWarning
 from perdure.policy.measure import measure_reference
 from perdure.policy.policy import Normalizer, Policy
-from perdure.policy.readers.identity import file_digest, library_versions
+from perdure.policy.readers.identity import library_versions
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
 from perdure.policy.readers.sb3_data import USE_A_FUNCTION
 from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
 from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
+from perdure.runs import file_digest
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""

@@ -10,10 +10,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.extrapolate import Extrapolation, extrapolate
-from perdure.extrapolate.run import finished_lanes, policy_digest, read_lanes
+from perdure.extrapolate.run import finished_lanes, read_lanes
 from perdure.report import read_table
-from perdure.runs import Store
+from perdure.runs import Store, file_digest
 from perdure.studies.horizon.grid import Grid, Row, Split, evaluation_folder
+from perdure.studies.horizon.row_step import RowStep
 from perdure.studies.horizon.training import policy_paths
 from perdure.studies.study import RunOptions, StepProgress
 
@@ -24,35 +25,10 @@ START_SECONDS = 4.0
 
 
 @dataclass(frozen=True)
-class EvaluateRow:
+class EvaluateRow(RowStep):
     """All lanes of a row on one split: policies x clocks x start states."""
 
-    grid: Grid
-    row: Row
     split: Split
-    out: Path
-
-    measure = "lane steps"
-
-    @property
-    def key(self) -> str:
-        """See `StudyStep`."""
-        return f"{self.stage} {self.row.key}"
-
-    @property
-    def stage(self) -> str:
-        """See `StudyStep`."""
-        return f"evaluation {self.split.name}"
-
-    @property
-    def after(self) -> tuple[str, ...]:
-        """See `StudyStep`."""
-        return (f"training {self.row.key}",)
-
-    @property
-    def task(self) -> str:
-        """See `StudyStep`."""
-        return self.row.task
 
     @property
     def folder(self) -> Path:
@@ -101,7 +77,7 @@ class EvaluateRow:
     def _finished(self) -> NDArray[np.bool_]:
         """Return which lanes are in the store, shape (policies, clocks, start states)."""
         lanes = finished_lanes(self.folder, self.grid.steps)
-        digests = [policy_digest(path) if path.is_file() else "" for path in self.evaluation.policies]
+        digests = [file_digest(path) if path.is_file() else "" for path in self.evaluation.policies]
         first = self.split.first_seed
         seeds = range(first, first + self.split.seeds)
         return np.array([[[(d, clock, seed) in lanes for seed in seeds] for clock in self.clocks] for d in digests])
@@ -134,3 +110,8 @@ class EvaluateRow:
             observe=options.observe,
             waiting=options.waiting,
         )
+
+
+def evaluate_row(grid: Grid, row: Row, split: Split, out: Path) -> EvaluateRow:
+    """Return the step that evaluates a row on a split."""
+    return EvaluateRow(grid, row, out, f"evaluation {split.name}", split)

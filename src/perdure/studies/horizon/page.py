@@ -13,7 +13,7 @@ from perdure.runs import write_atomic
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.decide import ClaimDecision
-from perdure.studies.horizon.evaluation import EvaluateRow
+from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import DEFAULT_PHASES, Row
 from perdure.studies.horizon.results import TEST, Results
 
@@ -100,6 +100,6 @@ def _covered(results: Results, row: Row) -> str:
         return "\u2013"
     states = runs.group_by("clock").agg(pl.col("episodes").min())["episodes"]
     fewest, most = int(states.min()), int(states.max())  # type: ignore[arg-type]
-    planned = len(EvaluateRow(results.grid, row, results.grid.split(TEST), results.out).clocks)
+    planned = len(evaluate_row(results.grid, row, results.grid.split(TEST), results.out).clocks)
     clocks = f" ({len(states)} of {planned} clocks)" if len(states) < planned else ""
     return (f"{most}" if fewest == most else f"{fewest} to {most}") + clocks

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from perdure.studies.horizon.evaluation import EvaluateRow
+from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, make_grid
 from perdure.studies.horizon.mechanism import mechanism_steps
 from perdure.studies.horizon.rules import rule_steps
@@ -21,7 +21,7 @@ def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
     steps: list[StudyStep] = [TrainRow(grid, row, out) for row in grid.rows]
     evaluated = [row for row in grid.rows if row.evaluated]
     for split in grid.splits:
-        steps += [EvaluateRow(grid, row, split, out) for row in evaluated]
+        steps += [evaluate_row(grid, row, split, out) for row in evaluated]
     return [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)]
 
 

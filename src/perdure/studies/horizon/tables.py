@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report.groups import LANE_FAILURES
-from perdure.studies.horizon.evaluation import EvaluateRow
+from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import Grid, Row
 
 WITHIN = 1000
@@ -76,7 +76,7 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
 
 
 def _read_row(grid: Grid, row: Row, out: Path, split: str) -> pl.DataFrame | None:
-    step = EvaluateRow(grid, row, grid.split(split), out)
+    step = evaluate_row(grid, row, grid.split(split), out)
     frame = step.read()
     if frame is None:
         return None

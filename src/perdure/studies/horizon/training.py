@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from perdure.ppo import PPOConfig, method_config
-from perdure.runs import Store, Unit, read_status
+from perdure.runs import Unit
 from perdure.studies.horizon.grid import Grid, Row, training_folder
+from perdure.studies.horizon.row_step import RowStep, count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 if TYPE_CHECKING:
@@ -25,26 +26,13 @@ COMPILE_SECONDS = 10.0
 
 
 @dataclass(frozen=True)
-class TrainRow:
+class TrainRow(RowStep):
     """All training seeds of a row."""
 
-    grid: Grid
-    row: Row
-    out: Path
+    stage: str = "training"
 
-    stage = "training"
     measure = "training steps"
-    after: tuple[str, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """See `StudyStep`."""
-        return f"training {self.row.key}"
-
-    @property
-    def task(self) -> str:
-        """See `StudyStep`."""
-        return self.row.task
+    after = ()
 
     @cached_property
     def run_(self) -> TrainRun:
@@ -68,18 +56,7 @@ class TrainRow:
 
     def progress(self) -> StepProgress:
         """See `StudyStep`."""
-        folder = training_folder(self.out)
-        if not folder.is_dir():
-            return StepProgress(len(self._units), 0)
-        store, status = Store(folder), read_status(self._units, folder)
-        open_units = [unit for unit in self._units if status[unit.key].state != "finished"]
-        return StepProgress(
-            total=len(self._units),
-            done=len(self._units) - len(open_units),
-            running=sum(store.is_busy(unit.key) for unit in open_units),
-            failed=sum(store.note_path("failures", unit.key).exists() for unit in open_units),
-            share=sum(each.share for each in status.values()) / len(status),
-        )
+        return count_units(self._units, training_folder(self.out), len(self._units))
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
