@@ -15,14 +15,7 @@ from perdure.home.evaluate.outcomes import label, read_logs, write_logs
 from perdure.home.evaluate.protocol import Protocol, run_protocol
 from perdure.home.sim.world import SceneOptions, World
 from perdure.home.skills import SKILLS
-from perdure.home.video import (
-    Replay,
-    failure_sheet,
-    logged_agent,
-    read_failures,
-    replay_failure,
-    sample_failures,
-)
+from perdure.home.video import Replay, failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
 from perdure.home.video.failure_sheets import COLUMNS
 from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
 

@@ -58,14 +58,7 @@ def main(args: list[str]) -> None:
     flags = parse_home(HomeVideo, args, "video", RENAMED)
     from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.errors import HomeError
-    from perdure.home.video import (
-        FilmOptions,
-        contact_sheet,
-        film_episode,
-        film_side_by_side,
-        make_agent,
-        save_picture,
-    )
+    from perdure.home.video import FilmOptions, contact_sheet, film_episode, film_side_by_side, make_agent, save_picture
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     options = FilmOptions(

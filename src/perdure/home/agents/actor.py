@@ -6,6 +6,8 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
@@ -53,8 +55,7 @@ class LaneView:
     @property
     def arm(self) -> FloatArray:
         """Targets of the arm's servos in [rad]. Shape (7,)."""
-        target: FloatArray = self.state.arm_target[0]
-        return target
+        return np.asarray(self.state.arm_target[0])
 
 
 class Scripted(Actor):

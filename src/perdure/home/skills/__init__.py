@@ -9,15 +9,15 @@ Contents:
     gym, training            Gymnasium environments; training and scores
 """
 
-from perdure.home.skills.articulated import Articulated, holds_handle
+from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.close_drawer import CloseDrawer
 from perdure.home.skills.close_fridge import CloseFridge
 from perdure.home.skills.navigate import Navigate
-from perdure.home.skills.observation import Element, ObservationTerm, rest_distance
+from perdure.home.skills.observation import Element, ObservationTerm
 from perdure.home.skills.open_drawer import OpenDrawer
 from perdure.home.skills.open_fridge import OpenFridge
 from perdure.home.skills.pick import Pick
-from perdure.home.skills.place import GOAL_RADIUS, Place
+from perdure.home.skills.place import Place
 from perdure.home.skills.progress import Progress
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim, region
@@ -35,7 +35,6 @@ SKILLS["navigate"] = Navigate
 SKILLS["reset_arm"] = ResetArm
 
 __all__ = [
-    "GOAL_RADIUS",
     "SKILLS",
     "Aim",
     "Articulated",
@@ -53,10 +52,8 @@ __all__ = [
     "ResetArm",
     "Skill",
     "get_skill",
-    "holds_handle",
     "learned_skills",
     "make_skill_goal",
     "region",
-    "rest_distance",
     "rest_error",
 ]

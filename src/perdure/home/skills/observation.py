@@ -9,7 +9,7 @@ import numpy as np
 
 from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.sim.world import BEAMS, SCAN_RANGE, PrivilegedState
-from perdure.home.sim.world.state import norm
+from perdure.home.sim.world.state import norm, wrap
 from perdure.home.skills.progress import FloatArray, Progress
 
 SECTORS = BEAMS // 2
@@ -121,8 +121,7 @@ def _proprioception(state: PrivilegedState, _: Progress) -> list[FloatArray]:
 def _wrapped(arm: FloatArray) -> FloatArray:
     """Return arm angles with those of unlimited joints in [-pi, pi)."""
     result = arm.copy()
-    for column in ROLLS:
-        result[:, column] = np.mod(result[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    result[:, ROLLS] = wrap(result[:, ROLLS])
     return result
 
 

@@ -9,12 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
+from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
 from perdure.home.skills.open_fridge import OpenFridge
 from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
-from perdure.home.skills.starts import FRIDGE_DOOR, Rectangle, Start, stand_in
+from perdure.home.skills.starts import Rectangle, Start, stand_in
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0

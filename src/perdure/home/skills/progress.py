@@ -6,13 +6,10 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 Record = TypeVar("Record", bound=Any)
 
 FORCE_MARGIN = 20.0

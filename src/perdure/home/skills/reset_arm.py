@@ -8,6 +8,7 @@ import numpy as np
 
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
 from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
+from perdure.home.sim.world.state import wrap
 from perdure.home.skills.observation import PROPRIOCEPTION
 from perdure.home.skills.skill import BoolArray, FloatArray, Progress, Skill
 
@@ -42,6 +43,5 @@ class ResetArm(Skill):
 def rest_error(arm: FloatArray) -> FloatArray:
     """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, 7)."""
     error = np.asarray(REST_ARM) - arm
-    for column in ROLLS:
-        error[:, column] = np.mod(error[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    error[:, ROLLS] = wrap(error[:, ROLLS])
     return error

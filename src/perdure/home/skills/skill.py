@@ -163,7 +163,7 @@ class Skill(ABC):
             opened: Positions of open drawers and doors by link name.
         """
         placement = self.placement(episode, target)
-        return Aim(placement.position, starts.container_of(episode.apartment(), placement))
+        return Aim(placement.position, episode.apartment().container(placement.receptacle))
 
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
@@ -192,16 +192,17 @@ class Skill(ABC):
         By default the robot stands within 2 m of what it acts on, faces it, and its container is open (M3, `pick_v1`,
         `place_v1`).
         """
-        opened = starts.draw_open(
-            episode.apartment(), starts.container_of(episode.apartment(), self.placement(episode, target)), rng
-        )
+        apartment = episode.apartment()
+        opened = starts.draw_open(apartment, apartment.container(self.placement(episode, target).receptacle), rng)
         return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
 
     def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
         """Draw where the robot stands; in front of the container if there is one (OURS)."""
         apartment, placement = episode.apartment(), self.placement(episode, target)
-        front = None if starts.container_of(apartment, placement) is None else starts.front_of(apartment, placement)
-        return starts.stand_near(apartment, placement.position, rng, front)
+        inside = apartment.container(placement.receptacle) is not None
+        return starts.stand_near(
+            apartment, placement.position, rng, starts.front_of(apartment, placement) if inside else None
+        )
 
     def make_start(
         self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator

@@ -89,8 +89,7 @@ class Follower:
                 0.3 if self._now is None else STAY / np.pi * abs((azimuth - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
             )
             scores.append(seen - turn - 0.4 * abs(elevation - np.radians(34.0)) + 0.3 * self._beside(azimuth))
-        best: FloatArray = DIRECTIONS[int(np.argmax(scores))]
-        return best
+        return np.asarray(DIRECTIONS[int(np.argmax(scores))])
 
     def _beside(self, azimuth: float) -> float:
         """Return 1 for a view from the side, where the arm is visible, 0 from ahead or behind."""

@@ -14,7 +14,7 @@ from perdure.home.sim.world import ACTION_SIZE, SceneOptions, World
 from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import begin, touching
-from perdure.home.skills.starts.containers import container_of, handle
+from perdure.home.skills.starts.containers import handle
 
 DRAWS = 40
 
@@ -128,7 +128,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
 
 def test_a_place_into_the_fridge_finds_it_open_and_others_leave_it_as_it_is():
     for episode, target, start in draws("place", "prepare_groceries"):
-        inside = container_of(episode.apartment(), episode.goals[target]) == "top_door"
+        inside = episode.apartment().container(episode.goals[target].receptacle) == "top_door"
         assert inside == (target == 2)
         assert list(start.opened) == (["top_door"] if inside else [])
 

@@ -36,17 +36,13 @@ class CollisionQuery:
         self._start: FloatArray = np.array(lane.qpos)
         self._held = lane.held
 
-    def open(self, link: int, position: float) -> None:
-        """Move a drawer or door in the query's world."""
-        self._start[self.lane.scene.link_qpos[link]] = position
-
     def handles(self) -> FloatArray:
-        """Return handles of all drawers and doors in the query's world. Shape (links, 3)."""
+        """Return the handles of all drawers and doors in the room. Shape (links, 3)."""
         scene = self.lane.scene
         return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
 
     def position(self, link: int) -> float:
-        """Return how far a drawer or door is open in the query's world."""
+        """Return how far a drawer or door is open in [m] or [rad]."""
         return float(self._start[self.lane.scene.link_qpos[link]])
 
     def in_fridge(self, point: FloatArray) -> bool:
@@ -58,13 +54,12 @@ class CollisionQuery:
         local = fridge.pose.to_local(np.asarray(point))
         return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
 
-    def depth(self, base: Pose, arm: ArrayLike, held: int | None = None, firm: int = -1) -> float:
+    def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
         """Return the penetration of the robot and the held object at a pose in [m], 0 for free.
 
         Args:
             base: Where it stands.
             arm: Joint angles. Shape (7,).
-            held: Number of the object in its hand; what the lane holds when None, -1 for none.
             firm: An object that must not be pushed aside.
         """
         scene, data = self.lane.scene, self._data
@@ -72,25 +67,24 @@ class CollisionQuery:
         robot = data.qpos[scene.robot_qpos]
         robot[:3] = base.x, base.y, base.yaw
         robot[TORSO], robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
-        held = self._held if held is None else held
-        if held >= 0:
+        if self._held >= 0:
             position, rotation = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
-            address = scene.object_qpos[held]
+            address = scene.object_qpos[self._held]
             data.qpos[address : address + 3] = position
             self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
         self._mujoco.mj_kinematics(self.lane.model, data)
         self._mujoco.mj_collision(self.lane.model, data)
-        return self._deepest(held, firm)
+        return self._deepest(firm)
 
-    def _deepest(self, held: int, firm: int) -> float:
+    def _deepest(self, firm: int) -> float:
         scene, contact = self.lane.scene, self._data.contact
         geoms, distance = contact.geom, contact.dist
         if not len(distance):
             return 0.0
         robot = scene.robot_geoms[geoms]
         ours = robot.any(axis=1)
-        if held >= 0:
-            carried = np.isin(geoms, scene.object_geoms[held])
+        if self._held >= 0:
+            carried = np.isin(geoms, scene.object_geoms[self._held])
             ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
         # What can be pushed aside is less of an obstacle than what cannot.
         loose = scene.loose_geoms[geoms].any(axis=1)
@@ -99,14 +93,10 @@ class CollisionQuery:
         deep = np.maximum(-distance - TOLERATED, 0.0) * np.where(loose, PUSHED, 1.0)
         return float(deep[ours].max()) if ours.any() else 0.0
 
-    def path_depth(
-        self, base: Pose, start: ArrayLike, end: ArrayLike, held: int | None = None, firm: int = -1, points: int = 8
-    ) -> float:
+    def path_depth(self, base: Pose, start: ArrayLike, end: ArrayLike, firm: int = -1, points: int = 8) -> float:
         """Return the deepest touch on the straight way between two arm poses, both ends included, in [m]."""
         first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        return max(
-            self.depth(base, first + share * (last - first), held, firm) for share in np.linspace(0.0, 1.0, points)
-        )
+        return max(self.depth(base, first + share * (last - first), firm) for share in np.linspace(0.0, 1.0, points))
 
 
 def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -29,9 +29,7 @@ INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
 """The same in a fridge, where one object may stand in front of another."""
 
 
-def pick_gripper_goals(
-    point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool, slopes: Sequence[float] | None = None
-) -> list[GripperGoal]:
+def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool) -> list[GripperGoal]:
     """Return poses in which the magic grasp takes the object and nothing else.
 
     Args:
@@ -39,10 +37,9 @@ def pick_gripper_goals(
         origin: From where the robot comes, on the floor. Shape (2,).
         neighbors: Middles of other objects, and handles. Shape (k, 3).
         inside: Whether it lies in a fridge: then the gripper comes from the front, not from above.
-        slopes: How steeply the gripper points down, in [rad].
     """
     gripper_goals = []
-    for slope in slopes or (INSIDE_SLOPES if inside else SLOPES):
+    for slope in INSIDE_SLOPES if inside else SLOPES:
         for turn in INSIDE_TURNS if inside else TURNS:
             approach = _direction(point, origin, slope, turn)
             for standoff in STANDOFFS:

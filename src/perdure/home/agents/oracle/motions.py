@@ -13,18 +13,7 @@ from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
 from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
-from perdure.home.sim.world import (
-    ACTION_SIZE,
-    ARM,
-    ARM_STEP,
-    CONTROL_HZ,
-    FORWARD,
-    GRIP,
-    LEAVE,
-    TURN,
-    Lane,
-    World,
-)
+from perdure.home.sim.world import ACTION_SIZE, ARM, ARM_STEP, CONTROL_HZ, FORWARD, GRIP, LEAVE, TURN, Lane, World
 from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
 
@@ -42,11 +31,6 @@ AHEAD = 6
 """Look-ahead on a path in waypoints of 5 cm."""
 ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
-
-
-def never() -> bool:
-    """Return False."""
-    return False
 
 
 @dataclass
@@ -84,7 +68,9 @@ def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
     return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
 
 
-def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = never) -> Motion:
+def move_arm(
+    view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = lambda: False
+) -> Motion:
     """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
 
     Rolls go the shorter way round. Ends early as soon as `until` holds.
@@ -101,8 +87,7 @@ def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: C
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
     """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (7,)."""
     same = pose.copy()
-    for joint in ROLLS:
-        same[joint] += 2.0 * np.pi * np.round((now[joint] - pose[joint]) / (2.0 * np.pi))
+    same[ROLLS] += 2.0 * np.pi * np.round((now - pose)[ROLLS] / (2.0 * np.pi))
     return same
 
 
@@ -119,7 +104,7 @@ def rest_arm(view: View) -> Motion:
     yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
 
 
-def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:
+def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = lambda: False) -> Motion:
     """Turn to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
     yield from turn_to(view, yaw)
     start = view.base
@@ -134,13 +119,13 @@ def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], boo
     yield view.action()
 
 
-def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
+def turn_to(view: View, yaw: float) -> Motion:
     """Turn on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
     stuck = Stuck()
     direction = 0.0
     for _ in range(200):
         error = float(wrap(np.array(yaw - view.base.yaw)))
-        if abs(error) < within:
+        if abs(error) < 0.02:
             return
         if direction and abs(error) > 0.3:
             error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
@@ -237,8 +222,7 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
     step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
-    within: FloatArray = np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm
-    return within
+    return np.asarray(np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm)
 
 
 def together(first: Motion, second: Motion) -> Motion:

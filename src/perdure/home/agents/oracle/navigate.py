@@ -70,8 +70,7 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
     space = free_space(apartment, dict(opened))
     tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
     near = plane.clearance(space.centers, tall)
-    cost: FloatArray = 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
-    return cost
+    return 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
 
 
 def _plan(view: View, skill_goal: SkillGoal, toward: str, stands: list[Pose]) -> ReachPlan | None:

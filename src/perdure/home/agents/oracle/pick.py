@@ -12,7 +12,6 @@ from perdure.home.agents.oracle.motions import (
     Motion,
     View,
     move_arm,
-    never,
     rest_arm,
     settled,
     together,
@@ -76,7 +75,7 @@ def plan_pick(
     return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
 
 
-def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
+def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = lambda: False) -> Motion:
     """Drive to the entry of a plan, move the arm to its poses, drive on to the plan's base pose.
 
     Ends early as soon as `until` holds.

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.sim.apartments import FreeSpace, Pose
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.robot import reach_many
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
@@ -223,7 +222,7 @@ def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequenc
 
 
 def around(
-    space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int, cost: FloatArray
+    space: FreeSpace, cells: IntArray, point: FloatArray, best: float, count: int, cost: FloatArray
 ) -> Iterator[Pose]:
     """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out.
 

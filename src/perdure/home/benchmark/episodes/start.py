@@ -12,6 +12,7 @@ from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
+from perdure.home.sim.apartments.free_space import CELL
 
 ARM_LOW = 0.6
 """Furniture that ends below this height in [m] does not meet the arm at rest."""
@@ -48,5 +49,5 @@ def start_poses(apartment: Apartment, episode: Episode, seed: int) -> Iterator[P
         discs = pose.to_room(np.stack([np.linspace(ARM_FROM, ARM_TO, 8), np.zeros(8)], axis=-1))
         if plane.clearance(discs, tall).min() < ARM_RADIUS or not plane.inside(discs, apartment.room).all():
             continue
-        if space.nearest(point[None])[1][0] <= space.cell:
+        if space.nearest(point[None])[1][0] <= CELL:
             yield pose

@@ -39,8 +39,7 @@ def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
         reached nor met ends the look, so that one step may reach several stages but never leave one out.
     """
     met = np.stack([stage.met(facts) for stage in task.stages], axis=-1)
-    now: BoolArray = np.logical_and.accumulate(reached | met, axis=-1)
-    return now
+    return np.logical_and.accumulate(reached | met, axis=-1)
 
 
 def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
@@ -147,5 +146,4 @@ def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArra
     for k, stage in enumerate(task.stages):
         if stage.placed is not None:
             kept[..., k:] &= stabilizing[..., stage.placed, None]
-    result: BoolArray = reached & kept
-    return result
+    return reached & kept

@@ -41,8 +41,7 @@ class Stage:
 
     def met(self, facts: WorldFacts) -> BoolArray:
         """Return where all conditions are met, whatever happened before. Shape (*)."""
-        result: BoolArray = np.all([condition.holds(facts) for condition in self.conditions], axis=0)
-        return result
+        return np.asarray(np.all([condition.holds(facts) for condition in self.conditions], axis=0))
 
     @property
     def placed(self) -> int | None:

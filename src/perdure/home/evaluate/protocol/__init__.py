@@ -9,7 +9,7 @@ Contents:
 """
 
 from perdure.home.evaluate.protocol.naming import read_strategy, strategy_name
-from perdure.home.evaluate.protocol.policies import choose_policies, logged_policies, make_actors, shipped_policy
+from perdure.home.evaluate.protocol.policies import choose_policies, logged_policies, make_actors
 from perdure.home.evaluate.protocol.protocol import Protocol
 from perdure.home.evaluate.protocol.release_choice import ReleaseChoice, read_release
 from perdure.home.evaluate.protocol.run import run_protocol
@@ -26,6 +26,5 @@ __all__ = [
     "read_release",
     "read_strategy",
     "run_protocol",
-    "shipped_policy",
     "strategy_name",
 ]

@@ -36,10 +36,10 @@ def footprints(
 
 
 def apartment_footprints(
-    apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
+    apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB
 ) -> FloatArray:
     """Return footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
-    parts = [footprints(piece, opened, low, high) for piece in (*apartment.walls, *apartment.pieces)]
+    parts = [footprints(piece, opened, low) for piece in (*apartment.walls, *apartment.pieces)]
     return np.concatenate(parts)
 
 

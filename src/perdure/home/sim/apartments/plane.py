@@ -29,8 +29,7 @@ def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
         out_x = np.maximum(np.abs(cos * dx + sin * dy) - half_x, 0.0)
         out_y = np.maximum(np.abs(cos * dy - sin * dx) - half_y, 0.0)
         np.minimum(best, out_x * out_x + out_y * out_y, out=best)
-    distance: FloatArray = np.sqrt(best)
-    return distance
+    return np.asarray(np.sqrt(best))
 
 
 def corners(rectangles: FloatArray) -> FloatArray:

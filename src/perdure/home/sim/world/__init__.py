@@ -21,7 +21,6 @@ from perdure.home.sim.world.actions import (
     NAVIGATION_SPEED,
     RELEASE,
     STOP,
-    STOP_LEVEL,
     TURN,
 )
 from perdure.home.sim.world.lane import Jaws, Lane
@@ -59,7 +58,6 @@ __all__ = [
     "SCAN_ANGLES",
     "SCAN_RANGE",
     "STOP",
-    "STOP_LEVEL",
     "TURN",
     "Jaws",
     "Lane",

@@ -94,8 +94,7 @@ class Lane:
     @property
     def links(self) -> FloatArray:
         """How far each drawer and door is open, in the order of `Scene.links`. Shape (links,)."""
-        positions: FloatArray = self.qpos[self.scene.link_qpos]
-        return positions
+        return self.qpos[self.scene.link_qpos]
 
     def forward(self) -> None:
         """Renew what MuJoCo derives from positions, without a step."""

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.arrays import FloatArray
-
-IntArray = NDArray[np.int32]
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 
 REACH = 1.6
 """Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
@@ -29,25 +27,25 @@ SWING = 1.0
 class Nearby:
     """Bounding boxes of the colliding bodies of a scene."""
 
-    contype: IntArray
+    contype: NDArray[np.int32]
     """As compiled. Shape (bodies,)."""
-    conaffinity: IntArray
+    conaffinity: NDArray[np.int32]
     """As compiled. Shape (bodies,)."""
     low: FloatArray
     """Corners of boxes around static furniture and drawers, doors, as far as they move. Shape (bodies, 2)."""
     high: FloatArray
     """Shape (bodies, 2)."""
-    fixed: NDArray[np.bool_]
+    fixed: BoolArray
     """Bodies whose box is known beforehand; the others are objects and the robot. Shape (bodies,)."""
-    ours: NDArray[np.bool_]
+    ours: BoolArray
     """The robot's bodies. Shape (bodies,)."""
-    object_bodies: NDArray[np.int64]
+    object_bodies: IntArray
     """Shape (objects,)."""
     robot_tree: int
     """Number of the robot's kinematic tree."""
 
     @staticmethod
-    def of(model: Any, object_bodies: NDArray[np.int64]) -> Nearby:
+    def of(model: Any, object_bodies: IntArray) -> Nearby:
         """Measure a compiled model.
 
         Args:
@@ -87,7 +85,7 @@ class Nearby:
             robot_tree=int(model.body_treeid[root]),
         )
 
-    def around(self, base: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
+    def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
         """Return which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
 
         Args:
@@ -98,7 +96,7 @@ class Nearby:
             Shape (bodies,).
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
-        near: NDArray[np.bool_] = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
+        near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
         near |= self.ours
         if len(objects):
             apart = objects - base

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
 from perdure.home.sim.world.neighbors import Neighbors
 from perdure.home.sim.world.scene import CONTROL_HZ
@@ -41,7 +40,7 @@ class Readings:
         self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
         self._point[number], self._axes[number] = lane.gripper, lane.gripper_axes
 
-    def move_grippers(self, chosen: IntArray, calm: NDArray[np.bool_]) -> None:
+    def move_grippers(self, chosen: IntArray, calm: BoolArray) -> None:
         """Where the grippers are now that the joints are read; where `calm` they have no past to have a speed."""
         point, axes, base = self._point[chosen], self._axes[chosen], self.robot[chosen, :3]
         cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])

@@ -12,11 +12,10 @@ from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, build_apartment
-from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
@@ -141,19 +140,19 @@ class Scene:
         return tuple(np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in bodies)
 
     @cached_property
-    def robot_geoms(self) -> NDArray[np.bool_]:
+    def robot_geoms(self) -> BoolArray:
         """Which geoms belong to the robot. Shape (geoms,)."""
         root = int(self.model.body("robot").id)
         return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
 
     @cached_property
-    def loose_geoms(self) -> NDArray[np.bool_]:
+    def loose_geoms(self) -> BoolArray:
         """Which geoms belong to objects. Shape (geoms,)."""
         bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
         return np.isin(self.model.geom_bodyid, bodies)
 
     @cached_property
-    def arm_geoms(self) -> NDArray[np.bool_]:
+    def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
         model, inside = self.model, set()
         first = int(model.body("shoulder_pan_link").id)

@@ -14,15 +14,8 @@ from perdure.home.sim.apartments import Apartment, Pose
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.world import Lane
 
-FRIDGE_DOOR = "top_door"
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
-
-
-def container_of(apartment: Apartment, placement: Placement) -> str | None:
-    """Return the link name of the drawer or door in front of a placement, None when it is in the open."""
-    receptacle = apartment.receptacle(placement.receptacle)
-    return FRIDGE_DOOR if apartment.piece(receptacle.piece).kind == "fridge" else receptacle.link
 
 
 def needed_container(episode: Episode, target: int) -> str:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, FreeSpace, Pose, free_space
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray, FloatArray
 
 NEAR = 2.0
 """Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
@@ -35,8 +32,7 @@ class Rectangle:
     def contains(self, local: FloatArray) -> BoolArray:
         """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
         x, y = local[:, 0], np.abs(local[:, 1])
-        inside: BoolArray = (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
-        return inside
+        return (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
 
 
 def closed_space(apartment: Apartment) -> FreeSpace:

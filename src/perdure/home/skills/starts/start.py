@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.world import Lane, Scene, SkillGoal, World
-
-FloatArray = NDArray[np.float64]
 
 TRIES = 1000
 """Largest number of draws for one start state; published episodes need a few dozen at most."""
@@ -72,12 +70,9 @@ def put(world: World, lane: int, scene: Scene, start: Start) -> None:
     world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal)
     one = world.lane(lane)
     for number, placement in start.moved.items():
-        address = scene.object_qpos[number]
-        one.qpos[address : address + 7] = *placement.position, *placement.quaternion
+        one.object(number)[0][:] = *placement.position, *placement.quaternion
     if start.moved:
-        import mujoco
-
-        mujoco.mj_forward(one.model, one.data)
+        one.forward()
 
 
 def touching(lane: Lane) -> float:
