@@ -48,6 +48,7 @@ class Articulated(Skill):
     }
     slack = 0.0
     moves_link = True
+    ends_with_empty_hand = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
     accepted: ClassVar[tuple[float, float]]

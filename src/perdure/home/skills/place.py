@@ -76,6 +76,7 @@ class Place(Skill):
     grip_text = "below 0: let go; place never grasps"
     force_limit = 7500.0
     object_at_start = "gripper"
+    ends_with_empty_hand = True
 
     delta: int = 1
     """Delta: number of steps the object must stay."""

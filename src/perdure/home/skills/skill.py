@@ -91,6 +91,8 @@ class Skill(ABC):
     """Where the target object is when the skill begins."""
     moves_link: ClassVar[bool] = False
     """Whether the skill moves a drawer or door."""
+    ends_with_empty_hand: ClassVar[bool] = False
+    """Whether the executor opens the hand after a time-out (M3)."""
 
     @property
     def limit(self) -> int:

@@ -15,12 +15,13 @@ from perdure.home.agents.actor import Actor, Scripted
 from perdure.home.agents.oracle import Oracle
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.execute.executor import Running
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import Lane, World
 from perdure.home.skills import Skill, get_skill
 from perdure.home.video.narrate import Narrator
-from perdure.home.video.render_scene import RenderScene
+from perdure.home.video.render_scene import put, render_scene
 
 FrameObserver = Callable[[World, Lane, Narrator], bool]
 """Called after every control step with the world, the render scene's lane and the captions. False ends the episode."""
@@ -54,18 +55,19 @@ def render_episode(
     acting: Mapping[str, Actor] = actors or {n: Scripted() if n == "reset_arm" else oracle for n in names}
     options = replace(options or ExecutorOptions(), lanes=1, threads=1, settle_steps=AFTERWARDS)
 
-    def after_step(world: World, episodes: Mapping[int, Episode]) -> None:
-        narrator.after_step(world)
-        scene.put(world.lane(0).qpos)
-        if not observe(world, scene.lane, narrator):
+    lane = render_scene(episode, options.eval_seed)
+
+    def after_step(world: World, running: Mapping[int, Running]) -> None:
+        narrator.after_step(world, running[0])
+        put(lane, world.lane(0).qpos)
+        if not observe(world, lane, narrator):
             raise _StoppedError
 
-    executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.track(acting), options)
-    with RenderScene(episode, options.eval_seed) as scene:
-        try:
-            return next(iter(executor.run([episode], after_step)))
-        except _StoppedError:
-            return None
+    executor = Executor(skills or {name: get_skill(name) for name in names}, acting, options)
+    try:
+        return next(iter(executor.run([episode], after_step)))
+    except _StoppedError:
+        return None
 
 
 def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:

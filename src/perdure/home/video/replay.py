@@ -13,6 +13,7 @@ from perdure.home.benchmark.episodes import Episode, episode_hash, load_episodes
 from perdure.home.benchmark.tasks import SETTLE_STEPS
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.execute.executor import Running
 from perdure.home.evaluate.log import EpisodeLog, History
 from perdure.home.evaluate.outcomes import Counting, Label, label, noted_policies, read_logs, read_notes
 from perdure.home.evaluate.outcomes.files import check_distinct
@@ -137,7 +138,7 @@ def replay_failure(failure: Failure, agent: Agent) -> Replay:
     """Run an episode again with the settings of its log."""
     states: list[FloatArray] = []
 
-    def observe(world: World, episodes: Mapping[int, Episode]) -> None:
+    def observe(world: World, running: Mapping[int, Running]) -> None:
         states.append(world.lane(0).qpos.copy())
 
     log = failure.log

@@ -16,17 +16,12 @@ from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
 from perdure.home.benchmark.tasks import SETTLE_STEPS, SkillStep
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.execute.recorder import Recorder, final_objects, record_table
+from perdure.home.evaluate.execute.recorder import Recorder, door_links, final_objects, record_table
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, SkillRun
 from perdure.home.sim.arrays import IntArray
 from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
 from perdure.home.skills import Progress, Skill, make_skill_goal
 
-StepObserver = Callable[[World, Mapping[int, Episode]], None]
-"""Called after every control step with the world and the running episode of each lane."""
-
-HANDS_OPENED = ("place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
-"""Skills after whose time-out the hand is opened by force (M3)."""
 OVERTIME = 150
 """Steps that a release strategy may take beyond the step limit of place."""
 
@@ -53,8 +48,8 @@ class ExecutorOptions:
 
 
 @dataclass
-class _Running:
-    """A lane's episode while it runs."""
+class Running:
+    """An episode while it runs in a lane."""
 
     episode: Episode
     plan: tuple[SkillStep, ...]
@@ -68,8 +63,18 @@ class _Running:
     """Steps of the settling time so far, None before it."""
 
     @property
+    def begun(self) -> int:
+        """Number of steps of the plan that have begun."""
+        return len(self.recorder.ended) + (self.settling is None)
+
+    @property
     def current(self) -> SkillStep | None:
-        return self.plan[len(self.recorder.ended)] if self.settling is None else None
+        """The running step of the plan, None in the settling time."""
+        return self.plan[self.begun - 1] if self.settling is None else None
+
+
+StepObserver = Callable[[World, Mapping[int, Running]], None]
+"""Called after every control step with the world and the running episode of each lane."""
 
 
 class Executor:
@@ -116,7 +121,7 @@ class Executor:
         options = self._options
         world = World(min(options.lanes, len(episodes)), options.threads, options.jaws)
         waiting = list(reversed(episodes))
-        running: list[_Running | None] = [None] * world.num_lanes
+        running: list[Running | None] = [None] * world.num_lanes
         self._progress: Progress | None = None
         try:
             for lane in range(world.num_lanes):
@@ -126,7 +131,7 @@ class Executor:
                 lanes = np.array([k for k, each in enumerate(running) if each is not None])
                 self._step(world, lanes, running)
                 if observe is not None:
-                    observe(world, {int(k): running[int(k)].episode for k in lanes})  # type: ignore[union-attr]
+                    observe(world, {k: each for k, each in enumerate(running) if each is not None})
                 for lane in lanes.tolist():
                     each = running[lane]
                     assert each is not None
@@ -139,15 +144,12 @@ class Executor:
         finally:
             world.close()
 
-    def _start(self, world: World, lane: int, episode: Episode) -> _Running:
+    def _start(self, world: World, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        containers = [episode.container(target) for target in range(len(episode.goals))]
-        drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
-        doors = drawer, scene.links.index("top_door")
-        return _Running(episode, episode.home_task.skills, Recorder(episode), doors)
+        return Running(episode, episode.home_task.skills, Recorder(episode), door_links(episode, scene))
 
-    def _begin_skills(self, world: World, lanes: Sequence[int], running: list[_Running | None]) -> None:
+    def _begin_skills(self, world: World, lanes: Sequence[int], running: list[Running | None]) -> None:
         """Begin the next skill of these lanes' plans; all of them run and have one."""
         for lane in lanes:
             each = running[lane]
@@ -166,7 +168,7 @@ class Executor:
             for lane in group.tolist():
                 self._actors[name].begin(world, lane, skill)
 
-    def _step(self, world: World, lanes: IntArray, running: list[_Running | None]) -> None:
+    def _step(self, world: World, lanes: IntArray, running: list[Running | None]) -> None:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(lanes, running)
@@ -193,7 +195,7 @@ class Executor:
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
-    def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
+    def _groups(self, lanes: IntArray, running: list[Running | None]) -> dict[str, IntArray]:
         """Return the lanes at each skill; lanes in their settling time are in no group."""
         groups: dict[str, list[int]] = {}
         for lane in lanes:
@@ -203,7 +205,7 @@ class Executor:
         return {name: np.array(group) for name, group in groups.items()}
 
     def _end_skills(
-        self, world: World, name: str, group: IntArray, state: PrivilegedState, running: list[_Running | None]
+        self, world: World, name: str, group: IntArray, state: PrivilegedState, running: list[Running | None]
     ) -> None:
         """End skills that stop or run out of time, and begin the next ones."""
         skill = self._skills[name]
@@ -223,14 +225,14 @@ class Executor:
             at_limit = each.step >= each.episode.home_task.max_steps
             if stopped or out_of_time or at_limit:
                 ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
-                forced = ending == "timed out" and name in HANDS_OPENED and not bool(state.empty_hand[row])
+                forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
                 if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
                     going_on.append(lane)
         if going_on:
             self._begin_skills(world, going_on, running)
 
     @staticmethod
-    def _end_skill(world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool) -> bool:
+    def _end_skill(world: World, lane: int, each: Running, how: tuple[Ending, bool, bool], at_limit: bool) -> bool:
         """Record how a lane's skill ended, and return whether the plan goes on."""
         step, ended = each.current, each.recorder.ended
         assert step is not None
@@ -242,7 +244,7 @@ class Executor:
         return each.settling is None
 
     @staticmethod
-    def _record(world: World, lanes: IntArray, running: list[_Running | None], state: PrivilegedState) -> None:
+    def _record(world: World, lanes: IntArray, running: list[Running | None], state: PrivilegedState) -> None:
         everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
         doors = [each.doors for each in everyone]
         table = record_table(world, lanes, state, len(everyone[0].episode.goals), doors)

@@ -10,9 +10,10 @@ import numpy as np
 from perdure.home.benchmark.episodes import Episode, episode_hash
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts
 from perdure.home.evaluate.log import EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
-from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
+from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, Scene, World
 from perdure.home.sim.world.state import norm
 
 
@@ -87,7 +88,7 @@ def record_table(
     up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
     speed = np.sqrt((velocities**2).sum(axis=2))
     columns = (
-        *(poses[:, :, :3], held_target(state, targets), _opened(world, lanes, doors)),
+        *(poses[:, :, :3], held_target(state, targets), opened(world, lanes, doors)),
         *(state.base, state.gripper, up, speed, state.contact_force),
     )
     return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
@@ -111,7 +112,14 @@ def held_target(state: PrivilegedState, targets: int) -> IntArray:
     return np.where((held == NOTHING) & ~state.empty_hand, SOMETHING_ELSE, held)
 
 
-def _opened(world: World, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
+def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
+    """Return the numbers of the task's drawer (-1 for none) and of the fridge's upper door in `Scene.links`."""
+    containers = [episode.container(target) for target in range(len(episode.goals))]
+    drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
+    return drawer, scene.links.index(FRIDGE_DOOR)
+
+
+def opened(world: World, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
     """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
     rows = []
     for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
@@ -122,5 +130,5 @@ def _opened(world: World, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> 
 
 def _target(episode: Episode, number: int) -> Target:
     goal, link = episode.goals[number], episode.container(number)
-    container = "" if link is None else "fridge" if link == "top_door" else "drawer"
+    container = "" if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
     return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)
