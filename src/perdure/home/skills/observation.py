@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.sim.world import BEAMS, SCAN_RANGE, PrivilegedState
 from perdure.home.sim.world.state import norm, wrap
-from perdure.home.skills.progress import FloatArray, Progress
+from perdure.home.skills.progress import Progress
 
 SECTORS = BEAMS // 2
 SECTOR_DEPTH = 1.0
@@ -53,10 +54,7 @@ def vector(name: str, meaning: str, axes: str = "xyz", unit: str = "m", bound: f
 def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -> ObservationTerm:
     """Return the term of a point of the room: relative to the gripper point, then in the base frame.
 
-    Args:
-        name: Prefix of the six elements.
-        what: The point, in words.
-        read: Returns the points in the room. Shape (n, 3).
+    `name` is the prefix of the six elements, `what` the point in words; `read` returns the points in the room, (n, 3).
     """
     elements = (
         *vector(f"{name}_from_gripper", f"vector from the gripper point to {what}"),
@@ -68,8 +66,7 @@ def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -
 def reaching(force_limit: float) -> ObservationTerm:
     """Return the term for reaching into furniture: contact forces, and the side on which the furniture is open.
 
-    Args:
-        force_limit: Sum of force increases in [N] that ends the skill.
+    `force_limit` is the sum of force increases in [N] that ends the skill.
     """
     elements = (
         Element("contact", "log(1 + contact force / 20 N)", "1", 0.0),

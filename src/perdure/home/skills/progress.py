@@ -53,13 +53,7 @@ class Progress:
 
 
 def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
-    """Return a copy of a record of arrays in which the rows of `lanes` come from another record.
-
-    Args:
-        record: A dataclass whose fields are arrays with one row for each lane.
-        lanes: Numbers of the rows to replace. Shape (m,).
-        other: A record of the same class with m rows.
-    """
+    """Return a copy of a dataclass of arrays in which the rows of `lanes` (m,) come from another one with m rows."""
     changed = {}
     for each in fields(record):
         column = getattr(record, each.name).copy()

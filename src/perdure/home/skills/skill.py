@@ -15,21 +15,13 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot.data import BASE_RADIUS
 from perdure.home.sim.world import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP, PrivilegedState, SkillGoal
 from perdure.home.skills import starts
 from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTerm, rest_distance
-from perdure.home.skills.progress import (
-    HANDLE_LIMIT,
-    HOLD_LIMIT,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Progress,
-    counted_force,
-    invalid_grasp,
-)
+from perdure.home.skills.progress import HANDLE_LIMIT, HOLD_LIMIT, Progress, counted_force, invalid_grasp
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim
 
@@ -159,10 +151,7 @@ class Skill(ABC):
     def aim(self, episode: Episode, target: int, opened: Mapping[str, float]) -> Aim:
         """Return what navigation to this skill should face. Objects count as unmoved since the start (M3).
 
-        Args:
-            episode: The episode.
-            target: Number of the target.
-            opened: Positions of open drawers and doors by link name.
+        `opened` are the positions of open drawers and doors by link name.
         """
         placement = self.placement(episode, target)
         return Aim(placement.position, episode.apartment().container(placement.receptacle))
@@ -170,13 +159,9 @@ class Skill(ABC):
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
     ) -> SkillGoal:
-        """Return the goal of the skill in an episode.
+        """Return the goal of the skill in an episode; `toward` is the name of the next skill, for navigation.
 
-        Args:
-            episode: The episode.
-            target: Number of the target.
-            opened: Positions of open drawers and doors by link name.
-            toward: For navigation, the name of the next skill.
+        `opened` are the positions of open drawers and doors by link name.
         """
         aim, apartment = self.aim(episode, target, opened), episode.apartment()
         return SkillGoal(

@@ -19,7 +19,6 @@ def serve_episode(
     port: int = 8080,
     speed: float = 1.0,
     seed: int = 0,
-    repeats: int | None = None,
     report: Callable[[str], None] = print,
 ) -> None:
     """Show the oracle in an episode, over and over, on a page served by this machine.
@@ -29,7 +28,6 @@ def serve_episode(
         port: Port of the server.
         speed: Playback speed relative to real time.
         seed: Evaluation seed: draws the robot's start pose.
-        repeats: How often the episode is shown; without end when None.
         report: Called with the address, and with each new step of the plan.
 
     Raises:
@@ -45,11 +43,9 @@ def serve_episode(
     server = viser.ViserServer(port=port, verbose=False)
     report(f"http://localhost:{server.get_port()}")
     try:
-        shown = 0
-        while repeats is None or shown < repeats:
+        while True:
             server.scene.reset()
             render_episode(episode, _Broadcast(mjviser, server, speed, report), ExecutorOptions(eval_seed=seed))
-            shown += 1
     finally:
         server.stop()
 

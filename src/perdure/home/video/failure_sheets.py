@@ -42,14 +42,9 @@ NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
 
 
 def failure_sheet(failure: Failure, replay: Replay) -> Picture:
-    """Return the pictures of a replay, two rows of four, under a title.
+    """Return the pictures of a replay, two rows of four, under a title. Shape (height, width, 3).
 
-    Args:
-        failure: The logged failure.
-        replay: Its replay; the replay's own label is shown where it has one.
-
-    Returns:
-        Shape (height, width, 3).
+    The replay's own label is shown where it has one.
 
     Raises:
         HomeError: If no picture can be drawn on this machine.
@@ -132,12 +127,9 @@ class _Camera(Follower):
     """A camera with one direction for all pictures of a sheet, the one with the fewest occlusions."""
 
     def shots(self, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
-        """Return a shot for each state.
+        """Return a shot for each state (nq,) that shows two points (2, 3), the more important one first.
 
-        Args:
-            states: `qpos` of each picture. Shape (nq,).
-            points: The two things to see in each, the more important one first. Shape (2, 3).
-            exclude: Number of the object that does not hide itself.
+        `exclude` is the number of the object that does not hide itself.
         """
         scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
         framings = []

@@ -25,6 +25,9 @@ from perdure.home.video.render_episode import focus, render_episode
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip
 
+COLUMNS = 4
+"""Pictures in a row of a contact sheet."""
+
 
 @dataclass(frozen=True)
 class FilmOptions:
@@ -61,13 +64,7 @@ class FilmOptions:
 
 
 def film_episode(episode: Episode, path: Path, options: FilmOptions | None = None) -> EpisodeLog | None:
-    """Film the oracle, and return the episode's log, None when the film ended before the episode.
-
-    Args:
-        episode: The episode.
-        path: The film: `.mp4` or `.gif`.
-        options: Settings.
-    """
+    """Film the oracle as `.mp4` or `.gif`; return the episode's log, None when the film ended before the episode."""
     options = options or FilmOptions()
     with open_film(path) as film, ExitStack() as stack:
         return render_episode(episode, FrameWriter(options, film, stack).after_step, options.executor)
@@ -109,14 +106,11 @@ class _CaptionStudio(Studio):
         return write_strip(picture, narrator.caption(), self._film_options.speed)
 
 
-def contact_sheet(
-    episode: Episode, columns: int = 4, options: FilmOptions | None = None
-) -> tuple[Picture, EpisodeLog | None]:
+def contact_sheet(episode: Episode, options: FilmOptions | None = None) -> tuple[Picture, EpisodeLog | None]:
     """Return pictures of the oracle side by side, one for each stage as it is reached, and the episode's log.
 
     Args:
         episode: The episode.
-        columns: Pictures in a row.
         options: Camera, size of one picture, seed.
 
     Returns:
@@ -141,7 +135,7 @@ def contact_sheet(
         log = render_episode(episode, after_step, options.executor)
     if not pictures:
         raise HomeError(f"the oracle reached no stage of {episode.name}: there is nothing to show")
-    return tile(pictures, columns), log
+    return tile(pictures, COLUMNS), log
 
 
 def tile(pictures: Sequence[Picture], columns: int, gap: int = 6) -> Picture:

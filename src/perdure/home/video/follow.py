@@ -40,12 +40,9 @@ class Follower:
         self._partitions = _partition_geoms(lane)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
-        """Return the camera a moment later.
+        """Return the camera `seconds` later.
 
-        Args:
-            focus: What it is about besides the robot, in the room. Shape (3,).
-            exclude: Number of the object that is the focus and so does not hide it, -1 for none.
-            seconds: How much later.
+        `focus` is a point of the room besides the robot, shape (3,); the object of number `exclude` does not hide it.
         """
         robot, gripper = self._robot()
         way = np.zeros(3) if focus is None else focus - robot

@@ -34,12 +34,7 @@ class Narrator:
     """Keeps the caption of one episode on lane 0 of an executor up to date."""
 
     def __init__(self, episode: Episode, begun: int = 0) -> None:
-        """Begin before the first step.
-
-        Args:
-            episode: The episode.
-            begun: Number of steps of the plan that have begun.
-        """
+        """Begin before the first step, or after `begun` steps of the plan."""
         self.episode = episode
         self._reached = np.zeros(len(episode.home_task.stages), dtype=bool)
         self._step, self._number = 0, begun

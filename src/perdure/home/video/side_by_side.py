@@ -11,6 +11,7 @@ from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillName
 from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.evaluate.page.words import describe
 from perdure.home.evaluate.protocol import Protocol, make_actors
 from perdure.home.evaluate.protocol.policies import SkillPolicy
 from perdure.home.evaluate.protocol.protocol import Vary
@@ -24,12 +25,6 @@ from perdure.home.video.words import write_title
 
 GAP = 8
 """Between two pictures, in pixels; even, as films need it."""
-WORDS = {
-    "rl": "releases when the policy commands it",
-    "stop": "stands still, releases",
-    "ik": "stands still, lowers by 5 cm, releases",
-    "ik+": "stands still, turns upright, lowers until contact, releases",
-}
 
 
 @dataclass(frozen=True)
@@ -37,7 +32,7 @@ class Agent:
     """Policies for all skills and a release strategy, with the texts written over its film."""
 
     title: str
-    """Such as `ik: stands still, lowers by 5 cm, releases`."""
+    """Such as `ik: stop, lower 5 cm`."""
     caption: str
     """Where learned policies act and where the oracle does."""
     actors: Mapping[str, Actor]
@@ -61,10 +56,8 @@ def make_agent(
     """
     protocol = Protocol(task, place, episodes=1, vary=vary, policies=policies or {})
     chosen = protocol.assignment(train_seed)
-    words = WORDS.get(place, f"trained to make objects stay for {protocol.release.delta} steps")
-    return Agent(
-        f"{place}: {words}", _caption(chosen), make_actors(chosen, protocol.release.strategy), protocol.skills()
-    )
+    actors = make_actors(chosen, protocol.release.strategy)
+    return Agent(f"{place}: {describe(place)}", _caption(chosen), actors, protocol.skills())
 
 
 def _caption(chosen: Mapping[SkillName, SkillPolicy]) -> str:

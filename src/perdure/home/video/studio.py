@@ -78,13 +78,12 @@ class Studio:
             self._context.free()
             self._context = None
 
-    def take(self, camera: str | Shot, marks: Sequence[Mark] = (), labels: bool = True) -> Picture:
+    def take(self, camera: str | Shot, marks: Sequence[Mark] = ()) -> Picture:
         """Return one picture of the present lane.
 
         Args:
             camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
             marks: Targets and goals to show.
-            labels: Whether their names are written beside them.
         """
         shot = self._shot(camera)
         if isinstance(shot, Shot):
@@ -104,7 +103,7 @@ class Studio:
         for mark, place in zip(marks, places, strict=True):
             self._add_mark(mark, place)
         picture = self._read()
-        if labels and isinstance(shot, Shot) and marks:
+        if isinstance(shot, Shot) and marks:
             picture = write_labels(picture, shot, marks, places)
         return picture
 
@@ -186,16 +185,9 @@ class Studio:
 def render_lane(
     lane: Lane, camera: str | Shot = "doll_house", size: tuple[int, int] = (900, 600), goals: Sequence[Mark] = ()
 ) -> Picture:
-    """Return one picture of a lane. For many of the same lane, a `Studio` is faster.
+    """Return one picture of a lane, shape (height, width, 3). For many of the same lane, a `Studio` is faster.
 
-    Args:
-        lane: What to take a picture of; its scene should be built with visuals.
-        camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
-        size: Width and height in pixels.
-        goals: Targets and goals to show, see `goal_marks`.
-
-    Returns:
-        Shape (height, width, 3).
+    Arguments as of `Studio` and `Studio.take`.
     """
     with Studio(lane, size) as studio:
         return studio.take(camera, goals)

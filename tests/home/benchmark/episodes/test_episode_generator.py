@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 from box_objects import SIZES, BoxObjects
+from publish_episodes import publish
 
 from perdure.home.benchmark.episodes import generate, generate_episode, generate_episodes, read_episodes, settle
-from perdure.home.benchmark.episodes.publish import publish
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import build_apartment, free_space, make_apartment

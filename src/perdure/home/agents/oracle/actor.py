@@ -64,6 +64,5 @@ class Oracle(Actor):
         if skill.name == "place":
             return place(view)
         if skill.name == "navigate":
-            skill_goal = view.world.skill_goal(view.number)
-            return navigate(view, skill_goal, skill_goal.toward)
+            return navigate(view)
         return articulate(view, *MOVES[skill.name])

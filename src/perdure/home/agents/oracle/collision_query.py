@@ -55,12 +55,9 @@ class CollisionQuery:
         return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
 
     def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
-        """Return the penetration of the robot and the held object at a pose in [m], 0 for free.
+        """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (7,).
 
-        Args:
-            base: Where it stands.
-            arm: Joint angles. Shape (7,).
-            firm: An object that must not be pushed aside.
+        `firm` is the number of an object that must not be pushed aside.
         """
         scene, data = self.lane.scene, self._data
         data.qpos[:] = self._start

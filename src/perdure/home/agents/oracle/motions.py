@@ -204,13 +204,8 @@ class Stuck:
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
     """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (7,).
 
-    Damped least squares; what the three equations leave open draws the arm to its pose of rest.
-
-    Args:
-        view: The lane.
-        point: Where to, in the room. Shape (3,).
-        speed: How fast at most, in [m/s].
-        tool: The point of the hand, from the gripper point along the gripper's axes. Shape (3,).
+    Damped least squares; what the three equations leave open draws the arm to its pose of rest. `tool` is the point of
+    the hand, from the gripper point along the gripper's axes; `speed` in [m/s] is the largest. Points of shape (3,).
     """
     position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
     arm = rotation @ tool

@@ -94,15 +94,8 @@ def plan_reach(
 ) -> ReachPlan | None:
     """Return the fastest collision-free plan to a gripper goal, else the plan with the least cost.
 
-    Args:
-        query: The world.
-        stands: Standing places.
-        gripper_goals: Gripper poses, all upright or none.
-        firm: An object that must not be pushed aside (the one to be grasped).
-        checks: Plans that are tested for touching, the quickest first.
-
-    Returns:
-        A plan, None when no standing place lets the arm reach.
+    None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
+    that must not be pushed aside. The quickest `checks` plans are tested for collisions.
     """
     candidates = _reachable(query, list(stands), gripper_goals)
     best: ReachPlan | None = None
@@ -145,15 +138,9 @@ def plan_from_here(
     firm: int = -1,
     others: Callable[[], Sequence[GripperGoal]] = tuple,
 ) -> ReachPlan | None:
-    """`plan_reach` from what one turn and one drive reach; when nothing is free from farther, in a fridge also finer.
+    """Return a plan from what one turn and one drive reach, facing a point (3,); when nothing is free, from farther.
 
-    Args:
-        query: The world.
-        base: Where the robot is.
-        gripper_goals: As for `plan_reach`.
-        point: What it faces. Shape (3,).
-        firm: As for `plan_reach`.
-        others: Further gripper_goals for the second look.
+    In a fridge also from finer drives and turns, then with the gripper goals `others()` in addition. See `plan_reach`.
     """
     found = [plan_reach(query, ahead(base, point, AHEAD, TURNS), gripper_goals, firm)]
     if found[0] is None or not found[0].free:
@@ -224,15 +211,10 @@ def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequenc
 def around(
     space: FreeSpace, cells: IntArray, point: FloatArray, best: float, count: int, cost: FloatArray
 ) -> Iterator[Pose]:
-    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out.
+    """Yield up to `count` standing places on cells, facing a point: those nearest to the distance `best` in [m] first.
 
-    Args:
-        space: The free space.
-        cells: Indices into its `centers`.
-        point: What to face. Shape (2,) or more.
-        best: Wanted distance from the point in [m].
-        count: How many at most.
-        cost: What standing on each cell of the free space costs, in meters of distance. Shape (n,).
+    `cells` are indices into the centers of the free space; `cost` is what standing on each of its cells costs, in
+    meters of distance, shape (n,).
     """
     centers = space.centers[cells]
     away = np.hypot(*(centers - point[:2]).T)

@@ -23,10 +23,7 @@ ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
     """Return the robot's start pose: uniform over the largest island and headings, the resting arm free of furniture.
 
-    Args:
-        apartment: The episode's apartment, `episode.apartment()`.
-        episode: The episode.
-        seed: The evaluation seed: the same seed gives the same pose, three seeds are three different runs.
+    `apartment` is the episode's; the same evaluation seed gives the same pose.
     """
     return next(start_poses(apartment, episode, seed))
 

@@ -71,10 +71,7 @@ class PlanProblem:
 
 
 def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
-    """Return the planning problem of a task or an episode.
-
-    Args:
-        task: A task, the name of one, or an episode, which also says which drawer it is.
+    """Return the planning problem of a task or an episode; an episode also says which drawer it is.
 
     Raises:
         HomeError: For an unknown task, one without targets, a door that is neither open nor closed at the start, a

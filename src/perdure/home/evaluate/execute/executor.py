@@ -112,12 +112,7 @@ class Executor:
             raise HomeError(f"skills and actors must have the same names; {', '.join(sorted(missing))} do not")
 
     def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
-        """Yield the log of each episode as soon as it has ended, so not always in order.
-
-        Args:
-            episodes: What to run.
-            observe: Called after every control step.
-        """
+        """Yield the log of each episode as soon as it has ended, so not always in order."""
         options = self._options
         world = World(min(options.lanes, len(episodes)), options.threads, options.jaws)
         waiting = list(reversed(episodes))

@@ -75,14 +75,9 @@ class Recorder:
 def record_table(
     world: World, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
 ) -> FloatArray:
-    """Return one row of a `Recorder` for each lane. Shape (lanes, width).
+    """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
 
-    Args:
-        world: The world after a control step.
-        lanes: Numbers of the lanes. Shape (lanes,).
-        state: The state of these lanes.
-        targets: Number of targets of the task.
-        doors: Link numbers of the task's drawer (-1 for none) and of the fridge's upper door, for each lane.
+    `state` is that of these lanes, `targets` the task's number of targets, `doors` the `door_links` of each lane.
     """
     poses, velocities = world.objects(lanes, targets)
     up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)

@@ -103,10 +103,8 @@ def placement(log: EpisodeLog, target: int) -> Release | None:
 def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
     """Return the failure cause of an episode: the first table of this file.
 
-    Args:
-        log: A failed episode.
-        stage: Number of its first unmet stage.
-        condition: What `counting.blamed` found, or `at(k)` for a placement that is not goal-stabilizing.
+    `stage` is the number of its first unmet stage, `condition` what `counting.blamed` found, or `at(k)` for a placement
+    that is not goal-stabilizing.
     """
     if log.diverged:
         return "diverged"

@@ -75,7 +75,7 @@ def _rows(table: pl.DataFrame, headings: Sequence[str], columns: Sequence[str]) 
     return [headings, *(tuple(map(_cell, row)) for row in table.select(columns).iter_rows())]
 
 
-def _cell(value: str | float | None) -> str:
+def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "cylinder" if value else "other"
     if isinstance(value, float):

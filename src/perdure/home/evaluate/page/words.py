@@ -33,9 +33,7 @@ _OUTCOMES = {
 def describe(strategy: str, with_world: bool = True) -> str:
     """Return what a release strategy does: "ik" -> "stop, lower 5 cm"; the name itself where it is not ours.
 
-    Args:
-        strategy: As logs name it, see `strategy_name`.
-        with_world: Whether to add what differs from the usual world.
+    `with_world` adds what differs from the usual world.
     """
     try:
         place, _ = read_strategy(strategy)

@@ -50,13 +50,7 @@ class FreeSpace:
 
     @staticmethod
     def of(room: Sequence[tuple[float, float]], rectangles: FloatArray, radius: float = RADIUS) -> FreeSpace:
-        """Return the free space of a room with footprints in it.
-
-        Args:
-            room: Corners of the floor in [m]. The room's own walls must be among the rectangles.
-            rectangles: Shape (n, 5).
-            radius: Radius of the robot in [m].
-        """
+        """Return the free space of a room with footprints (n, 5) in it, its own walls among them; lengths in [m]."""
         if not radius >= 0.0:
             raise HomeError(f"radius must be at least 0, not {radius}")
         low, high = np.min(room, axis=0), np.max(room, axis=0)
@@ -97,13 +91,9 @@ class FreeSpace:
         return (plane.clearance(points, self.rectangles) >= self.radius) & plane.inside(points, self.room)
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the nearest free cell of the largest island to each point, and its distance.
+        """Return the nearest free cell of the largest island to each point, and its distance in [m].
 
-        Args:
-            points: Shape (m, 2).
-
-        Returns:
-            Indices into `centers`, shape (m,), and distances in [m], shape (m,).
+        Shape (m, 2) -> indices into `centers`, shape (m,), and distances, shape (m,).
         """
         members, tree = self._main_tree
         distance, index = tree.query(points)
@@ -120,11 +110,9 @@ class FreeSpace:
         return int(self.nearest(np.array([[x, y]]))[0][0])
 
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
-        """Return geodesic distances from every free cell to the nearest of some goal cells.
+        """Return geodesic distances from every free cell to the nearest of some goal cells, indices of shape (k,).
 
-        Args:
-            goals: Indices into `centers`. Shape (k,).
-            cost: What a meter costs at each free cell, 1 everywhere when None: distances are then costs. Shape (n,).
+        `cost` is what a meter costs at each free cell, shape (n,); distances are then costs. 1 everywhere when None.
         """
         from scipy.sparse.csgraph import dijkstra
 
@@ -212,14 +200,9 @@ class Geodesic:
         return self._kept[cells]
 
     def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
-        """Return way points from near `start` to a goal cell.
+        """Return way points in [m] from the free cell nearest to `start` (2,) to a goal cell. Shape (k, 2).
 
-        Args:
-            start: A point in [m]. Shape (2,).
-            tight: Whether corners are cut wherever the robot still fits.
-
-        Returns:
-            Points in [m], the first the free cell nearest to `start`. Shape (k, 2). HomeError when there is no way.
+        `tight` cuts corners wherever the robot still fits. HomeError when there is no way.
         """
         cell = int(self.space.nearest(np.asarray(start)[None])[0][0])
         if not np.isfinite(self.values[cell]):

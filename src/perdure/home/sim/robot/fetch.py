@@ -114,16 +114,11 @@ def _add_joint(spec: Any, body: Any, name: str, kind: str, axis: Vec3, limit: tu
 def _add_shape(body: Any, shape: Shape, group: int) -> None:
     import mujoco
 
-    kinds = {
-        "box": mujoco.mjtGeom.mjGEOM_BOX,
-        "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-        "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    }
     contype, conaffinity = BITS[shape.side]
     along_x = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
     body.add_geom(
         name=f"robot/{shape.name}",
-        type=kinds[shape.kind],
+        type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
         pos=shape.center,
         quat=along_x if shape.kind == "capsule" else (1.0, 0.0, 0.0, 0.0),
         size=shape.half,

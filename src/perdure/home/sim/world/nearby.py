@@ -41,17 +41,10 @@ class Nearby:
     """The robot's bodies. Shape (bodies,)."""
     object_bodies: IntArray
     """Shape (objects,)."""
-    robot_tree: int
-    """Number of the robot's kinematic tree."""
 
     @staticmethod
     def of(model: Any, object_bodies: IntArray) -> Nearby:
-        """Measure a compiled model.
-
-        Args:
-            model: `mujoco.MjModel`.
-            object_bodies: The bodies that move freely. Shape (objects,).
-        """
+        """Measure a compiled `mujoco.MjModel`; the bodies `object_bodies` move freely. Shape (objects,)."""
         import mujoco
 
         data = mujoco.MjData(model)
@@ -82,18 +75,12 @@ class Nearby:
             fixed=fixed,
             ours=ours,
             object_bodies=object_bodies,
-            robot_tree=int(model.body_treeid[root]),
         )
 
     def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
-        """Return which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
+        """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
 
-        Args:
-            base: The base's middle in the room. Shape (2,).
-            objects: The objects' middles. Shape (objects, 2).
-
-        Returns:
-            Shape (bodies,).
+        Middles of the base, shape (2,), and of the objects, shape (objects, 2), in the room.
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
         near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2

@@ -51,13 +51,9 @@ class Surroundings:
         self._handles = Handles.none(lanes, 1)
 
     def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Return the neighbors of targets.
+        """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
 
-        Args:
-            numbers: Numbers of the lanes. Shape (n,).
-            lanes: The lanes themselves.
-            targets: Numbers of the objects; one that a scene does not have has no neighbors but handles. Shape (n,).
-            grippers: The gripper points in the room. Shape (n, 3).
+        A target (n,) that a scene does not have has no neighbors but handles.
         """
         for number, lane in zip(numbers.tolist(), lanes, strict=True):
             if self._scenes[number] is not lane.scene:

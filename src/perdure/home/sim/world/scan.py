@@ -36,13 +36,7 @@ class Outlines:
         self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
     def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Take over where the drawers and doors of a lane are.
-
-        Args:
-            lane: Which lane.
-            apartment: What it shows.
-            positions: Of its drawers and doors in the order of its articulations. Shape (links,).
-        """
+        """Take over where drawers and doors of a lane are, in the order of the articulations. Shape (links,)."""
         known, exact = self._apartments[lane], positions.tobytes()
         if known is apartment and exact == self._exact[lane]:
             return
@@ -59,15 +53,9 @@ class Outlines:
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
 
     def scan(self, lanes: IntArray, base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Return ranges of some lanes, beam by beam.
+        """Return ranges of some lanes (m,) in [m], `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
 
-        Args:
-            lanes: Which lanes. Shape (m,).
-            base: Where their robots are: x, y, heading. Shape (m, 3).
-            reach: How far to look in [m].
-
-        Returns:
-            In [m]; `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
+        `base` is x, y, heading of their robots, shape (m, 3).
         """
         boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
         x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))

@@ -11,10 +11,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from perdure.home.errors import HomeError
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, World
 from perdure.home.skills.gym.episode_sampler import episode_sampler
 from perdure.home.skills.gym.options import checked_options
-from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress, put_rows
+from perdure.home.skills.progress import Progress, put_rows
 from perdure.home.skills.skill import Skill
 
 Outcome = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]

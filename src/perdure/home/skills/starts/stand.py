@@ -51,12 +51,8 @@ def stand_near(
 ) -> Pose:
     """Draw a cell within 2.0 m of a point, with noise, facing the point.
 
-    Args:
-        apartment: The apartment.
-        point: The point to face.
-        rng: The random generator.
-        front: For a point in a container, the direction of its open side. The cell is within 60 degrees of it (OURS:
-            beside our fridge there is floor, which navigation never ends on).
+    `front` is the direction of a container's open side. The cell is within 60 degrees of it (OURS: beside our fridge
+    there is floor, which navigation never ends on).
     """
     return _draw(_cells_near(apartment, point[:2], front), point, rng)
 
@@ -81,17 +77,9 @@ def stand_in(
     point: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> Pose:
-    """Draw a cell of a rectangle in front of furniture, with noise, facing a point.
+    """Draw a cell of the first of some rectangles that has a free one, with noise, facing a point.
 
-    Args:
-        apartment: The apartment.
-        frame: The frame of the rectangles.
-        rectangles: The first one that contains a free cell is used.
-        point: The point to face.
-        rng: The random generator.
-
-    Raises:
-        HomeError: If no rectangle contains a free cell.
+    The rectangles are in `frame`. HomeError if none contains a free cell.
     """
     space = closed_space(apartment)
     local = frame.to_local(space.centers)

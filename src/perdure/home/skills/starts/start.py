@@ -43,19 +43,9 @@ Draw = Callable[[Episode, int, np.random.Generator], Start]
 def begin(
     world: World, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
 ) -> Start:
-    """Bring a lane to a start state without contacts, drawn until there is one.
+    """Bring a lane to a start state without contacts, drawn with `draw` until there is one.
 
-    Args:
-        world: The world.
-        lane: Number of the lane.
-        scene: The episode's scene with `SceneOptions(targets=(target,))`.
-        draw: The skill's start distribution.
-        episode: The episode.
-        target: Number of the target in the episode.
-        rng: The random generator.
-
-    Raises:
-        HomeError: If all of 1000 draws have contacts.
+    The scene is the episode's with `SceneOptions(targets=(target,))`. HomeError if all of 1000 draws have contacts.
     """
     for _ in range(TRIES):
         start = draw(episode, target, rng)
