@@ -13,7 +13,7 @@ from perdure.cli.parse import check_folder
 from perdure.cli.terminal import command_line
 
 if TYPE_CHECKING:
-    from perdure.home.evaluate.protocol import Protocol
+    from perdure.home.evaluate.protocol import EvaluationProtocol
 
 RENAMED = {"--lanes": "--max-lanes"}
 
@@ -65,10 +65,10 @@ class HomeRun:
     """Folder of the logs."""
 
 
-def make_protocol(flags: HomeRun) -> Protocol:
+def make_protocol(flags: HomeRun) -> EvaluationProtocol:
     """Return the protocol of the flags."""
     from perdure.home.evaluate.execute import ExecutorOptions
-    from perdure.home.evaluate.protocol import Protocol
+    from perdure.home.evaluate.protocol import EvaluationProtocol
     from perdure.home.sim.world import SceneOptions
 
     scene = SceneOptions(
@@ -79,7 +79,9 @@ def make_protocol(flags: HomeRun) -> Protocol:
     )
     options = ExecutorOptions(lanes=flags.max_lanes, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
-    return Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options)
+    return EvaluationProtocol(
+        flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options
+    )
 
 
 def main(args: list[str]) -> None:

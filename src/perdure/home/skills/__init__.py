@@ -2,7 +2,7 @@
 
 Contents:
     SKILLS, get_skill        the skills by name; a new skill is one more line here
-    Skill, Progress          what a skill declares, and what it remembers
+    Skill, SkillProgress          what a skill declares, and what it remembers
     Element, ObservationTerm, Recipe
     Aim, region              where navigation should end
     make_skill_goal          the goal of a plan's step
@@ -18,7 +18,7 @@ from perdure.home.skills.open_drawer import OpenDrawer
 from perdure.home.skills.open_fridge import OpenFridge
 from perdure.home.skills.pick import Pick
 from perdure.home.skills.place import Place
-from perdure.home.skills.progress import Progress
+from perdure.home.skills.progress import SkillProgress
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim, region
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
@@ -47,10 +47,10 @@ __all__ = [
     "OpenFridge",
     "Pick",
     "Place",
-    "Progress",
     "Recipe",
     "ResetArm",
     "Skill",
+    "SkillProgress",
     "get_skill",
     "learned_skills",
     "make_skill_goal",

@@ -11,7 +11,7 @@ from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.sim.world import BEAMS, SCAN_RANGE, PrivilegedState
 from perdure.home.sim.world.state import norm, wrap
-from perdure.home.skills.progress import Progress
+from perdure.home.skills.progress import SkillProgress
 
 SECTORS = BEAMS // 2
 SECTOR_DEPTH = 1.0
@@ -37,7 +37,7 @@ class ObservationTerm:
 
     elements: tuple[Element, ...]
     """One for each number."""
-    read: Callable[[PrivilegedState, Progress], list[FloatArray]]
+    read: Callable[[PrivilegedState, SkillProgress], list[FloatArray]]
     """Returns the values of n lanes as arrays of shape (n,) or (n, k), in the order of `elements`."""
 
 
@@ -102,7 +102,7 @@ def _point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
     return [state.turned_to_base(points - state.gripper), state.in_base(points)]
 
 
-def _proprioception(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     rotation = unit(state.gripper_rotation)
     return [
         _wrapped(state.arm),
@@ -122,7 +122,7 @@ def _wrapped(arm: FloatArray) -> FloatArray:
     return result
 
 
-def _closeness(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     """Return the nearest of three beams for each sector: 45 degrees wide, 15 shared with each neighbor."""
     ranges = state.scan
     before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)

@@ -19,7 +19,7 @@ HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 
 
 @dataclass(frozen=True)
-class Progress:
+class SkillProgress:
     """What skills remember of n lanes. All arrays have shape (n,)."""
 
     elapsed: IntArray
@@ -43,11 +43,11 @@ class Progress:
         """Return the number of lanes."""
         return len(self.elapsed)
 
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Progress:
+    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> SkillProgress:
         """Return the record of some lanes."""
-        return Progress(*[getattr(self, each.name)[lanes] for each in fields(self)])
+        return SkillProgress(*[getattr(self, each.name)[lanes] for each in fields(self)])
 
-    def put(self, lanes: IntArray, other: Progress) -> Progress:
+    def put(self, lanes: IntArray, other: SkillProgress) -> SkillProgress:
         """Return a copy with the rows of `lanes` replaced, see `put_rows`."""
         return put_rows(self, lanes, other)
 

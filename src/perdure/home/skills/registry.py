@@ -9,7 +9,7 @@ from typing import Any
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillStep
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Lane, SkillGoal
+from perdure.home.sim.world import Simulator, SkillGoal
 from perdure.home.skills.skill import Skill
 from perdure.home.skills.starts import open_links
 
@@ -36,7 +36,7 @@ def choices(wrong: str, names: Iterable[str]) -> str:
     return f"there are {', '.join(names)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
 
 
-def make_skill_goal(episode: Episode, step: SkillStep, lane: Lane) -> SkillGoal:
+def make_skill_goal(episode: Episode, step: SkillStep, lane: Simulator) -> SkillGoal:
     """Return the goal of a plan's step in the current state of a lane.
 
     The episode's targets must be the first objects of the scene.

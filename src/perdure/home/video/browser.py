@@ -9,7 +9,7 @@ from typing import Any
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.sim.world import CONTROL_HZ, Lane, World
+from perdure.home.sim.world import CONTROL_HZ, Simulator, VectorSimulator
 from perdure.home.video.narrate import Narrator
 from perdure.home.video.render_episode import render_episode
 
@@ -58,11 +58,11 @@ class _Broadcast:
         self._scene: Any = None
         self._due, self._words = 0.0, ""
 
-    def __call__(self, world: World, lane: Lane, narrator: Narrator) -> bool:
+    def __call__(self, world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
         if self._scene is None:
-            self._scene = self._mjviser.ViserMujocoScene(self._server, lane.model, num_envs=1)
+            self._scene = self._mjviser.ViserMujocoScene(self._server, simulator.model, num_envs=1)
             self._due = time.monotonic()
-        self._scene.update_from_mjdata(lane.data)
+        self._scene.update_from_mjdata(simulator.data)
         caption = narrator.caption()
         if caption.words != self._words:
             self._words = caption.words

@@ -55,11 +55,11 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     views = [_view(episode, replay, found, condition, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     mark = goal_marks(episode)[found.target]
-    lane = render_scene(episode, failure.log.eval_seed)
-    with Studio(lane, SIZE) as studio:
-        shots = _Camera(lane).shots(states, [points for points, _ in views], found.target)
+    simulator = render_scene(episode, failure.log.eval_seed)
+    with Studio(simulator, SIZE) as studio:
+        shots = _Camera(simulator).shots(states, [points for points, _ in views], found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
-            put(lane, state)
+            put(simulator, state)
             caption = _step_caption(episode, replay, step, note or measure)
             pictures.append(write_strip(studio.take(shot, [mark]), caption, 1.0))
     title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
@@ -134,7 +134,7 @@ class _Camera(Follower):
         scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
         framings = []
         for state, pair in zip(states, points, strict=True):
-            put(self._lane, state)
+            put(self._simulator, state)
             middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
             framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
             eyes = [middle + framings[-1][1] * direction_of(*direction) for direction in DIRECTIONS]

@@ -15,7 +15,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.sim.arrays import Picture
-from perdure.home.sim.world import CONTROL_HZ, Jaws, Lane, Rolling, SceneOptions, World
+from perdure.home.sim.world import CONTROL_HZ, Jaws, Rolling, SceneOptions, Simulator, VectorSimulator
 from perdure.home.video.cameras import Shot, check_camera
 from perdure.home.video.files import Film, open_film
 from perdure.home.video.follow import Follower
@@ -78,10 +78,10 @@ class FrameWriter:
         self._studio: _CaptionStudio | None = None
         self._pictures = self._steps = 0
 
-    def after_step(self, world: World, lane: Lane, narrator: Narrator) -> bool:
+    def after_step(self, world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
         """Add the pictures that are due; a `FrameObserver`. False ends the film."""
         if self._studio is None:
-            self._studio = self._stack.enter_context(_CaptionStudio(lane, self._options))
+            self._studio = self._stack.enter_context(_CaptionStudio(simulator, self._options))
         self._steps += 1
         now = self._steps / CONTROL_HZ
         while self._pictures * self._film.pace * self._options.speed <= now:
@@ -93,11 +93,11 @@ class FrameWriter:
 class _CaptionStudio(Studio):
     """A studio whose camera follows what the skill is about, and that writes captions."""
 
-    def __init__(self, lane: Lane, options: FilmOptions) -> None:
-        super().__init__(lane, options.size)
-        self._film_options, self._follower = options, Follower(self.lane)
+    def __init__(self, simulator: Simulator, options: FilmOptions) -> None:
+        super().__init__(simulator, options.size)
+        self._film_options, self._follower = options, Follower(self.simulator)
 
-    def picture(self, world: World, narrator: Narrator, seconds: float) -> Picture:
+    def picture(self, world: VectorSimulator, narrator: Narrator, seconds: float) -> Picture:
         """Return the current picture with captions; `seconds` is the time on the screen since the last one."""
         shot: str | Shot = self._film_options.camera
         if shot == "follow":
@@ -124,11 +124,11 @@ def contact_sheet(episode: Episode, options: FilmOptions | None = None) -> tuple
     with ExitStack() as stack:
         studios: list[_CaptionStudio] = []
 
-        def after_step(world: World, lane: Lane, narrator: Narrator) -> bool:
+        def after_step(world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
             caption = narrator.caption()
             if sum(done for _, done in caption.stages) > len(pictures):
                 if not studios:
-                    studios.append(stack.enter_context(_CaptionStudio(lane, options)))
+                    studios.append(stack.enter_context(_CaptionStudio(simulator, options)))
                 pictures.append(studios[0].picture(world, narrator, math.inf))
             return caption.seconds < options.seconds
 

@@ -11,7 +11,7 @@ from perdure.home.benchmark.tasks import WorldFacts, latch
 from perdure.home.evaluate.execute.executor import Running
 from perdure.home.evaluate.execute.recorder import held_target, opened
 from perdure.home.sim.objects import short_name
-from perdure.home.sim.world import CONTROL_HZ, World
+from perdure.home.sim.world import CONTROL_HZ, VectorSimulator
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Narrator:
         self._reached = np.zeros(len(episode.home_task.stages), dtype=bool)
         self._step, self._number = 0, begun
 
-    def after_step(self, world: World, running: Running) -> None:
+    def after_step(self, world: VectorSimulator, running: Running) -> None:
         """Update clock, skill and stages after a control step."""
         lanes, targets = np.array([0]), len(self.episode.goals)
         facts = WorldFacts(

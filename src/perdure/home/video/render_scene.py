@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.world import Lane, SceneOptions
+from perdure.home.sim.world import SceneOptions, Simulator
 
 
-def render_scene(episode: Episode, eval_seed: int) -> Lane:
+def render_scene(episode: Episode, eval_seed: int) -> Simulator:
     """Return a lane with visual geometry at the start of an episode."""
     scene = episode_scene(episode, SceneOptions(visuals=True))
-    lane = Lane(scene)
-    lane.reset(start_pose(scene.apartment, episode, eval_seed))
-    return lane
+    simulator = Simulator(scene)
+    simulator.reset(start_pose(scene.apartment, episode, eval_seed))
+    return simulator
 
 
-def put(lane: Lane, qpos: FloatArray) -> None:
+def put(simulator: Simulator, qpos: FloatArray) -> None:
     """Set all positions of a lane to those of another one of the same episode. Shape (nq,)."""
-    lane.qpos[:] = qpos
-    lane.forward()
+    simulator.qpos[:] = qpos
+    simulator.forward()

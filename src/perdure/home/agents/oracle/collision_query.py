@@ -11,9 +11,9 @@ from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import TORSO_HEIGHT
-from perdure.home.sim.world import Lane
+from perdure.home.sim.world import Simulator
 from perdure.home.sim.world.handles import Handles
-from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
+from perdure.home.sim.world.simulator import ARM_FROM, ARM_TO, TORSO
 
 PUSHED = 0.25
 """Weight of penetration into a loose object, relative to furniture."""
@@ -24,30 +24,30 @@ TOLERATED = 0.002
 class CollisionQuery:
     """A second `MjData` of a lane's model, with the rest of the world frozen at the time of the query."""
 
-    def __init__(self, lane: Lane) -> None:
+    def __init__(self, simulator: Simulator) -> None:
         """Copy the state of a lane."""
         import mujoco
 
         self._mujoco = mujoco
-        self.lane = lane
-        lane.search_all()  # where the query goes there may be what the robot cannot reach from here
-        self._data: Any = mujoco.MjData(lane.model)
-        self._data.qpos[:] = lane.qpos
-        self._start: FloatArray = np.array(lane.qpos)
-        self._held = lane.held
+        self.simulator = simulator
+        simulator.search_all()  # where the query goes there may be what the robot cannot reach from here
+        self._data: Any = mujoco.MjData(simulator.model)
+        self._data.qpos[:] = simulator.qpos
+        self._start: FloatArray = np.array(simulator.qpos)
+        self._held = simulator.held
 
     def handles(self) -> FloatArray:
         """Return the handles of all drawers and doors in the room. Shape (links, 3)."""
-        scene = self.lane.scene
+        scene = self.simulator.scene
         return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
 
     def position(self, link: int) -> float:
         """Return how far a drawer or door is open in [m] or [rad]."""
-        return float(self._start[self.lane.scene.link_qpos[link]])
+        return float(self._start[self.simulator.scene.link_qpos[link]])
 
     def in_fridge(self, point: FloatArray) -> bool:
         """Return whether a point of the room is within the fridge's outline."""
-        apartment = self.lane.scene.apartment
+        apartment = self.simulator.scene.apartment
         fridge = next((piece for piece in apartment.pieces if piece.kind == "fridge"), None)
         if fridge is None:
             return False
@@ -59,7 +59,7 @@ class CollisionQuery:
 
         `firm` is the number of an object that must not be pushed aside.
         """
-        scene, data = self.lane.scene, self._data
+        scene, data = self.simulator.scene, self._data
         data.qpos[:] = self._start
         robot = data.qpos[scene.robot_qpos]
         robot[:3] = base.x, base.y, base.yaw
@@ -69,12 +69,12 @@ class CollisionQuery:
             address = scene.object_qpos[self._held]
             data.qpos[address : address + 3] = position
             self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
-        self._mujoco.mj_kinematics(self.lane.model, data)
-        self._mujoco.mj_collision(self.lane.model, data)
+        self._mujoco.mj_kinematics(self.simulator.model, data)
+        self._mujoco.mj_collision(self.simulator.model, data)
         return self._deepest(firm)
 
     def _deepest(self, firm: int) -> float:
-        scene, contact = self.lane.scene, self._data.contact
+        scene, contact = self.simulator.scene, self._data.contact
         geoms, distance = contact.geom, contact.dist
         if not len(distance):
             return 0.0

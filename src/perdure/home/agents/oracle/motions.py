@@ -7,13 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.agents.actor import LaneView
+from perdure.home.agents.skill_agent import LaneView
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
 from perdure.home.sim.robot.inverse import damped_inverse
 from perdure.home.sim.robot.kinematics import pose_and_jacobian
-from perdure.home.sim.world import ACTION_SIZE, ARM, ARM_STEP, CONTROL_HZ, FORWARD, GRIP, LEAVE, TURN, Lane, World
+from perdure.home.sim.world import (
+    ACTION_SIZE,
+    ARM,
+    ARM_STEP,
+    CONTROL_HZ,
+    FORWARD,
+    GRIP,
+    LEAVE,
+    TURN,
+    Simulator,
+    VectorSimulator,
+)
 from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
 
@@ -37,14 +48,14 @@ ARRIVED_RAD = 0.02
 class View(LaneView):
     """One lane of an oracle skill."""
 
-    world: World
+    world: VectorSimulator
     number: int
     base_speed: float
 
     @property
-    def lane(self) -> Lane:
-        """The lane itself: an oracle may know everything."""
-        return self.world.lane(self.number)
+    def simulator(self) -> Simulator:
+        """The simulator of the lane: an oracle may know everything."""
+        return self.world.simulator(self.number)
 
     @property
     def jammed(self) -> bool:

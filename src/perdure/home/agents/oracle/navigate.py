@@ -47,7 +47,7 @@ def navigate(view: View) -> Motion:
     assert route is not None
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
-    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(open_links(view.lane).items())))
+    cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
     stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, stands)
@@ -77,7 +77,7 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
 def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | None:
     """Return the skill's own plan from the first standing place that works, each with a step ahead or back."""
     best: ReachPlan | None = None
-    query = CollisionQuery(view.lane)
+    query = CollisionQuery(view.simulator)
     aim = np.array(skill_goal.aim)
     for stand in stands:
         places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))

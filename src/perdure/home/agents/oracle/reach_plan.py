@@ -187,7 +187,7 @@ def _reachable(
     if not len(rows):
         return []
     via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
-    now, found = query.lane.robot, []
+    now, found = query.simulator.robot, []
     for row, middle, miss in zip(rows, via, via_way, strict=True):
         stand = pairs[row][0]
         turning = abs(float(wrap(np.array(stand.yaw - now[2]))))

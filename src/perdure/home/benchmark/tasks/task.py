@@ -34,7 +34,7 @@ class SkillStep:
 
 @dataclass(frozen=True)
 class Stage:
-    """A checkpoint of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
+    """A subgoal of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
 
     name: str
     conditions: tuple[Predicate, ...]

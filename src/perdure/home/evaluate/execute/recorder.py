@@ -13,7 +13,7 @@ from perdure.home.evaluate.log import EpisodeLog, FinalObject, History, SkillRun
 from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
-from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, Scene, World
+from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, Scene, VectorSimulator
 from perdure.home.sim.world.state import norm
 
 
@@ -73,7 +73,7 @@ class Recorder:
 
 
 def record_table(
-    world: World, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
+    world: VectorSimulator, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
 ) -> FloatArray:
     """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
 
@@ -89,11 +89,11 @@ def record_table(
     return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
 
 
-def final_objects(world: World, lane: int, episode: Episode) -> tuple[FinalObject, ...]:
+def final_objects(world: VectorSimulator, lane: int, episode: Episode) -> tuple[FinalObject, ...]:
     """Return pose and speed of every object of a lane."""
     poses, velocities = world.objects(np.array([lane]), len(episode.objects))
     kinds = (placement.kind for placement in episode.objects)
-    held = world.lane(lane).held
+    held = world.simulator(lane).held
     rows = zip(kinds, poses[0].tolist(), norm(velocities[0]).tolist(), strict=True)
     return tuple(
         FinalObject(kind, (x, y, z), (qw, qx, qy, qz), speed, k == held)
@@ -114,11 +114,11 @@ def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
     return drawer, scene.links.index(FRIDGE_DOOR)
 
 
-def opened(world: World, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
+def opened(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
     """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
     rows = []
     for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
-        links = world.lane(lane).links.tolist()
+        links = world.simulator(lane).links.tolist()
         rows.append((links[drawer] if drawer >= 0 else 0.0, links[fridge]))
     return np.array(rows)
 

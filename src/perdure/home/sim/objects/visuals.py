@@ -6,7 +6,7 @@ import math
 
 from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.paint import PROUD, Color, Visual, band, plate, rounded
-from perdure.home.sim.objects.shapes import CORNER, Piece
+from perdure.home.sim.objects.shapes import CORNER, ConvexPart
 
 COATS: dict[str, Color] = {
     "002_master_chef_can": (0.08, 0.17, 0.50, 1.0),
@@ -40,7 +40,7 @@ def visuals(kind: Kind) -> tuple[Visual, ...]:
     """
     labels = _labels(kind)
     if kind.shape == "cylinder":
-        return Visual(Piece("cylinder", kind.half), COATS[kind.name]), *labels
+        return Visual(ConvexPart("cylinder", kind.half), COATS[kind.name]), *labels
     if kind.shape == "rounded_box":
         return rounded(kind, "coat", 1.0, 0.0, COATS[kind.name]), *labels
     return tuple(labels)
@@ -50,7 +50,7 @@ def _labels(kind: Kind) -> list[Visual]:
     radius, _, half = kind.half
     match kind.name:
         case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
-            lid = Visual(Piece("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
+            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
             return [
                 band(kind, 0.34, 0.62, _WHITE),
                 band(kind, 0.44, 0.52, _RED, out=2.0),
@@ -79,7 +79,7 @@ def _labels(kind: Kind) -> list[Visual]:
                 plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
             ]
         case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
-            disc = Piece("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
+            disc = ConvexPart("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
             medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
             return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
         case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
@@ -108,9 +108,9 @@ def _labels(kind: Kind) -> list[Visual]:
                 plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
             ]
         case "013_apple":  # a stem in the dent of the shell, and a leaf
-            leaf = Piece("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
+            leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
             return [
-                Visual(Piece("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
+                Visual(ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
                 Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
             ]
     return []
@@ -119,6 +119,6 @@ def _labels(kind: Kind) -> list[Visual]:
 def _tin_ends(kind: Kind) -> list[Visual]:
     """Return the bare ends of a tin, and its two rims."""
     radius, half = kind.half[0], kind.half[2]
-    ends = Visual(Piece("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
+    ends = Visual(ConvexPart("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
     rim, over = 0.0025 / kind.size[2], PROUD / kind.size[2]
     return [ends, band(kind, -over, rim, _TIN), band(kind, 1.0 - rim, 1.0 + over, _TIN)]

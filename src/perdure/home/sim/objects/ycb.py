@@ -12,7 +12,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Vec3
 from perdure.home.sim.objects.kinds import KINDS, Kind
 from perdure.home.sim.objects.lathe import add_shell
-from perdure.home.sim.objects.shapes import AppleShape, Piece, moments, pieces
+from perdure.home.sim.objects.shapes import AppleShape, ConvexPart, moments, pieces
 from perdure.home.sim.objects.visuals import COATS, visuals
 
 TORSIONAL = 0.005
@@ -78,7 +78,7 @@ class YcbObjects:
             geom.name, geom.mass = f"{name}/{k}", 0.0
 
 
-def _add_piece(spec: Any, body: Any, piece: Piece, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
+def _add_piece(spec: Any, body: Any, piece: ConvexPart, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
     import mujoco
 
     quaternion = (math.cos(piece.turn / 2.0), *(math.sin(piece.turn / 2.0) * part for part in axis))

@@ -24,7 +24,7 @@ from perdure.home.sim.robot.links import (
     combined,
 )
 from perdure.home.sim.robot.servos import ARMATURE, add_servos
-from perdure.home.sim.robot.shapes import BITS, SHAPES, Shape
+from perdure.home.sim.robot.shapes import BITS, SHAPES, CollisionShape
 from perdure.home.sim.robot.visuals import add_visuals
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _add_joint(spec: Any, body: Any, name: str, kind: str, axis: Vec3, limit: tu
         joint.range = np.degrees(limit) if hinge and spec.compiler.degree else limit
 
 
-def _add_shape(body: Any, shape: Shape, group: int) -> None:
+def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
     import mujoco
 
     contype, conaffinity = BITS[shape.side]

@@ -13,8 +13,8 @@ import numpy as np
 
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.handles import Handles
-from perdure.home.sim.world.lane import Lane
 from perdure.home.sim.world.scene import Scene
+from perdure.home.sim.world.simulator import Simulator
 from perdure.home.sim.world.state import norm
 
 NEIGHBORS = 2
@@ -50,7 +50,7 @@ class Surroundings:
         self._positions = np.zeros((lanes, 1))
         self._handles = Handles.none(lanes, 1)
 
-    def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
+    def look(self, numbers: IntArray, lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray) -> Neighbors:
         """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
 
         A target (n,) that a scene does not have has no neighbors but handles.

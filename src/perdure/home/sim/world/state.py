@@ -127,7 +127,7 @@ class PrivilegedState:
 
     @property
     def grasp_is_right(self) -> BoolArray:
-        """Whether the magic grasp would take the target (see `Lane.grasp`). Shape (n,)."""
+        """Whether the magic grasp would take the target (see `Simulator.grasp`). Shape (n,)."""
         nearer = norm(self.object - self.gripper) < self.neighbor_distance
         return nearer & (self.handle_distance > GRASP_RADIUS)
 

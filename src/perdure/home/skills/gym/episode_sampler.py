@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode, episode_scene
-from perdure.home.sim.world import Scene, World
+from perdure.home.sim.world import Scene, VectorSimulator
 from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import begin
 
@@ -28,7 +28,7 @@ class EpisodeSampler:
         self.episodes = options.load()
         self._draw = options.make_skill().draw_start
 
-    def begin(self, world: World, lane: int, rng: np.random.Generator) -> Episode:
+    def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
         number = int(rng.integers(len(self.episodes)))
         targets = self._options.chosen_targets

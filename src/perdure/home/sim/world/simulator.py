@@ -1,4 +1,4 @@
-"""One running world: a copy of a scene's model, its data, and the magic grasp."""
+"""One running simulation: a copy of a scene's model, its data, and the magic grasp."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
 TORSO = _CON["torso_lift_joint"]
 
 
-class Lane:
-    """One simulated world with one robot; `World` runs many of them."""
+class Simulator:
+    """One simulation with one robot; `VectorSimulator` runs many of them."""
 
     def __init__(self, scene: Scene, jaws: Jaws = "never") -> None:
-        """A lane at the scene's start, the robot at the room's origin: place it before stepping."""
+        """A simulation at the scene's start, the robot at the room's origin: place it before stepping."""
         import mujoco
 
         self._mujoco = mujoco
