@@ -72,7 +72,10 @@ def test_the_documentation_holds_the_tables(tool):
 def test_the_documentation_holds_the_picture(tool):
     drawn = tool.pictures(read_tables(COMMITTED))
     assert list(drawn) == ["home-release-strategies.png"]
-    assert render(drawn["home-release-strategies.png"]) == (ROOT / "docs" / "images" / "home-release-strategies.png").read_bytes()
+    assert (
+        render(drawn["home-release-strategies.png"])
+        == (ROOT / "docs" / "images" / "home-release-strategies.png").read_bytes()
+    )
 
 
 def test_a_page_without_marks_is_refused(tool):

@@ -28,8 +28,9 @@ class HomeRun:
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
     place: str = "rl"
-    """Release strategy: rl (the policy alone), stop, ik, ik+, delta-N or delta-N-in-M (a policy trained to make objects
-    stay for N steps, within 200 + N or M steps)."""
+    """Release strategy: what happens when the policy commands the hand to open. rl: it opens at once. Hand-overs, in
+    which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), ik+ (then lowers the object
+    until contact). delta-N, delta-N-in-M: a policy trained to make objects stay for N steps, within 200 + N or M."""
     split: str = "val"
     """val (new arrangements of known apartments) or eval (new apartments)."""
     episodes: int = 100
@@ -37,14 +38,14 @@ class HomeRun:
     train_seeds: int = 1
     """Number of training seeds; each has its own policies."""
     vary: Literal["all", "place"] = "all"
-    """Policies that differ between training seeds: all, or place alone (the others are those of seed 0)."""
+    """Which skills' policies change with the training seed: all, or place alone (the others are those of seed 0)."""
     eval_seeds: int = 1
     """Number of evaluation seeds; each draws the robot's start poses."""
     policies: tuple[str, ...] = ()
     """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
-    """When a released object can touch the robot again: never (hab-mobile-manipulation) or once they are apart
-    (habitat-lab)."""
+    """When a released object collides with the gripper's jaws and the rest of the robot again: never
+    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
     rolling: Literal["friction", "drag"] = "friction"
     """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
     apple: Literal["sphere", "hull"] = "sphere"

@@ -46,7 +46,7 @@ class HomeVideo:
     train_seed: int = 0
     """With --place: training seed of the shipped policies."""
     vary: Literal["all", "place"] = "all"
-    """Policies that are those of the training seed: all, or place alone (the others are those of seed 0)."""
+    """Which skills' policies are those of the training seed: all, or place alone (the others are those of seed 0)."""
     jaws: Literal["never", "apart"] = "never"
     """As for `perdure home run`."""
     rolling: Literal["friction", "drag"] = "friction"

@@ -1,4 +1,4 @@
-"""The hand-over: a motion between the policy's command to open the hand and the opening.
+"""The hand-over: control passes from the policy to a motion of the release strategy, and back once the hand has opened.
 
 A release strategy wraps the agent of place. When that agent commands the hand to open, it is frozen. The strategy's own
 motion runs, one action per step. Then the hand opens and the agent continues. When place times out with the target

@@ -21,7 +21,7 @@ _WORLDS = {
     "hull-apple": "apple a convex hull",
     "base-velocity-removed": "base velocity removed",
     "released-at-zero-velocity": "released at zero velocity",
-    "jaws-apart": "jaws apart",
+    "jaws-apart": "released objects touch the robot again",
 }
 _OUTCOMES = {
     SUCCESS: "every object stayed",
