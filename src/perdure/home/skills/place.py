@@ -50,12 +50,7 @@ class Place(Skill):
     """
 
     name = "place"
-    observation = (
-        obs.PROPRIOCEPTION,
-        obs.CLOSENESS,
-        obs.point("goal", "the goal", lambda state: state.goal),
-        CARRIED,
-    )
+    observation = (obs.PROPRIOCEPTION, obs.CLOSENESS, obs.point("goal", "the goal", lambda state: state.goal), CARRIED)
     rewards: ClassVar = {
         "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, upward distance apart (OURS)",
         "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region",

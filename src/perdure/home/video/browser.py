@@ -15,11 +15,7 @@ from perdure.home.video.render_episode import render_episode
 
 
 def serve_episode(
-    episode: Episode,
-    port: int = 8080,
-    speed: float = 1.0,
-    seed: int = 0,
-    report: Callable[[str], None] = print,
+    episode: Episode, port: int = 8080, speed: float = 1.0, seed: int = 0, report: Callable[[str], None] = print
 ) -> None:
     """Show the oracle in an episode, over and over, on a page served by this machine.
 

@@ -20,10 +20,7 @@ DEPTH_COST = 1e4
 """Cost of a meter of penetration in control steps."""
 FARTHEST = 1.2
 """Largest horizontal distance in [m] for which inverse kinematics is tried."""
-OTHER_STARTS = (
-    (-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067),
-    (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
-)
+OTHER_STARTS = ((-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067), (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5))
 """Start poses of inverse kinematics besides the rest pose."""
 PER_STAND = 25
 """Plans tested at one standing place: an obstacle for one of them blocks most of the others."""

@@ -10,12 +10,7 @@ from perdure.home.evaluate.outcomes.labels import DID_NOT_LAST, OTHER, SUCCESS
 from perdure.home.evaluate.protocol.naming import read_strategy
 from perdure.home.sim.objects import short_name
 
-_STRATEGIES = {
-    "rl": "policy alone",
-    "stop": "stop",
-    "ik": "stop, lower 5 cm",
-    "ik+": "stop, lower to contact",
-}
+_STRATEGIES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "ik+": "stop, lower to contact"}
 _WORLDS = {
     "drag": "no rolling resistance",
     "hull-apple": "apple a convex hull",

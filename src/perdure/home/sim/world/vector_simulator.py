@@ -129,10 +129,7 @@ class VectorSimulator:
         self._read(chosen)
 
     def sense(
-        self,
-        lanes: IntArray | None = None,
-        scan_reach: FloatArray | float = 0.0,
-        neighbors: BoolArray | bool = False,
+        self, lanes: IntArray | None = None, scan_reach: FloatArray | float = 0.0, neighbors: BoolArray | bool = False
     ) -> PrivilegedState:
         """Return the present state of some lanes.
 
