@@ -25,8 +25,8 @@ from perdure.home.agents.oracle import Oracle
 from perdure.home.benchmark.episodes import Episode, episode_scene, load_episodes, start_pose
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import read_logs
-from perdure.home.evaluate.protocol import Protocol, choose_policies, run_protocol
-from perdure.home.sim.world import CONTROL_HZ, PHYSICS_HZ, World
+from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, run_protocol
+from perdure.home.sim.world import CONTROL_HZ, PHYSICS_HZ, VectorSimulator
 from perdure.home.skills import get_skill
 from perdure.home.skills.gym import HomeSkillVectorEnv
 
@@ -52,8 +52,8 @@ class Engine:
         self.spent += time.perf_counter() - began
 
 
-class Recording(World):
-    """A world that records the arguments of each step."""
+class Recording(VectorSimulator):
+    """A simulator that records the actions of every step."""
 
     log: ClassVar[list[tuple[np.ndarray, ...]]] = []
 
@@ -69,9 +69,9 @@ def scene() -> dict[str, float]:
     episodes = load_episodes("set_table", "val").episodes[:LANES]
     skills = {step.skill: get_skill(step.skill) for step in episodes[0].home_task.skills}
     oracle = Oracle()
-    actors = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
-    executor_module.World = Recording  # type: ignore[misc]
-    logs = list(Executor(skills, actors, ExecutorOptions(lanes=LANES, threads=1)).run(episodes))
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
+    executor_module.VectorSimulator = Recording  # type: ignore[misc]
+    logs = list(Executor(skills, agents, ExecutorOptions(lanes=LANES, threads=1)).run(episodes))
     manipulates = np.zeros(len(Recording.log))
     for log in logs:
         for done in log.runs:
@@ -83,7 +83,7 @@ def scene() -> dict[str, float]:
 def _replay(episodes: Sequence[Episode], timed: np.ndarray) -> dict[str, float]:
     engine, runs = Engine(), []
     for _ in range(REPEATS):
-        world = World(LANES, threads=1)
+        world = VectorSimulator(LANES, threads=1)
         for lane, episode in enumerate(episodes):
             built = episode_scene(episode)
             world.reset(lane, built, start_pose(built.apartment, episode, 0))
@@ -144,7 +144,7 @@ def tasks() -> dict[str, float]:
     cores = len(os.sched_getaffinity(0))
     with TemporaryDirectory() as out:
         began = time.perf_counter()
-        paths = run_protocol(Protocol("set_table"), out, on="local", cores=cores)
+        paths = run_protocol(EvaluationProtocol("set_table"), out, on="local", cores=cores)
         spent = time.perf_counter() - began
         steps = sum(record.length for path in paths for record in read_logs(path))
     return {"control_steps_per_second": steps / spent}

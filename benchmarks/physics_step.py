@@ -16,7 +16,7 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode, episode_scene, load_episodes, start_pose
 from perdure.home.benchmark.tasks import TASKS
-from perdure.home.sim.world import CONTROL_HZ, SceneOptions, World
+from perdure.home.sim.world import CONTROL_HZ, SceneOptions, VectorSimulator
 
 RATES = (60, 120, 240, 480)
 GOAL_RADIUS, SECONDS = 0.15, 5
@@ -44,9 +44,9 @@ def release(rng: np.random.Generator) -> dict[str, np.ndarray]:
 def settle(episode: Episode, target: int, how: dict[str, np.ndarray], rate: int, nudge: float = 0.0) -> float:
     """Distance from the goal in [m] after five seconds."""
     scene = episode_scene(episode, SceneOptions(physics_hz=rate))
-    world, goal = World(1, threads=1), np.asarray(episode.goals[target].position)
+    world, goal = VectorSimulator(1, threads=1), np.asarray(episode.goals[target].position)
     world.reset(0, scene, start_pose(scene.apartment, episode, 0), opened={"top_door": 2.0, "drawer4": 0.45})
-    lane = world.lane(0)
+    lane = world.simulator(0)
     for _ in range(CONTROL_HZ):
         lane.step()
     pose, velocity = lane.object(target)

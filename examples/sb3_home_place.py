@@ -23,7 +23,7 @@ from perdure.home.agents import Predicting
 from perdure.home.agents.release import make_strategy
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
-from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
+from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, make_agents
 from perdure.home.sim.world import SceneOptions
 
 TASK = "set_table"
@@ -58,10 +58,10 @@ def main() -> None:
     model, env = learn(args.train_steps, args.lanes, args.seed)
     place = Predicting(lambda observed: model.predict(env.normalize_obs(observed), deterministic=True)[0])
     for strategy in ("rl", "ik"):
-        actors = make_actors(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
-        actors["place"] = make_strategy(strategy, place)
+        agents = make_agents(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
+        agents["place"] = make_strategy(strategy, place)
         names = {"strategy": f"sb3 {strategy}", "train_seed": args.seed}
-        executor = Executor(Protocol(TASK).skills(), actors, options, **names)
+        executor = Executor(EvaluationProtocol(TASK).skills(), agents, options, **names)
         path = args.out / f"sb3-{strategy}.parquet"
         write_logs(path, list(executor.run(episodes)), {})
         print(f"sb3 {strategy}:\n{analyze(read_logs(path)).summary()}")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.sim.world import CONTROL_HZ, World
+from perdure.home.sim.world import CONTROL_HZ, VectorSimulator
 from perdure.home.video.cameras import Shot
 from perdure.home.video.files import save_picture
 from perdure.home.video.render_scene import RenderScene
@@ -53,8 +53,8 @@ def release(task: str, number: int) -> tuple[Episode, FloatArray, FloatArray]:
     episode, strategy = load_episodes(task, "val")[number], make_agent(task, "rl")
     states, held = list[FloatArray](), list[bool]()
 
-    def keep(world: World, episodes: Mapping[int, Episode]) -> None:
-        lane = world.lane(0)
+    def keep(world: VectorSimulator, episodes: Mapping[int, Episode]) -> None:
+        lane = world.simulator(0)
         states.append(lane.qpos.copy())
         held.append(lane.held >= 0 and episode.objects[lane.held].kind == CAN)
 

@@ -20,7 +20,7 @@ from perdure.studies.placement.tables import Tables, read_tables
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results" / "placement"
-PICTURES = {"strategies": "home-arms.png", "release-speed": "home-release-speed.png"}
+PICTURES = {"strategies": "home-release-strategies.png", "release-speed": "home-release-speed.png"}
 """Figure of the study to its file in docs/images."""
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +26,8 @@ reward and the terminations of each environment.
 - **Frames**: base frame x forward, y left, z up from the floor. A vector is given along the axes of the base.
 - **Rest**: the gripper's rest position in front of the robot, where it carries objects.
 - **Region**: the floor cells from which the next skill can begin; navigation drives there.
-- **OURS**: differs from M3 (hab-mobile-manipulation), whose definitions the skills otherwise follow."""
+- **OURS**: differs from M3 (hab-mobile-manipulation), whose definitions the skills otherwise follow.
+- **Rows for several numbers**: the components of a vector, all arm joints, or all sectors and beams k, in order."""
 
 
 def page() -> str:
@@ -91,11 +94,36 @@ def _with_delta(usual: int, lasting: int, text: str) -> str:
 
 
 def _elements(elements: Iterable[Element], first: int) -> str:
-    rows = [
-        (f"{k} `{each.name}`", each.meaning, each.unit, f"{_number(each.low)} .. {_number(each.high)}")
-        for k, each in enumerate(elements, start=first)
-    ]
+    """Return a row for each element; the components of a vector, and elements that are numbered, share one."""
+    rows = []
+    for _, each in groupby(enumerate(elements, start=first), lambda pair: _series(pair[1])):
+        group = list(each)
+        (k, one), (last, other) = group[0], group[-1]
+        name, meaning = f"{k} `{one.name}`", one.meaning
+        if len(group) > 1:
+            name = f"{name} to {last} `{other.name}`"
+            axes = ", ".join(element.name[-1] for _, element in group)
+            meaning = f"{_general(one)}, {axes}" if one.name[-2:] in _AXES else _general(one)
+        rows.append((name, meaning, one.unit, f"{_number(one.low)} .. {_number(one.high)}"))
     return _table(("number", "meaning", "unit", "range"), rows)
+
+
+_AXES = ("_x", "_y", "_z")
+
+
+def _series(element: Element) -> tuple[object, ...]:
+    """Return what elements that share a row have in common."""
+    return _general(element), element.unit, element.low, element.high
+
+
+def _general(element: Element) -> str:
+    """Return the meaning of an element without its axis, joint or number."""
+    meaning = element.meaning
+    for joint in ARM_JOINTS:
+        meaning = meaning.replace(joint, "each arm joint, from the shoulder to the wrist")
+    if element.name[-2:] in _AXES:
+        return meaning.removesuffix(f", {element.name[-1]}")
+    return re.sub(r"(sector|beam) \d+", r"\1 k", meaning)
 
 
 def _actions(skill: Skill) -> list[tuple[str, str]]:
@@ -106,7 +134,9 @@ def _actions(skill: Skill) -> list[tuple[str, str]]:
         *((joint, f"change of the servo target; 1 is {skill.arm_step:g} rad per step") for joint in ARM_JOINTS),
         ("grip", skill.grip_text),
     ]
-    return [(f"{k} `{effects[c][0]}`", effects[c][1]) for k, c in enumerate(skill.active_columns)]
+    rows = [(f"{k} `{effects[c][0]}`", effects[c][1]) for k, c in enumerate(skill.active_columns)]
+    groups = [list(each) for _, each in groupby(rows, lambda row: row[1])]
+    return [(each[0][0] if len(each) == 1 else f"{each[0][0]} to {each[-1][0]}", each[0][1]) for each in groups]
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

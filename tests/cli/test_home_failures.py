@@ -10,7 +10,7 @@ from perdure.__main__ import main
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.outcomes import read_logs, write_logs
-from perdure.home.evaluate.protocol import Protocol, run_protocol
+from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.sim.camera.gl import open_context
 from perdure.home.skills import SKILLS
 
@@ -29,7 +29,7 @@ def record(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
             patch.setattr(SKILLS[skill], "step_limit", 3)
-        protocol = Protocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
+        protocol = EvaluationProtocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
         (path,) = run_protocol(protocol, tmp_path_factory.mktemp("runs"))
         yield read_logs(path)[0]
 

@@ -8,6 +8,9 @@ Rooms, each built on those before it:
     evaluate     running episodes, logs, counting what stayed
     video        films, failure sheets, a live view
 
+Words: a lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023),
+whose code (hab-mobile-manipulation) most definitions follow. OURS marks what this package decided itself.
+
 Importing this package imports NumPy and nothing heavier; MuJoCo and SciPy are imported where they are used.
 """
 

@@ -4,17 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made import (
-    BOWL,
-    DRAWER,
-    OTHER,
-    change,
-    failure,
-    gripper_off,
-    random_state,
-    state,
-    step_reward,
-)
+from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_state, state, step_reward
 
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM, GRIP

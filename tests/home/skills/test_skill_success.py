@@ -159,9 +159,9 @@ def test_navigate_goes_on_until_it_says_stop():
 
 def test_the_map_stops_navigation_unless_somebody_knows_better():
     skill, silent = Navigate(), change(ARRIVED, stopped=False)
-    for told, wanted, where in ((0.0, 1.0, silent), (-1.0, -1.0, silent), (0.0, 0.0, change(silent, way=0.2))):
+    for stop, wanted, where in ((0.0, 1.0, silent), (-1.0, -1.0, silent), (0.0, 0.0, change(silent, way=0.2))):
         action = np.full((1, ACTION_SIZE), 0.5)
-        action[0, STOP] = told
+        action[0, STOP] = stop
         masked = skill.mask(action, where)
         assert masked[0, STOP] == wanted
         assert (masked[0, [FORWARD, TURN]] == 0.5).all()

@@ -12,17 +12,10 @@ from perdure.home.benchmark.tasks import SOMETHING_ELSE
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.outcomes import label, read_logs, write_logs
-from perdure.home.evaluate.protocol import Protocol, run_protocol
-from perdure.home.sim.world import SceneOptions, World
+from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+from perdure.home.sim.world import SceneOptions, VectorSimulator
 from perdure.home.skills import SKILLS
-from perdure.home.video import (
-    Replay,
-    failure_sheet,
-    logged_agent,
-    read_failures,
-    replay_failure,
-    sample_failures,
-)
+from perdure.home.video import Replay, failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
 from perdure.home.video.failure_sheets import COLUMNS
 from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
 
@@ -162,7 +155,7 @@ def hurried(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
             patch.setattr(SKILLS[skill], "step_limit", 3)
-        protocol = Protocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
+        protocol = EvaluationProtocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
         yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
 
 
@@ -196,9 +189,9 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
     (failure,) = read_failures([tmp_path / "logs.parquet"], "stabilizing")
     scene = episode_scene(failure.episode)
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, scene, start_pose(scene.apartment, failure.episode, 0))
-    states = np.tile(world.lane(0).qpos, (replay.log.length, 1))
+    states = np.tile(world.simulator(0).qpos, (replay.log.length, 1))
     sheets, log = [], replay.log
     for positions, found in (
         (log.history.facts.object_positions[:, 0], failure.label),

@@ -41,8 +41,8 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
         def __init__(self, options, film, stack):
             self.after_step = film
 
-    def render_episode(episode, film, seed, actors, skills):
-        for value in shown[actors]:
+    def render_episode(episode, film, seed, skill_agents, skills):
+        for value in shown[skill_agents]:
             film.add(flat(value))
 
     monkeypatch.setattr(side_by_side, "FrameWriter", FrameWriter)
@@ -86,8 +86,8 @@ def test_a_take_of_another_training_seed_may_have_only_place_from_it(tmp_path):
 
 def test_an_agent_acts_as_in_the_protocol():
     agent = make_agent("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
-    assert isinstance(agent.actors["place"], Ik)
-    assert isinstance(agent.actors["pick"], Oracle)
+    assert isinstance(agent.skill_agents["place"], Ik)
+    assert isinstance(agent.skill_agents["pick"], Oracle)
     assert agent.title.startswith("ik: ")
     waiting = make_agent("set_table", "delta-50", policies={"place": "oracle"})
     assert waiting.skills["place"].limit == 250

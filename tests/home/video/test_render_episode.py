@@ -25,9 +25,9 @@ def test_a_frame_observer_changes_nothing():
     shown, seen = [], []
 
     def observe(world, lane, narrator):
-        shown.append(world.lane(0).qpos.copy())
+        shown.append(world.simulator(0).qpos.copy())
         assert np.array_equal(lane.qpos, shown[-1])
-        assert lane.model.ngeom > world.lane(0).model.ngeom
+        assert lane.model.ngeom > world.simulator(0).model.ngeom
         seen.append(lane.data.site("gripper").xpos.copy())
         return len(shown) < STEPS
 
@@ -36,8 +36,8 @@ def test_a_frame_observer_changes_nothing():
     alone = []
 
     def watch(world, episodes):
-        alone.append(world.lane(0).qpos.copy())
-        np.testing.assert_allclose(seen[len(alone) - 1], world.lane(0).data.site("gripper").xpos, atol=1e-9)
+        alone.append(world.simulator(0).qpos.copy())
+        np.testing.assert_allclose(seen[len(alone) - 1], world.simulator(0).data.site("gripper").xpos, atol=1e-9)
         if len(alone) == STEPS:
             raise EnoughError
 

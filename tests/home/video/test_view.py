@@ -5,7 +5,7 @@ import pytest
 
 from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import SceneOptions, World
+from perdure.home.sim.world import SceneOptions, VectorSimulator
 from perdure.home.video import FilmOptions, film_episode, goal_marks, render_lane, save_picture
 from perdure.home.video.files import open_film
 from perdure.home.video.film import tile
@@ -18,10 +18,10 @@ def episode():
 
 @pytest.fixture(scope="module")
 def lane(episode):
-    world = World(1)
+    world = VectorSimulator(1)
     scene = episode_scene(episode, SceneOptions(visuals=True))
     world.reset(0, scene, start_pose(scene.apartment, episode, 0))
-    return world.lane(0)
+    return world.simulator(0)
 
 
 def picture(lane, *arguments, **options):

@@ -71,8 +71,11 @@ def test_the_documentation_holds_the_tables(tool):
 
 def test_the_documentation_holds_the_picture(tool):
     drawn = tool.pictures(read_tables(COMMITTED))
-    assert list(drawn) == ["home-arms.png"]
-    assert render(drawn["home-arms.png"]) == (ROOT / "docs" / "images" / "home-arms.png").read_bytes()
+    assert list(drawn) == ["home-release-strategies.png"]
+    assert (
+        render(drawn["home-release-strategies.png"])
+        == (ROOT / "docs" / "images" / "home-release-strategies.png").read_bytes()
+    )
 
 
 def test_a_page_without_marks_is_refused(tool):

@@ -58,12 +58,14 @@ def main(args: list[str]) -> None:
     Console(width=140, markup=False).print(table)
     if flags.render is not None:
         from perdure.home.benchmark.episodes import episode_scene
-        from perdure.home.sim.world import SceneOptions, World
+        from perdure.home.sim.world import SceneOptions, VectorSimulator
         from perdure.home.video import goal_marks, render_lane, save_picture
 
-        world = World(1)
+        world = VectorSimulator(1)
         world.reset(0, episode_scene(episode, SceneOptions(visuals=True)), pose)
-        print(save_picture(render_lane(world.lane(0), flags.camera, flags.size, goal_marks(episode)), flags.render))
+        print(
+            save_picture(render_lane(world.simulator(0), flags.camera, flags.size, goal_marks(episode)), flags.render)
+        )
 
 
 def _point(position: tuple[float, float, float]) -> str:

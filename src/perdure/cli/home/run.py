@@ -14,7 +14,7 @@ from perdure.cli.parse import check_folder
 from perdure.cli.terminal import command_line
 
 if TYPE_CHECKING:
-    from perdure.home.evaluate.protocol import Protocol
+    from perdure.home.evaluate.protocol import EvaluationProtocol
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,9 @@ class HomeRun:
     task: tyro.conf.Positional[str]
     """tidy_house, prepare_groceries or set_table."""
     place: str = "rl"
-    """Release strategy: rl (the policy alone), stop, ik, ik+, delta-N or delta-N-in-M (a policy trained to make objects
-    stay for N steps, within 200 + N or M steps)."""
+    """Release strategy: what happens when the policy commands the hand to open. rl: it opens at once. Hand-overs, in
+    which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), ik+ (then lowers the object
+    until contact). delta-N, delta-N-in-M: a policy trained to make objects stay for N steps, within 200 + N or M."""
     split: str = "val"
     """val (new arrangements of known apartments) or eval (new apartments)."""
     episodes: int = 100
@@ -36,14 +37,14 @@ class HomeRun:
     train_seeds: int = 1
     """Number of training seeds, from seed 0; each has its own policies."""
     vary: Literal["all", "place"] = "all"
-    """Policies that differ between training seeds: all, or place alone (the others are those of seed 0)."""
+    """Which skills' policies change with the training seed: all, or place alone (the others are those of seed 0)."""
     eval_seeds: int = 1
     """Number of evaluation seeds; each draws the robot's start poses."""
     policies: tuple[str, ...] = ()
     """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
     jaws: Literal["never", "apart"] = "never"
-    """When a released object can touch the robot again: never (hab-mobile-manipulation) or once they are apart
-    (habitat-lab)."""
+    """When a released object collides with the gripper's jaws and the rest of the robot again: never
+    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
     rolling: Literal["friction", "drag"] = "friction"
     """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
     apple: Literal["sphere", "hull"] = "sphere"
@@ -61,10 +62,10 @@ class HomeRun:
     """Folder of the logs."""
 
 
-def make_protocol(flags: HomeRun) -> Protocol:
+def make_protocol(flags: HomeRun) -> EvaluationProtocol:
     """Return the protocol of the flags."""
     from perdure.home.evaluate.execute import ExecutorOptions
-    from perdure.home.evaluate.protocol import Protocol
+    from perdure.home.evaluate.protocol import EvaluationProtocol
     from perdure.home.sim.world import SceneOptions
 
     scene = SceneOptions(
@@ -75,7 +76,9 @@ def make_protocol(flags: HomeRun) -> Protocol:
     )
     options = ExecutorOptions(lanes=flags.max_lanes, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
-    return Protocol(flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options)
+    return EvaluationProtocol(
+        flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options
+    )
 
 
 def main(args: list[str]) -> None:

@@ -44,7 +44,7 @@ class HomeVideo:
     train_seed: int = 0
     """With --place: training seed of the shipped policies."""
     vary: Literal["all", "place"] = "all"
-    """Policies that are those of the training seed: all, or place alone (the others are those of seed 0)."""
+    """Which skills' policies are those of the training seed: all, or place alone (the others are those of seed 0)."""
     jaws: Literal["never", "apart"] = "never"
     """As for `perdure home run`."""
     rolling: Literal["friction", "drag"] = "friction"
@@ -56,14 +56,7 @@ def main(args: list[str]) -> None:
     flags = parse_home(HomeVideo, args, "video")
     from perdure.home.benchmark.episodes import load_episodes
     from perdure.home.errors import HomeError
-    from perdure.home.video import (
-        FilmOptions,
-        contact_sheet,
-        film_episode,
-        film_side_by_side,
-        make_agent,
-        save_picture,
-    )
+    from perdure.home.video import FilmOptions, contact_sheet, film_episode, film_side_by_side, make_agent, save_picture
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     options = FilmOptions(

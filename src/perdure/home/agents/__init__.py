@@ -1,7 +1,7 @@
 """Agents: learned policies, the oracle and release strategies.
 
 Contents:
-    Actor         the interface: actions for some lanes at a time
+    SkillAgent         the interface: actions for some lanes at a time
     Scripted      skills that bring their own motion
     Learned       a policy of perdure
     Predicting    a policy of any library, as a function
@@ -9,8 +9,8 @@ Contents:
     release       release strategies: what happens between the policy's command to open the hand and the opening
 """
 
-from perdure.home.agents.actor import Actor, Scripted
 from perdure.home.agents.learned import Learned
 from perdure.home.agents.predicting import Predicting
+from perdure.home.agents.skill_agent import Scripted, SkillAgent
 
-__all__ = ["Actor", "Learned", "Predicting", "Scripted"]
+__all__ = ["Learned", "Predicting", "Scripted", "SkillAgent"]

@@ -1,18 +1,18 @@
-"""A learned skill policy as an actor."""
+"""A learned skill policy as an agent."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor
+from perdure.home.agents.skill_agent import SkillAgent
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world import PrivilegedState, World
-from perdure.home.skills import Progress, Skill
+from perdure.home.sim.world import PrivilegedState, VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
 from perdure.policy import Policy
 
 
-class Learned(Actor):
+class Learned(SkillAgent):
     """Acts with the mean of a policy that was trained on the skill's Gymnasium environment.
 
     A lane's action does not depend on how many lanes act with it (see `Policy.act`).
@@ -22,7 +22,7 @@ class Learned(Actor):
         """Keep the policy; `begin` checks that it fits the skill."""
         self.policy = policy
 
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """Raise HomeError for a policy whose observations or actions are not those of the skill."""
         sizes = self.policy.task.observation_size, self.policy.task.action_size
         wanted = len(skill.elements), len(skill.active_columns)
@@ -33,8 +33,8 @@ class Learned(Actor):
             )
 
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """See `Actor.act`."""
+        """See `SkillAgent.act`."""
         actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
         return skill.expand_action(np.asarray(actions, dtype=np.float64))

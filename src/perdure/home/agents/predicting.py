@@ -1,4 +1,4 @@
-"""A policy of any library as an actor: a function from a skill's observations to its actions."""
+"""A policy of any library as an agent: a function from a skill's observations to its actions."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perdure.home.agents.actor import Actor
+from perdure.home.agents.skill_agent import SkillAgent
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world import PrivilegedState, World
-from perdure.home.skills import Progress, Skill
+from perdure.home.sim.world import PrivilegedState, VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
 
 
-class Predicting(Actor):
+class Predicting(SkillAgent):
     """Acts with a function, such as another library's policy, in any one skill.
 
-    Observations and actions are those of the skill's Gymnasium environment. A policy with memory needs an `Actor` of
-    its own. Lanes are independent if the rows of the function are.
+    Observations and actions are those of the skill's Gymnasium environment. A policy with memory needs its own
+    `SkillAgent`. Lanes are independent if the rows of the function are.
     """
 
     def __init__(self, predict: Callable[[FloatArray], ArrayLike]) -> None:
@@ -31,9 +31,9 @@ class Predicting(Actor):
         self.predict = predict
 
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """See `Actor.act`. HomeError if the function returns a wrong shape."""
+        """See `SkillAgent.act`. HomeError if the function returns a wrong shape."""
         actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
         shape = len(lanes), len(skill.active_columns)
         if actions.shape != shape:

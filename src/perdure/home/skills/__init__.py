@@ -2,23 +2,23 @@
 
 Contents:
     SKILLS, get_skill        the skills by name; a new skill is one more line here
-    Skill, Progress          what a skill declares, and what it remembers
+    Skill, SkillProgress          what a skill declares, and what it remembers
     Element, ObservationTerm, Recipe
     Aim, region              where navigation should end
     make_skill_goal          the goal of a plan's step
     gym, training            Gymnasium environments; training and scores
 """
 
-from perdure.home.skills.articulated import Articulated, holds_handle
+from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.close_drawer import CloseDrawer
 from perdure.home.skills.close_fridge import CloseFridge
 from perdure.home.skills.navigate import Navigate
-from perdure.home.skills.observation import Element, ObservationTerm, rest_distance
+from perdure.home.skills.observation import Element, ObservationTerm
 from perdure.home.skills.open_drawer import OpenDrawer
 from perdure.home.skills.open_fridge import OpenFridge
 from perdure.home.skills.pick import Pick
-from perdure.home.skills.place import GOAL_RADIUS, Place
-from perdure.home.skills.progress import Progress
+from perdure.home.skills.place import Place
+from perdure.home.skills.progress import SkillProgress
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim, region
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
@@ -35,7 +35,6 @@ SKILLS["navigate"] = Navigate
 SKILLS["reset_arm"] = ResetArm
 
 __all__ = [
-    "GOAL_RADIUS",
     "SKILLS",
     "Aim",
     "Articulated",
@@ -48,15 +47,13 @@ __all__ = [
     "OpenFridge",
     "Pick",
     "Place",
-    "Progress",
     "Recipe",
     "ResetArm",
     "Skill",
+    "SkillProgress",
     "get_skill",
-    "holds_handle",
     "learned_skills",
     "make_skill_goal",
     "region",
-    "rest_distance",
     "rest_error",
 ]

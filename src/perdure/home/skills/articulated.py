@@ -13,7 +13,7 @@ from perdure.home.sim.apartments import Apartment
 from perdure.home.sim.world import PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Skill
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Skill, SkillProgress
 from perdure.home.skills.starts import Rectangle, Start, front_frame, handle, needed_container, stand_in
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
@@ -48,6 +48,7 @@ class Articulated(Skill):
     }
     slack = 0.0
     moves_link = True
+    ends_with_empty_hand = True
     wanted: ClassVar[float]
     """Wanted joint position in [m] or [rad]."""
     accepted: ClassVar[tuple[float, float]]
@@ -89,7 +90,7 @@ class Articulated(Skill):
         return (obs.PROPRIOCEPTION, obs.CLOSENESS, HANDLE, joint, *((face,) if self.knows_front else ()))
 
     def reward_terms(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """See `Skill.reward_terms`."""
         approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
@@ -104,12 +105,12 @@ class Articulated(Skill):
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Succeed at the wanted position with an empty hand within 0.15 m of rest."""
         retracted = obs.rest_distance(state) <= RETRACTED
         return np.asarray(self.is_accepted(state.link_position) & state.empty_hand & retracted)
 
-    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """See `failures`."""
         return {
             "wrong grasp": ~state.empty_hand & ~holds_handle(state),
@@ -118,11 +119,11 @@ class Articulated(Skill):
             **super().failure_conditions(state, progress),
         }
 
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Stop with an empty hand near rest after it was more than 0.3 m away, at any joint position (M3)."""
         return np.asarray(state.empty_hand & (obs.rest_distance(state) <= RETRACTED) & progress.away)
 
-    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+    def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """See `Skill.remember`."""
         holds = holds_handle(state)
         grasped = progress.grasped | holds

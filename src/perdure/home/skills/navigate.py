@@ -31,7 +31,7 @@ from perdure.home.skills import observation as obs
 from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.regions import region
 from perdure.home.skills.registry import get_skill
-from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Recipe, Skill, SkillProgress
 from perdure.home.skills.starts import Start, is_drawer, needed_container, stand_anywhere
 
 NEAR, FACING = 0.1, 0.25
@@ -46,7 +46,7 @@ DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.45, 0.5), (1.5, 1.8, 2.1, 2.35)
 paths can be cached)."""
 
 
-def _path(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     aim, ahead = state.in_base(state.aim), state.in_base(state.waypoint)
     far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
     safe = np.maximum(far, 1e-9)
@@ -92,20 +92,20 @@ class Navigate(Skill):
     scan_reach = SCAN_RANGE
 
     def reward_terms(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """See `Skill.reward_terms`."""
         return {"way": DISTANCE_REWARD * (counted_way(before) - counted_way(after))}
 
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """See `success_text`."""
         return state.stopped & _arrived(state)
 
-    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """See `failures`; a robot that slid on after it stopped has failed, too."""
         return {"stopped elsewhere": state.stopped & ~_arrived(state)}
 
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Stop wherever the robot has stopped."""
         return state.stopped
 

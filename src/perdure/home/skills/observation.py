@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.sim.world import BEAMS, SCAN_RANGE, PrivilegedState
-from perdure.home.sim.world.state import norm
-from perdure.home.skills.progress import FloatArray, Progress
+from perdure.home.sim.world.state import norm, wrap
+from perdure.home.skills.progress import SkillProgress
 
 SECTORS = BEAMS // 2
 SECTOR_DEPTH = 1.0
@@ -36,7 +37,7 @@ class ObservationTerm:
 
     elements: tuple[Element, ...]
     """One for each number."""
-    read: Callable[[PrivilegedState, Progress], list[FloatArray]]
+    read: Callable[[PrivilegedState, SkillProgress], list[FloatArray]]
     """Returns the values of n lanes as arrays of shape (n,) or (n, k), in the order of `elements`."""
 
 
@@ -53,10 +54,7 @@ def vector(name: str, meaning: str, axes: str = "xyz", unit: str = "m", bound: f
 def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -> ObservationTerm:
     """Return the term of a point of the room: relative to the gripper point, then in the base frame.
 
-    Args:
-        name: Prefix of the six elements.
-        what: The point, in words.
-        read: Returns the points in the room. Shape (n, 3).
+    `name` is the prefix of the six elements, `what` the point in words; `read` returns the points in the room, (n, 3).
     """
     elements = (
         *vector(f"{name}_from_gripper", f"vector from the gripper point to {what}"),
@@ -68,8 +66,7 @@ def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -
 def reaching(force_limit: float) -> ObservationTerm:
     """Return the term for reaching into furniture: contact forces, and the side on which the furniture is open.
 
-    Args:
-        force_limit: Sum of force increases in [N] that ends the skill.
+    `force_limit` is the sum of force increases in [N] that ends the skill.
     """
     elements = (
         Element("contact", "log(1 + contact force / 20 N)", "1", 0.0),
@@ -105,7 +102,7 @@ def _point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
     return [state.turned_to_base(points - state.gripper), state.in_base(points)]
 
 
-def _proprioception(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     rotation = unit(state.gripper_rotation)
     return [
         _wrapped(state.arm),
@@ -121,12 +118,11 @@ def _proprioception(state: PrivilegedState, _: Progress) -> list[FloatArray]:
 def _wrapped(arm: FloatArray) -> FloatArray:
     """Return arm angles with those of unlimited joints in [-pi, pi)."""
     result = arm.copy()
-    for column in ROLLS:
-        result[:, column] = np.mod(result[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    result[:, ROLLS] = wrap(result[:, ROLLS])
     return result
 
 
-def _closeness(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     """Return the nearest of three beams for each sector: 45 degrees wide, 15 shared with each neighbor."""
     ranges = state.scan
     before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)

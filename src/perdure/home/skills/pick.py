@@ -9,12 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
+from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
 from perdure.home.skills.open_fridge import OpenFridge
-from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
-from perdure.home.skills.starts import FRIDGE_DOOR, Rectangle, Start, stand_in
+from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Recipe, Skill, SkillProgress
+from perdure.home.skills.starts import Rectangle, Start, stand_in
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
@@ -27,7 +28,7 @@ ARRIVED = Rectangle((1.6, 1.9), 0.5)
 """Where `navigate` stops in front of the fridge, in the fridge's frame."""
 
 
-def _neighbors(state: PrivilegedState, _: Progress) -> list[FloatArray]:
+def _neighbors(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     turned = [state.turned_to_base(state.neighbors[:, k]) for k in range(NEIGHBORS)]
     away = np.stack([norm(each) for each in turned], axis=1)
     near = np.where(away > 0.0, np.clip(1.0 - away / NEIGHBORHOOD, 0.0, 1.0), 0.0)
@@ -102,7 +103,7 @@ class Pick(Skill):
     needs_neighbors = True
 
     def reward_terms(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """See `Skill.reward_terms`."""
         approach = norm(before.object - before.gripper) - norm(after.object - after.gripper)
@@ -114,11 +115,11 @@ class Pick(Skill):
             "grasp": np.where(now.grasped & ~was.grasped, GRASP_REWARD, 0.0),
         }
 
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """See `success_text`."""
         return np.asarray(state.holds_target & (obs.rest_distance(state) <= RETRACTED))
 
-    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """See `failures`."""
         return {
             "wrong object": (state.held >= 0) & ~state.holds_target | (state.held_link >= 0),
@@ -126,7 +127,7 @@ class Pick(Skill):
             **super().failure_conditions(state, progress),
         }
 
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Stop when an object (M3: anything) is held and the gripper is back at rest."""
         return np.asarray((state.held >= 0) & (obs.rest_distance(state) < RETRACTED))
 
@@ -136,7 +137,7 @@ class Pick(Skill):
         masked[:, GRIP] = np.where(state.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
         return masked
 
-    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+    def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """See `Skill.remember`."""
         return super().remember(replace(progress, grasped=progress.grasped | state.holds_target), state)
 

@@ -15,7 +15,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.world import GRIP, PrivilegedState
 from perdure.home.sim.world.state import norm
 from perdure.home.skills import observation as obs
-from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Progress, Recipe, Skill
+from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Recipe, Skill, SkillProgress
 
 GOAL_RADIUS = 0.15
 """eps_g: largest distance of the object's center from its goal in [m] (M3, habitat-lab)."""
@@ -50,12 +50,7 @@ class Place(Skill):
     """
 
     name = "place"
-    observation = (
-        obs.PROPRIOCEPTION,
-        obs.CLOSENESS,
-        obs.point("goal", "the goal", lambda state: state.goal),
-        CARRIED,
-    )
+    observation = (obs.PROPRIOCEPTION, obs.CLOSENESS, obs.point("goal", "the goal", lambda state: state.goal), CARRIED)
     rewards: ClassVar = {
         "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, upward distance apart (OURS)",
         "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region",
@@ -76,6 +71,7 @@ class Place(Skill):
     grip_text = "below 0: let go; place never grasps"
     force_limit = 7500.0
     object_at_start = "gripper"
+    ends_with_empty_hand = True
 
     delta: int = 1
     """Delta: number of steps the object must stay."""
@@ -106,7 +102,7 @@ class Place(Skill):
         return (*self.observation, lasting)
 
     def reward_terms(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """See `Skill.reward_terms`."""
         nearer = left_to_carry(before) - left_to_carry(after)
@@ -119,11 +115,11 @@ class Place(Skill):
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """See the class."""
         return np.asarray((progress.lasting >= self.delta) & (obs.rest_distance(state) <= RETRACTED))
 
-    def unmet(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def unmet(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """See `Skill.unmet`."""
         return {
             "not let go": ~progress.released,
@@ -132,12 +128,12 @@ class Place(Skill):
             "gripper not at rest": obs.rest_distance(state) > RETRACTED,
         }
 
-    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """See `failures`."""
         wrong_drop = progress.released & (progress.lasting == 0) & ~progress.reached
         return {"wrong drop": wrong_drop, **super().failure_conditions(state, progress)}
 
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Stop with an empty hand at rest, wherever the object is (M3); for Delta > 1 it must have stayed, too."""
         done = state.empty_hand & (obs.rest_distance(state) < RETRACTED)
         if self.delta > 1:
@@ -150,7 +146,7 @@ class Place(Skill):
         masked[:, GRIP] = np.minimum(masked[:, GRIP], 0.0)
         return masked
 
-    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+    def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """See `Skill.remember`."""
         there = (state.object_to_goal <= GOAL_RADIUS) & (state.held != state.target)
         grasped = progress.grasped | state.holds_target

@@ -6,13 +6,10 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 Record = TypeVar("Record", bound=Any)
 
 FORCE_MARGIN = 20.0
@@ -22,7 +19,7 @@ HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 
 
 @dataclass(frozen=True)
-class Progress:
+class SkillProgress:
     """What skills remember of n lanes. All arrays have shape (n,)."""
 
     elapsed: IntArray
@@ -46,23 +43,17 @@ class Progress:
         """Return the number of lanes."""
         return len(self.elapsed)
 
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> Progress:
+    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> SkillProgress:
         """Return the record of some lanes."""
-        return Progress(*[getattr(self, each.name)[lanes] for each in fields(self)])
+        return SkillProgress(*[getattr(self, each.name)[lanes] for each in fields(self)])
 
-    def put(self, lanes: IntArray, other: Progress) -> Progress:
+    def put(self, lanes: IntArray, other: SkillProgress) -> SkillProgress:
         """Return a copy with the rows of `lanes` replaced, see `put_rows`."""
         return put_rows(self, lanes, other)
 
 
 def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
-    """Return a copy of a record of arrays in which the rows of `lanes` come from another record.
-
-    Args:
-        record: A dataclass whose fields are arrays with one row for each lane.
-        lanes: Numbers of the rows to replace. Shape (m,).
-        other: A record of the same class with m rows.
-    """
+    """Return a copy of a dataclass of arrays in which the rows of `lanes` (m,) come from another one with m rows."""
     changed = {}
     for each in fields(record):
         column = getattr(record, each.name).copy()

@@ -12,7 +12,7 @@ import numpy as np
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, FreeSpace, free_space
-from perdure.home.skills.progress import IntArray
+from perdure.home.sim.arrays import IntArray
 from perdure.home.skills.starts import Rectangle, front_frame, is_drawer
 
 OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
@@ -34,18 +34,10 @@ class Aim:
 
 
 def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple[FreeSpace, IntArray]:
-    """Return the cells from which a skill can begin.
+    """Return the cells from which a skill can begin, with drawers and doors at the positions `opened` by link name.
 
-    Args:
-        apartment: The apartment.
-        opened: Positions of open drawers and doors by link name.
-        aim: What the skill acts on.
-
-    Returns:
-        The free space, and indices into its `centers`, never empty: all on the largest island.
-
-    Raises:
-        HomeError: If there is no cell within 2 m of a point in the open.
+    The free space, and indices into its `centers`, never empty: all on the largest island. HomeError if there is no
+    cell within 2 m of a point in the open.
     """
     space = free_space(apartment, opened)
     centers, main = space.centers, space.island == 0

@@ -9,7 +9,7 @@ from typing import Any
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillStep
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import Lane, SkillGoal
+from perdure.home.sim.world import Simulator, SkillGoal
 from perdure.home.skills.skill import Skill
 from perdure.home.skills.starts import open_links
 
@@ -18,15 +18,7 @@ SKILLS: dict[str, type[Skill]] = {}
 
 
 def get_skill(name: str, **options: Any) -> Skill:
-    """Return a skill by name.
-
-    Args:
-        name: Its name in `SKILLS`.
-        options: Fields of its class, such as `delta` of place.
-
-    Raises:
-        HomeError: If there is no such skill.
-    """
+    """Return a skill by its name in `SKILLS`, with options such as `delta` of place; HomeError for an unknown name."""
     if name not in SKILLS:
         raise HomeError(f"no skill is named {name!r}; {choices(name, SKILLS)}")
     return SKILLS[name](**options)
@@ -44,12 +36,9 @@ def choices(wrong: str, names: Iterable[str]) -> str:
     return f"there are {', '.join(names)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
 
 
-def make_skill_goal(episode: Episode, step: SkillStep, lane: Lane) -> SkillGoal:
-    """Return the goal of a plan's step in the current state of the world.
+def make_skill_goal(episode: Episode, step: SkillStep, lane: Simulator) -> SkillGoal:
+    """Return the goal of a plan's step in the current state of a lane.
 
-    Args:
-        episode: The episode that the lane runs; its targets are the first objects of the scene.
-        step: The step of the plan.
-        lane: The lane at the moment in which the step begins.
+    The episode's targets must be the first objects of the scene.
     """
     return get_skill(step.skill).skill_goal(episode, step.target, open_links(lane), step.toward)

@@ -8,8 +8,9 @@ import numpy as np
 
 from perdure.home.sim.robot.data import REST_ARM, ROLLS
 from perdure.home.sim.world import ACTION_SIZE, ARM, PrivilegedState
+from perdure.home.sim.world.state import wrap
 from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.skill import BoolArray, FloatArray, Progress, Skill
+from perdure.home.skills.skill import BoolArray, FloatArray, Skill, SkillProgress
 
 DONE = 0.05
 """Largest joint error of a reset arm in [rad] (habitat-lab)."""
@@ -28,7 +29,7 @@ class ResetArm(Skill):
     arm_step = FASTEST
     scan_reach = 0.0
 
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """See `success_text`."""
         return np.asarray(np.abs(rest_error(state.arm)).max(axis=1) < DONE)
 
@@ -42,6 +43,5 @@ class ResetArm(Skill):
 def rest_error(arm: FloatArray) -> FloatArray:
     """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, 7)."""
     error = np.asarray(REST_ARM) - arm
-    for column in ROLLS:
-        error[:, column] = np.mod(error[:, column] + np.pi, 2.0 * np.pi) - np.pi
+    error[:, ROLLS] = wrap(error[:, ROLLS])
     return error

@@ -1,7 +1,7 @@
 """The base class of skills: all that a skill declares, and the rules that all skills share.
 
-Skills are pure functions over `PrivilegedState` and `Progress`. Environments and the executor drive them. All functions
-work row by row, so the result of a lane does not depend on its neighbors.
+Skills are pure functions over `PrivilegedState` and `SkillProgress`. Environments and the executor drive them. All
+functions work row by row, so the result of a lane does not depend on its neighbors.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ import numpy as np
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot.data import BASE_RADIUS
 from perdure.home.sim.world import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP, PrivilegedState, SkillGoal
 from perdure.home.skills import starts
 from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTerm, rest_distance
-from perdure.home.skills.progress import (
-    HANDLE_LIMIT,
-    HOLD_LIMIT,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Progress,
-    counted_force,
-    invalid_grasp,
-)
+from perdure.home.skills.progress import HANDLE_LIMIT, HOLD_LIMIT, SkillProgress, counted_force, invalid_grasp
 from perdure.home.skills.recipe import Recipe
 from perdure.home.skills.regions import Aim
 
-__all__ = ["Aim", "BoolArray", "FloatArray", "IntArray", "Progress", "Recipe", "Skill"]  # all that a skill's file needs
+__all__ = [
+    "Aim",
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "Recipe",
+    "Skill",
+    "SkillProgress",
+]  # all that a skill's file needs
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
@@ -91,6 +91,8 @@ class Skill(ABC):
     """Where the target object is when the skill begins."""
     moves_link: ClassVar[bool] = False
     """Whether the skill moves a drawer or door."""
+    ends_with_empty_hand: ClassVar[bool] = False
+    """Whether the executor opens the hand after a time-out (M3)."""
 
     @property
     def limit(self) -> int:
@@ -112,15 +114,15 @@ class Skill(ABC):
         return ("none", *self.failures)
 
     @abstractmethod
-    def success(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Return whether the skill has succeeded. Shape (n,)."""
 
-    def stop(self, state: PrivilegedState, progress: Progress) -> BoolArray:
+    def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
         """Return whether the executor goes on to the next skill: on success by default. Shape (n,)."""
         return self.success(state, progress)
 
     def reward_terms(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """Return the reward terms of a step, without success, slack, force and failure. Each of shape (n,).
 
@@ -132,11 +134,11 @@ class Skill(ABC):
         """
         return {}
 
-    def failure_conditions(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """Return for each name of `failures` where it is true. Each of shape (n,)."""
         return {"invalid grasp": invalid_grasp(state), "excess force": progress.force_sum > self.force_limit}
 
-    def unmet(self, state: PrivilegedState, progress: Progress) -> Mapping[str, BoolArray]:
+    def unmet(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """Return the unmet conditions of success in words, most basic first, where known. Each of shape (n,)."""
         return {}
 
@@ -157,24 +159,17 @@ class Skill(ABC):
     def aim(self, episode: Episode, target: int, opened: Mapping[str, float]) -> Aim:
         """Return what navigation to this skill should face. Objects count as unmoved since the start (M3).
 
-        Args:
-            episode: The episode.
-            target: Number of the target.
-            opened: Positions of open drawers and doors by link name.
+        `opened` are the positions of open drawers and doors by link name.
         """
         placement = self.placement(episode, target)
-        return Aim(placement.position, starts.container_of(episode.apartment(), placement))
+        return Aim(placement.position, episode.apartment().container(placement.receptacle))
 
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
     ) -> SkillGoal:
-        """Return the goal of the skill in an episode.
+        """Return the goal of the skill in an episode; `toward` is the name of the next skill, for navigation.
 
-        Args:
-            episode: The episode.
-            target: Number of the target.
-            opened: Positions of open drawers and doors by link name.
-            toward: For navigation, the name of the next skill.
+        `opened` are the positions of open drawers and doors by link name.
         """
         aim, apartment = self.aim(episode, target, opened), episode.apartment()
         return SkillGoal(
@@ -192,16 +187,17 @@ class Skill(ABC):
         By default the robot stands within 2 m of what it acts on, faces it, and its container is open (M3, `pick_v1`,
         `place_v1`).
         """
-        opened = starts.draw_open(
-            episode.apartment(), starts.container_of(episode.apartment(), self.placement(episode, target)), rng
-        )
+        apartment = episode.apartment()
+        opened = starts.draw_open(apartment, apartment.container(self.placement(episode, target).receptacle), rng)
         return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
 
     def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
         """Draw where the robot stands; in front of the container if there is one (OURS)."""
         apartment, placement = episode.apartment(), self.placement(episode, target)
-        front = None if starts.container_of(apartment, placement) is None else starts.front_of(apartment, placement)
-        return starts.stand_near(apartment, placement.position, rng, front)
+        inside = apartment.container(placement.receptacle) is not None
+        return starts.stand_near(
+            apartment, placement.position, rng, starts.front_of(apartment, placement) if inside else None
+        )
 
     def make_start(
         self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator
@@ -217,29 +213,29 @@ class Skill(ABC):
             moved=moved[self.object_at_start],
         )
 
-    def observe(self, state: PrivilegedState, progress: Progress) -> FloatArray:
+    def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:
         """Return observations. Shape (n, len(elements))."""
         columns = [column for term in self.observation_terms() for column in term.read(state, progress)]
         return np.concatenate([each[:, None] if each.ndim == 1 else each for each in columns], axis=1)
 
-    def begin(self, state: PrivilegedState) -> Progress:
+    def begin(self, state: PrivilegedState) -> SkillProgress:
         """Return the progress at the first step."""
         n, no = len(state), np.zeros(len(state), dtype=bool)
         zero = np.zeros(n, dtype=np.int64)
-        return self.remember(Progress(zero, no, no, zero, no, no, counted_force(state), np.zeros(n)), state)
+        return self.remember(SkillProgress(zero, no, no, zero, no, no, counted_force(state), np.zeros(n)), state)
 
-    def advance(self, progress: Progress, state: PrivilegedState) -> Progress:
+    def advance(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """Return the progress one control step later."""
         force = counted_force(state)
         rise = np.maximum(force - progress.force, 0.0)
         later = replace(progress, elapsed=progress.elapsed + 1, force=force, force_sum=progress.force_sum + rise)
         return self.remember(later, state)
 
-    def remember(self, progress: Progress, state: PrivilegedState) -> Progress:
+    def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """Return the progress with the skill's own entries updated."""
         return replace(progress, away=progress.away | (rest_distance(state) > 0.3))
 
-    def failure(self, state: PrivilegedState, progress: Progress) -> IntArray:
+    def failure(self, state: PrivilegedState, progress: SkillProgress) -> IntArray:
         """Return which failure ends the skill as a number of `failure_labels`. Shape (n,)."""
         conditions, result = self.failure_conditions(state, progress), np.zeros(len(state), dtype=np.int64)
         for number, name in reversed(list(enumerate(self.failures, start=1))):
@@ -247,7 +243,7 @@ class Skill(ABC):
         return result
 
     def reward(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
         """Return the reward of a step and all its terms, shape (n,) each; arguments as of `reward_terms`."""
         terms = dict(self.reward_terms(before, after, was, now))

@@ -9,18 +9,13 @@ from typing import Any
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.sim.world import CONTROL_HZ, Lane, World
+from perdure.home.sim.world import CONTROL_HZ, Simulator, VectorSimulator
 from perdure.home.video.narrate import Narrator
 from perdure.home.video.render_episode import render_episode
 
 
 def serve_episode(
-    episode: Episode,
-    port: int = 8080,
-    speed: float = 1.0,
-    seed: int = 0,
-    repeats: int | None = None,
-    report: Callable[[str], None] = print,
+    episode: Episode, port: int = 8080, speed: float = 1.0, seed: int = 0, report: Callable[[str], None] = print
 ) -> None:
     """Show the oracle in an episode, over and over, on a page served by this machine.
 
@@ -29,7 +24,6 @@ def serve_episode(
         port: Port of the server.
         speed: Playback speed relative to real time.
         seed: Evaluation seed: draws the robot's start pose.
-        repeats: How often the episode is shown; without end when None.
         report: Called with the address, and with each new step of the plan.
 
     Raises:
@@ -45,11 +39,9 @@ def serve_episode(
     server = viser.ViserServer(port=port, verbose=False)
     report(f"http://localhost:{server.get_port()}")
     try:
-        shown = 0
-        while repeats is None or shown < repeats:
+        while True:
             server.scene.reset()
             render_episode(episode, _Broadcast(mjviser, server, speed, report), ExecutorOptions(eval_seed=seed))
-            shown += 1
     finally:
         server.stop()
 
@@ -62,11 +54,11 @@ class _Broadcast:
         self._scene: Any = None
         self._due, self._words = 0.0, ""
 
-    def __call__(self, world: World, lane: Lane, narrator: Narrator) -> bool:
+    def __call__(self, world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
         if self._scene is None:
-            self._scene = self._mjviser.ViserMujocoScene(self._server, lane.model, num_envs=1)
+            self._scene = self._mjviser.ViserMujocoScene(self._server, simulator.model, num_envs=1)
             self._due = time.monotonic()
-        self._scene.update_from_mjdata(lane.data)
+        self._scene.update_from_mjdata(simulator.data)
         caption = narrator.caption()
         if caption.words != self._words:
             self._words = caption.words

@@ -52,15 +52,9 @@ class Shot:
         return azimuth, elevation, float(np.linalg.norm(self.target - self.eye))
 
     def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
-        """Return where points of the room are in the picture.
+        """Return where points of the room (n, 3) in [m] are in a picture of (width, height) pixels. Shape (n, 3).
 
-        Args:
-            points: In [m]. Shape (n, 3).
-            size: Width and height of the picture in pixels.
-
-        Returns:
-            Pixels to the right and down from the upper left corner, and the depth in [m] (negative behind the camera).
-            Shape (n, 3).
+        Pixels to the right and down from the upper left corner, and the depth in [m] (negative behind the camera).
         """
         right, up, depth = self.axes @ (points - self.eye).T
         scale = 0.5 * size[1] / np.tan(np.radians(0.5 * FOVY)) / np.where(np.abs(depth) < 1e-6, 1e-6, depth)

@@ -16,6 +16,7 @@ from perdure.home.benchmark.tasks import Predicate
 from perdure.home.evaluate.outcomes import Label, placement
 from perdure.home.evaluate.outcomes.counting import stage_steps
 from perdure.home.evaluate.outcomes.failure_causes import in_goal_since, release_offset, tilt
+from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.world import CONTROL_HZ
 from perdure.home.video.cameras import Shot
@@ -24,7 +25,7 @@ from perdure.home.video.follow import Follower, direction_of
 from perdure.home.video.marks import goal_marks
 from perdure.home.video.narrate import Caption, Narrator
 from perdure.home.video.picture_steps import condition_of, failed_run, picture_steps
-from perdure.home.video.render_scene import RenderScene
+from perdure.home.video.render_scene import put, render_scene
 from perdure.home.video.replay import Failure, Replay
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip, write_title
@@ -41,14 +42,9 @@ NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
 
 
 def failure_sheet(failure: Failure, replay: Replay) -> Picture:
-    """Return the pictures of a replay, two rows of four, under a title.
+    """Return the pictures of a replay, two rows of four, under a title. Shape (height, width, 3).
 
-    Args:
-        failure: The logged failure.
-        replay: Its replay; the replay's own label is shown where it has one.
-
-    Returns:
-        Shape (height, width, 3).
+    The replay's own label is shown where it has one.
 
     Raises:
         HomeError: If no picture can be drawn on this machine.
@@ -59,10 +55,11 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     views = [_view(episode, replay, found, condition, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     mark = goal_marks(episode)[found.target]
-    with RenderScene(episode, failure.log.eval_seed) as scene, Studio(scene.lane, SIZE) as studio:
-        shots = _Camera(scene).shots(states, [points for points, _ in views], found.target)
+    simulator = render_scene(episode, failure.log.eval_seed)
+    with Studio(simulator, SIZE) as studio:
+        shots = _Camera(simulator).shots(states, [points for points, _ in views], found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
-            scene.put(state)
+            put(simulator, state)
             caption = _step_caption(episode, replay, step, note or measure)
             pictures.append(write_strip(studio.take(shot, [mark]), caption, 1.0))
     title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
@@ -85,8 +82,8 @@ def _view(
         away = np.linalg.norm(thing - gripper)
         return np.stack([thing, gripper]), "in the hand" if facts.held[step] == found.target else f"{away:.2f} m away"
     containers = [episode.container(target) for target in range(len(episode.goals))]
-    fridge = containers[found.target] == "top_door" if condition is None else name.endswith("fridge")
-    link = "top_door" if fridge else next(each for each in containers if each not in (None, "top_door"))
+    fridge = containers[found.target] == FRIDGE_DOOR if condition is None else name.endswith("fridge")
+    link = FRIDGE_DOOR if fridge else next(each for each in containers if each not in (None, FRIDGE_DOOR))
     opened = max(float((facts.fridge if fridge else facts.drawer)[step]), 0.0)
     handle = np.array(episode.apartment().handle_to_room(str(link), opened))
     hand = float(np.linalg.norm(handle - gripper))
@@ -99,10 +96,8 @@ def _view(
 def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Caption:
     """Return the text of the strip below a picture."""
     log, plan = replay.log, episode.home_task.skills
-    narrator, number = Narrator(episode), min(int(log.active[min(step, log.length - 1)]) + 1, len(plan))
-    for _ in range(number):
-        narrator.begin_skill()
-    caption, stages = narrator.caption(), zip(episode.home_task.stages, stage_steps(log), strict=True)
+    begun = min(int(log.active[min(step, log.length - 1)]) + 1, len(plan))
+    caption, stages = Narrator(episode, begun).caption(), zip(episode.home_task.stages, stage_steps(log), strict=True)
     skill = caption.words if step < log.steps else "settling"
     reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
     return replace(caption, seconds=(step + 1) / CONTROL_HZ, words=f"{skill}: {words}", stages=reached)
@@ -131,22 +126,15 @@ def _numbers(replay: Replay, found: Label, condition: Predicate | None) -> str:
 class _Camera(Follower):
     """A camera with one direction for all pictures of a sheet, the one with the fewest occlusions."""
 
-    def __init__(self, scene: RenderScene) -> None:
-        super().__init__(scene.lane)
-        self._scene = scene
-
     def shots(self, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
-        """Return a shot for each state.
+        """Return a shot for each state (nq,) that shows two points (2, 3), the more important one first.
 
-        Args:
-            states: `qpos` of each picture. Shape (nq,).
-            points: The two things to see in each, the more important one first. Shape (2, 3).
-            exclude: Number of the object that does not hide itself.
+        `exclude` is the number of the object that does not hide itself.
         """
         scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
         framings = []
         for state, pair in zip(states, points, strict=True):
-            self._scene.put(state)
+            put(self._simulator, state)
             middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
             framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
             eyes = [middle + framings[-1][1] * direction_of(*direction) for direction in DIRECTIONS]

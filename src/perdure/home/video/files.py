@@ -38,13 +38,7 @@ class Film(Protocol):
 
 
 def save_picture(picture: Picture, path: Path, colors: int | None = None) -> Path:
-    """Write a PNG.
-
-    Args:
-        picture: Shape (height, width, 3).
-        path: Where; its name must end in `.png`.
-        colors: With this many colors only, which makes the file small; all of them when None.
-    """
+    """Write a picture (height, width, 3) as `.png`, small with a number of `colors`."""
     from PIL import Image
 
     if path.suffix.lower() != ".png":

@@ -15,7 +15,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.sim.arrays import Picture
-from perdure.home.sim.world import CONTROL_HZ, Jaws, Lane, Rolling, SceneOptions, World
+from perdure.home.sim.world import CONTROL_HZ, Jaws, Rolling, SceneOptions, Simulator, VectorSimulator
 from perdure.home.video.cameras import Shot, check_camera
 from perdure.home.video.files import Film, open_film
 from perdure.home.video.follow import Follower
@@ -24,6 +24,9 @@ from perdure.home.video.narrate import Narrator
 from perdure.home.video.render_episode import focus, render_episode
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_strip
+
+COLUMNS = 4
+"""Pictures in a row of a contact sheet."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,7 @@ class FilmOptions:
 
 
 def film_episode(episode: Episode, path: Path, options: FilmOptions | None = None) -> EpisodeLog | None:
-    """Film the oracle, and return the episode's log, None when the film ended before the episode.
-
-    Args:
-        episode: The episode.
-        path: The film: `.mp4` or `.gif`.
-        options: Settings.
-    """
+    """Film the oracle as `.mp4` or `.gif`; return the episode's log, None when the film ended before the episode."""
     options = options or FilmOptions()
     with open_film(path) as film, ExitStack() as stack:
         return render_episode(episode, FrameWriter(options, film, stack).after_step, options.executor)
@@ -81,10 +78,10 @@ class FrameWriter:
         self._studio: _CaptionStudio | None = None
         self._pictures = self._steps = 0
 
-    def after_step(self, world: World, lane: Lane, narrator: Narrator) -> bool:
+    def after_step(self, world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
         """Add the pictures that are due; a `FrameObserver`. False ends the film."""
         if self._studio is None:
-            self._studio = self._stack.enter_context(_CaptionStudio(lane, self._options))
+            self._studio = self._stack.enter_context(_CaptionStudio(simulator, self._options))
         self._steps += 1
         now = self._steps / CONTROL_HZ
         while self._pictures * self._film.pace * self._options.speed <= now:
@@ -96,11 +93,11 @@ class FrameWriter:
 class _CaptionStudio(Studio):
     """A studio whose camera follows what the skill is about, and that writes captions."""
 
-    def __init__(self, lane: Lane, options: FilmOptions) -> None:
-        super().__init__(lane, options.size)
-        self._film_options, self._follower = options, Follower(self.lane)
+    def __init__(self, simulator: Simulator, options: FilmOptions) -> None:
+        super().__init__(simulator, options.size)
+        self._film_options, self._follower = options, Follower(self.simulator)
 
-    def picture(self, world: World, narrator: Narrator, seconds: float) -> Picture:
+    def picture(self, world: VectorSimulator, narrator: Narrator, seconds: float) -> Picture:
         """Return the current picture with captions; `seconds` is the time on the screen since the last one."""
         shot: str | Shot = self._film_options.camera
         if shot == "follow":
@@ -109,14 +106,11 @@ class _CaptionStudio(Studio):
         return write_strip(picture, narrator.caption(), self._film_options.speed)
 
 
-def contact_sheet(
-    episode: Episode, columns: int = 4, options: FilmOptions | None = None
-) -> tuple[Picture, EpisodeLog | None]:
+def contact_sheet(episode: Episode, options: FilmOptions | None = None) -> tuple[Picture, EpisodeLog | None]:
     """Return pictures of the oracle side by side, one for each stage as it is reached, and the episode's log.
 
     Args:
         episode: The episode.
-        columns: Pictures in a row.
         options: Camera, size of one picture, seed.
 
     Returns:
@@ -130,18 +124,18 @@ def contact_sheet(
     with ExitStack() as stack:
         studios: list[_CaptionStudio] = []
 
-        def after_step(world: World, lane: Lane, narrator: Narrator) -> bool:
+        def after_step(world: VectorSimulator, simulator: Simulator, narrator: Narrator) -> bool:
             caption = narrator.caption()
             if sum(done for _, done in caption.stages) > len(pictures):
                 if not studios:
-                    studios.append(stack.enter_context(_CaptionStudio(lane, options)))
+                    studios.append(stack.enter_context(_CaptionStudio(simulator, options)))
                 pictures.append(studios[0].picture(world, narrator, math.inf))
             return caption.seconds < options.seconds
 
         log = render_episode(episode, after_step, options.executor)
     if not pictures:
         raise HomeError(f"the oracle reached no stage of {episode.name}: there is nothing to show")
-    return tile(pictures, columns), log
+    return tile(pictures, COLUMNS), log
 
 
 def tile(pictures: Sequence[Picture], columns: int, gap: int = 6) -> Picture:

@@ -8,8 +8,8 @@ import numpy as np
 
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose
-from perdure.home.sim.world import Lane
-from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO
+from perdure.home.sim.world import Simulator
+from perdure.home.sim.world.simulator import ARM_FROM, ARM_TO, TORSO
 from perdure.home.video.cameras import Shot
 
 DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([24.0, 36.0, 50.0]))))
@@ -31,21 +31,18 @@ TRACKING = 0.12
 class Follower:
     """Remembers where the camera is, so that it glides instead of jumping. Times are those on the screen."""
 
-    def __init__(self, lane: Lane) -> None:
+    def __init__(self, simulator: Simulator) -> None:
         """A camera for one lane."""
-        self._lane = lane
+        self._simulator = simulator
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
         self._wanted, self._age = np.zeros(2), np.inf
-        self._partitions = _partition_geoms(lane)
+        self._partitions = _partition_geoms(simulator)
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
-        """Return the camera a moment later.
+        """Return the camera `seconds` later.
 
-        Args:
-            focus: What it is about besides the robot, in the room. Shape (3,).
-            exclude: Number of the object that is the focus and so does not hide it, -1 for none.
-            seconds: How much later.
+        `focus` is a point of the room besides the robot, shape (3,); the object of number `exclude` does not hide it.
         """
         robot, gripper = self._robot()
         way = np.zeros(3) if focus is None else focus - robot
@@ -73,8 +70,8 @@ class Follower:
 
     def _robot(self) -> tuple[FloatArray, FloatArray]:
         """Return the robot's chest and its gripper point in the room."""
-        x, y, yaw = self._lane.robot[:3]
-        local, _ = gripper_pose(self._lane.robot[TORSO], self._lane.robot[ARM_FROM:ARM_TO])
+        x, y, yaw = self._simulator.robot[:3]
+        local, _ = gripper_pose(self._simulator.robot[TORSO], self._simulator.robot[ARM_FROM:ARM_TO])
         cos, sin = np.cos(yaw), np.sin(yaw)
         gripper = np.array([x + cos * local[0] - sin * local[1], y + sin * local[0] + cos * local[1], local[2]])
         return np.array([x, y, 0.7]), gripper
@@ -89,29 +86,28 @@ class Follower:
                 0.3 if self._now is None else STAY / np.pi * abs((azimuth - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
             )
             scores.append(seen - turn - 0.4 * abs(elevation - np.radians(34.0)) + 0.3 * self._beside(azimuth))
-        best: FloatArray = DIRECTIONS[int(np.argmax(scores))]
-        return best
+        return np.asarray(DIRECTIONS[int(np.argmax(scores))])
 
     def _beside(self, azimuth: float) -> float:
         """Return 1 for a view from the side, where the arm is visible, 0 from ahead or behind."""
-        return float(abs(np.sin(azimuth - self._lane.robot[2])))
+        return float(abs(np.sin(azimuth - self._simulator.robot[2])))
 
     def _sees(self, point: FloatArray, eye: FloatArray, exclude: int) -> float:
         """Return 1 for a free line of sight, 0.4 when only the robot blocks it, else 0."""
         import mujoco
 
         geom = np.array([-1], dtype=np.int32)
-        body = -1 if exclude < 0 else int(self._lane.model.body(f"object_{exclude}").id)
+        body = -1 if exclude < 0 else int(self._simulator.model.body(f"object_{exclude}").id)
         groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
         away = eye - point
-        share = mujoco.mj_ray(self._lane.model, self._lane.data, point, away, groups, 1, body, geom)
+        share = mujoco.mj_ray(self._simulator.model, self._simulator.data, point, away, groups, 1, body, geom)
         hit = int(geom[0])
         if hit < 0 or share >= 1.0:
             return 1.0
-        if self._lane.scene.robot_geoms[hit]:
+        if self._simulator.scene.robot_geoms[hit]:
             return 0.4
         # A ray that leaves the room crosses a wall that is cut away for this camera.
-        return float(self._lane.model.geom_group[hit] == 1 and hit not in self._partitions)
+        return float(self._simulator.model.geom_group[hit] == 1 and hit not in self._partitions)
 
 
 def direction_of(azimuth: float, elevation: float) -> FloatArray:
@@ -119,11 +115,11 @@ def direction_of(azimuth: float, elevation: float) -> FloatArray:
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def _partition_geoms(lane: Lane) -> frozenset[int]:
+def _partition_geoms(simulator: Simulator) -> frozenset[int]:
     names = [
         f"{wall.name}/{solid.name}"
-        for wall in lane.scene.apartment.walls
+        for wall in simulator.scene.apartment.walls
         if wall.name.startswith("partition")
         for solid in wall.solids
     ]
-    return frozenset(int(lane.model.geom(name).id) for name in names)
+    return frozenset(int(simulator.model.geom(name).id) for name in names)

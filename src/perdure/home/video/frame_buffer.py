@@ -17,11 +17,7 @@ class FrameBuffer:
     """A context manager that keeps compressed frames in a temporary file; a whole task would not fit into memory."""
 
     def __init__(self, pace: float) -> None:
-        """Open an empty buffer.
-
-        Args:
-            pace: Seconds that each picture stays.
-        """
+        """Open an empty buffer; `pace` is how many seconds each picture stays."""
         self.pace = pace
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `stop`
         self._ends = [0]

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor
 from perdure.home.benchmark.episodes import Episode
-from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts, latch
-from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.benchmark.tasks import WorldFacts, latch
+from perdure.home.evaluate.execute.executor import Running
+from perdure.home.evaluate.execute.recorder import held_target, opened
 from perdure.home.sim.objects import short_name
-from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
-from perdure.home.skills import Progress, Skill
+from perdure.home.sim.world import CONTROL_HZ, VectorSimulator
 
 
 @dataclass(frozen=True)
@@ -35,25 +33,23 @@ class Caption:
 class Narrator:
     """Keeps the caption of one episode on lane 0 of an executor up to date."""
 
-    def __init__(self, episode: Episode) -> None:
-        """Begin before the first step."""
+    def __init__(self, episode: Episode, begun: int = 0) -> None:
+        """Begin before the first step, or after `begun` steps of the plan."""
         self.episode = episode
         self._reached = np.zeros(len(episode.home_task.stages), dtype=bool)
-        self._step = self._number = 0
+        self._step, self._number = 0, begun
 
-    def track(self, actors: Mapping[str, Actor]) -> dict[str, Actor]:
-        """Return the same actors, wrapped so that the narrator is notified when a skill begins."""
-        return {name: _TrackedActor(actor, self) for name, actor in actors.items()}
-
-    def begin_skill(self) -> None:
-        """Count the next step of the plan as begun."""
-        self._number += 1
-
-    def after_step(self, world: World) -> None:
-        """Update clock and stages after a control step."""
-        episode = self.episode
-        self._reached = latch(episode.home_task, self._reached, _facts(world, episode))
-        self._step += 1
+    def after_step(self, world: VectorSimulator, running: Running) -> None:
+        """Update clock, skill and stages after a control step."""
+        lanes, targets = np.array([0]), len(self.episode.goals)
+        facts = WorldFacts(
+            world.objects(lanes, targets)[0][0, :, :3],
+            self.episode.goal_positions,
+            held_target(world.sense(lanes), targets)[0],
+            *opened(world, lanes, [running.doors])[0],
+        )
+        self._reached = latch(self.episode.home_task, self._reached, facts)
+        self._number, self._step = running.begun, self._step + 1
 
     @property
     def skill(self) -> str:
@@ -76,50 +72,6 @@ class Narrator:
         if step.skill == "navigate":
             return f"navigate to {_verb(step.toward or 'pick')} {_thing(step.toward or 'pick', what)}"
         return f"{_verb(step.skill)} {_thing(step.skill, what)}"
-
-
-class _TrackedActor:
-    """An actor that notifies the narrator when its skill begins."""
-
-    def __init__(self, actor: Actor, narrator: Narrator) -> None:
-        self._actor, self._narrator = actor, narrator
-
-    @property
-    def sees(self) -> bool:
-        """See `Actor.sees`."""
-        return self._actor.sees
-
-    def overtime(self, lane: int) -> bool:
-        """See `Actor.overtime`."""
-        return self._actor.overtime(lane)
-
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """See `Actor.begin`."""
-        self._narrator.begin_skill()
-        self._actor.begin(world, lane, skill)
-
-    def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
-    ) -> FloatArray:
-        """See `Actor.act`."""
-        return self._actor.act(world, lanes, skill, state, progress)
-
-
-def _facts(world: World, episode: Episode) -> WorldFacts:
-    """Return the facts of lane 0 that the task's predicates need."""
-    lane, targets = world.lane(0), len(episode.goals)
-    full = lane.held >= 0 or lane.held_link >= 0
-    held = lane.held if 0 <= lane.held < targets else SOMETHING_ELSE if full else NOTHING
-    containers = [episode.container(target) for target in range(targets)]
-    drawer = next((each for each in containers if each is not None and each != "top_door"), None)
-    opened = dict(zip(lane.scene.links, lane.links, strict=True))
-    return WorldFacts(
-        world.objects(np.array([0]), targets)[0][0, :, :3],
-        episode.goal_positions,
-        np.array(held),
-        np.array(opened[drawer] if drawer else 0.0),
-        np.array(opened["top_door"]),
-    )
 
 
 def _verb(skill: str) -> str:

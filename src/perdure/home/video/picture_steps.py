@@ -33,10 +33,7 @@ def condition_of(log: EpisodeLog, found: Label) -> Predicate | None:
 def picture_steps(replay: Replay, found: Label, condition: Predicate | None) -> dict[int, str]:
     """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note.
 
-    Args:
-        replay: The episode.
-        found: Its label.
-        condition: What that blames, see `condition_of`.
+    `condition` is what the label blames, see `condition_of`.
     """
     log = replay.log
     release = placement(log, found.target) if condition is not None and condition.name == "at" else None

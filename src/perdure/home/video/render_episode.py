@@ -11,18 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor, Scripted
 from perdure.home.agents.oracle import Oracle
+from perdure.home.agents.skill_agent import Scripted, SkillAgent
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.execute.executor import Running
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.world import Lane, World
+from perdure.home.sim.world import Simulator, VectorSimulator
 from perdure.home.skills import Skill, get_skill
 from perdure.home.video.narrate import Narrator
-from perdure.home.video.render_scene import RenderScene
+from perdure.home.video.render_scene import put, render_scene
 
-FrameObserver = Callable[[World, Lane, Narrator], bool]
+FrameObserver = Callable[[VectorSimulator, Simulator, Narrator], bool]
 """Called after every control step with the world, the render scene's lane and the captions. False ends the episode."""
 
 AFTERWARDS = 45
@@ -37,7 +38,7 @@ def render_episode(
     episode: Episode,
     observe: FrameObserver,
     options: ExecutorOptions | None = None,
-    actors: Mapping[str, Actor] | None = None,
+    agents: Mapping[str, SkillAgent] | None = None,
     skills: Mapping[str, Skill] | None = None,
 ) -> EpisodeLog | None:
     """Run one episode, show every step to an observer, and return its log, None when the observer ended it early.
@@ -46,29 +47,30 @@ def render_episode(
         episode: The episode.
         observe: Shows the frames.
         options: Evaluation seed and settings of the world; the rest is chosen here.
-        actors: The actor of each skill; the oracle in all of them when None.
+        agents: The agent of each skill; the oracle in all of them when None.
         skills: The skills they act in; those of the benchmark when None.
     """
     names = {step.skill for step in episode.home_task.skills}
     oracle, narrator = Oracle(), Narrator(episode)
-    acting: Mapping[str, Actor] = actors or {n: Scripted() if n == "reset_arm" else oracle for n in names}
+    acting: Mapping[str, SkillAgent] = agents or {n: Scripted() if n == "reset_arm" else oracle for n in names}
     options = replace(options or ExecutorOptions(), lanes=1, threads=1, settle_steps=AFTERWARDS)
 
-    def after_step(world: World, episodes: Mapping[int, Episode]) -> None:
-        narrator.after_step(world)
-        scene.put(world.lane(0).qpos)
-        if not observe(world, scene.lane, narrator):
+    simulator = render_scene(episode, options.eval_seed)
+
+    def after_step(world: VectorSimulator, running: Mapping[int, Running]) -> None:
+        narrator.after_step(world, running[0])
+        put(simulator, world.simulator(0).qpos)
+        if not observe(world, simulator, narrator):
             raise _StoppedError
 
-    executor = Executor(skills or {name: get_skill(name) for name in names}, narrator.track(acting), options)
-    with RenderScene(episode, options.eval_seed) as scene:
-        try:
-            return next(iter(executor.run([episode], after_step)))
-        except _StoppedError:
-            return None
+    executor = Executor(skills or {name: get_skill(name) for name in names}, acting, options)
+    try:
+        return next(iter(executor.run([episode], after_step)))
+    except _StoppedError:
+        return None
 
 
-def focus(world: World, skill: str) -> tuple[FloatArray | None, int]:
+def focus(world: VectorSimulator, skill: str) -> tuple[FloatArray | None, int]:
     """Return the point of the room that a skill on lane 0 is about, and the object there (-1 for none)."""
     state, skill_goal = world.sense(np.array([0])), world.skill_goal(0)
     if skill == "reset_arm":

@@ -13,12 +13,13 @@ from perdure.home.benchmark.episodes import Episode, episode_hash, load_episodes
 from perdure.home.benchmark.tasks import SETTLE_STEPS
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.execute.executor import Running
 from perdure.home.evaluate.log import EpisodeLog, History
 from perdure.home.evaluate.outcomes import Counting, Label, label, noted_policies, read_logs, read_notes
 from perdure.home.evaluate.outcomes.files import check_distinct
 from perdure.home.evaluate.protocol import logged_policies, read_strategy
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.world import World
+from perdure.home.sim.world import VectorSimulator
 from perdure.home.video.side_by_side import Agent, make_agent
 
 
@@ -137,10 +138,12 @@ def replay_failure(failure: Failure, agent: Agent) -> Replay:
     """Run an episode again with the settings of its log."""
     states: list[FloatArray] = []
 
-    def observe(world: World, episodes: Mapping[int, Episode]) -> None:
-        states.append(world.lane(0).qpos.copy())
+    def observe(world: VectorSimulator, running: Mapping[int, Running]) -> None:
+        states.append(world.simulator(0).qpos.copy())
 
     log = failure.log
-    executor = Executor(agent.skills, agent.actors, failure.options, strategy=log.strategy, train_seed=log.train_seed)
+    executor = Executor(
+        agent.skills, agent.skill_agents, failure.options, strategy=log.strategy, train_seed=log.train_seed
+    )
     (again,) = executor.run([failure.episode], observe)
     return Replay(again, label(again, failure.counting), np.array(states))

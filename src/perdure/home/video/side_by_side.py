@@ -7,11 +7,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from perdure.home.agents.actor import Actor
+from perdure.home.agents.skill_agent import SkillAgent
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import SkillName
 from perdure.home.evaluate.log import EpisodeLog
-from perdure.home.evaluate.protocol import Protocol, make_actors
+from perdure.home.evaluate.page.words import describe
+from perdure.home.evaluate.protocol import EvaluationProtocol, make_agents
 from perdure.home.evaluate.protocol.policies import SkillPolicy
 from perdure.home.evaluate.protocol.protocol import Vary
 from perdure.home.sim.arrays import Picture
@@ -24,12 +25,6 @@ from perdure.home.video.words import write_title
 
 GAP = 8
 """Between two pictures, in pixels; even, as films need it."""
-WORDS = {
-    "rl": "releases when the policy commands it",
-    "stop": "stands still, releases",
-    "ik": "stands still, lowers by 5 cm, releases",
-    "ik+": "stands still, turns upright, lowers until contact, releases",
-}
 
 
 @dataclass(frozen=True)
@@ -37,10 +32,10 @@ class Agent:
     """Policies for all skills and a release strategy, with the texts written over its film."""
 
     title: str
-    """Such as `ik: stands still, lowers by 5 cm, releases`."""
+    """Such as `ik: stop, lower 5 cm`."""
     caption: str
     """Where learned policies act and where the oracle does."""
-    actors: Mapping[str, Actor]
+    skill_agents: Mapping[str, SkillAgent]
     skills: Mapping[str, Skill]
 
 
@@ -54,17 +49,15 @@ def make_agent(
         place: Release strategy, see `perdure.home.evaluate.protocol.read_release`.
         train_seed: Of the shipped policies.
         policies: Skill to file or "oracle", see `choose_policies`; else shipped policies, else the oracle.
-        vary: Which policies are those of the training seed, see `Protocol`.
+        vary: Which policies are those of the training seed, see `EvaluationProtocol`.
 
     Raises:
         HomeError: If strategy, skill or file do not exist.
     """
-    protocol = Protocol(task, place, episodes=1, vary=vary, policies=policies or {})
+    protocol = EvaluationProtocol(task, place, episodes=1, vary=vary, policies=policies or {})
     chosen = protocol.assignment(train_seed)
-    words = WORDS.get(place, f"trained to make objects stay for {protocol.release.delta} steps")
-    return Agent(
-        f"{place}: {words}", _caption(chosen), make_actors(chosen, protocol.release.strategy), protocol.skills()
-    )
+    skill_agents = make_agents(chosen, protocol.release.strategy)
+    return Agent(f"{place}: {describe(place)}", _caption(chosen), skill_agents, protocol.skills())
 
 
 def _caption(chosen: Mapping[SkillName, SkillPolicy]) -> str:
@@ -96,7 +89,9 @@ def film_side_by_side(
         for agent, frames in zip(agents, buffers, strict=True):
             with ExitStack() as studio:
                 writer = FrameWriter(options, frames, studio)
-                logs.append(render_episode(episode, writer.after_step, options.executor, agent.actors, agent.skills))
+                logs.append(
+                    render_episode(episode, writer.after_step, options.executor, agent.skill_agents, agent.skills)
+                )
         for number in range(max(map(len, buffers))):
             panels = [_panel(*each, number) for each in zip(agents, buffers, strict=True)]
             film.add(tile(panels, len(panels), GAP))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +13,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Picture
 from perdure.home.sim.camera.gl import open_context
-from perdure.home.sim.world import Lane
+from perdure.home.sim.world import Simulator
 from perdure.home.video.cameras import FOVY, OWN, Shot, check_camera, whole_apartment
 from perdure.home.video.marks import Mark
 from perdure.home.video.words import write_labels
@@ -37,11 +36,11 @@ FILL_STRENGTH = 0.2
 class Studio:
     """Takes pictures of one lane, many if need be. Use it in a `with`, in the thread that made it."""
 
-    def __init__(self, lane: Lane, size: tuple[int, int] = (900, 600)) -> None:
+    def __init__(self, simulator: Simulator, size: tuple[int, int] = (900, 600)) -> None:
         """Set up lights and camera.
 
         Args:
-            lane: What to take pictures of; its scene should be built with visuals. It is not changed.
+            simulator: What to take pictures of; its scene should be built with visuals. It is not changed.
             size: Width and height of the pictures in pixels.
 
         Raises:
@@ -51,9 +50,9 @@ class Studio:
 
         if not all(16 <= side <= LARGEST for side in size):
             raise HomeError(f"a picture must be 16 to {LARGEST} pixels wide and high, not {size[0]} x {size[1]}")
-        self.lane, self.size = lane, size
+        self.simulator, self.size = simulator, size
         self._mujoco = mujoco
-        self._model: Any = copy(lane.model)  # walls are cut away in this one
+        self._model: Any = copy(simulator.model)  # walls are cut away in this one
         self._context = open_context(*size)
         _set_visuals(self._model, size)
         self._colors: NDArray[np.float32] = self._model.geom_rgba.copy()
@@ -68,9 +67,7 @@ class Studio:
         """Itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """See `close`."""
         self.close()
 
@@ -81,21 +78,20 @@ class Studio:
             self._context.free()
             self._context = None
 
-    def take(self, camera: str | Shot, marks: Sequence[Mark] = (), labels: bool = True) -> Picture:
+    def take(self, camera: str | Shot, marks: Sequence[Mark] = ()) -> Picture:
         """Return one picture of the present lane.
 
         Args:
             camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
             marks: Targets and goals to show.
-            labels: Whether their names are written beside them.
         """
         shot = self._shot(camera)
         if isinstance(shot, Shot):
             self._model.geom_rgba[:] = self._colors
-            cut_away(self._model, self.lane.scene.apartment, shot.eye)
+            cut_away(self._model, self.simulator.scene.apartment, shot.eye)
         self._mujoco.mjv_updateScene(
             self._model,
-            self.lane.data,
+            self.simulator.data,
             self._options,
             None,
             self._camera(shot),
@@ -107,7 +103,7 @@ class Studio:
         for mark, place in zip(marks, places, strict=True):
             self._add_mark(mark, place)
         picture = self._read()
-        if labels and isinstance(shot, Shot) and marks:
+        if isinstance(shot, Shot) and marks:
             picture = write_labels(picture, shot, marks, places)
         return picture
 
@@ -119,8 +115,8 @@ class Studio:
         if camera == "follow":
             from perdure.home.video.follow import Follower
 
-            return Follower(self.lane).shot()
-        return whole_apartment(self.lane.scene.apartment, camera, self.size)
+            return Follower(self.simulator).shot()
+        return whole_apartment(self.simulator.scene.apartment, camera, self.size)
 
     def _camera(self, shot: Shot | str) -> Any:
         camera = self._mujoco.MjvCamera()
@@ -135,11 +131,11 @@ class Studio:
 
     def _object_place(self, mark: Mark) -> FloatArray | None:
         """Return where a mark's object is now."""
-        scene = self.lane.scene
+        scene = self.simulator.scene
         if not 0 <= mark.number < len(scene.placements):
             return None
         address = scene.object_qpos[mark.number]
-        return np.array(self.lane.qpos[address : address + 3])
+        return np.array(self.simulator.qpos[address : address + 3])
 
     def _add_mark(self, mark: Mark, place: FloatArray | None) -> None:
         kinds, goal = self._mujoco.mjtGeom, np.array(mark.goal)
@@ -187,20 +183,16 @@ class Studio:
 
 
 def render_lane(
-    lane: Lane, camera: str | Shot = "doll_house", size: tuple[int, int] = (900, 600), goals: Sequence[Mark] = ()
+    simulator: Simulator,
+    camera: str | Shot = "doll_house",
+    size: tuple[int, int] = (900, 600),
+    goals: Sequence[Mark] = (),
 ) -> Picture:
-    """Return one picture of a lane. For many of the same lane, a `Studio` is faster.
+    """Return one picture of a lane, shape (height, width, 3). For many of the same lane, a `Studio` is faster.
 
-    Args:
-        lane: What to take a picture of; its scene should be built with visuals.
-        camera: `doll_house`, `plan`, `head`, `hand`, `follow`, or a shot of one's own.
-        size: Width and height in pixels.
-        goals: Targets and goals to show, see `goal_marks`.
-
-    Returns:
-        Shape (height, width, 3).
+    Arguments as of `Studio` and `Studio.take`.
     """
-    with Studio(lane, size) as studio:
+    with Studio(simulator, size) as studio:
         return studio.take(camera, goals)
 
 

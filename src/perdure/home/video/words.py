@@ -30,11 +30,7 @@ def font(size: float) -> Any:
 def write_labels(picture: Picture, shot: Shot, marks: Sequence[Mark], places: Sequence[FloatArray | None]) -> Picture:
     """Return a picture with the objects' names over their pins and `goal: ...` over the goals; labels do not overlap.
 
-    Args:
-        picture: What was rendered with that shot.
-        shot: The camera.
-        marks: Targets and goals in the picture.
-        places: Where the marks' objects are.
+    The picture was rendered with that shot; `places` are where the marks' objects are.
     """
     from PIL import Image, ImageDraw
 
@@ -85,15 +81,9 @@ DONE = (34, 139, 84)
 
 
 def write_strip(picture: Picture, caption: Caption, speed: float) -> Picture:
-    """Return a picture with a caption strip: skill and clock, and a mark for each stage, green once it is reached.
+    """Return a frame with a caption strip: skill and clock, and a mark for each stage, green once it is reached.
 
-    Args:
-        picture: A frame. Shape (height, width, 3).
-        caption: Its caption.
-        speed: Playback speed relative to real time.
-
-    Returns:
-        Shape (height + strip, width, 3).
+    `speed` is relative to real time. Shape (height, width, 3) -> (height + strip, width, 3).
     """
     from PIL import Image, ImageDraw
 
@@ -117,16 +107,7 @@ TITLE = 44
 
 
 def write_title(picture: Picture, title: str, caption: str) -> Picture:
-    """Return a picture with a title and a line of small print above it.
-
-    Args:
-        picture: A frame. Shape (height, width, 3).
-        title: The title.
-        caption: A line of small print.
-
-    Returns:
-        Shape (height + title, width, 3).
-    """
+    """Return a frame with a title and a line of small print above it. Shape (height + title, width, 3)."""
     from PIL import Image
 
     height, width = picture.shape[:2]

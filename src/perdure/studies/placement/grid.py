@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from perdure.home.evaluate.protocol import Protocol, read_strategy
+from perdure.home.evaluate.protocol import EvaluationProtocol, read_strategy
 from perdure.studies.errors import StudyError
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
@@ -79,11 +79,11 @@ class Row:
         parts += [f"--eval-seeds {self.eval_seeds}"] if self.eval_seeds > 1 else []
         return shlex.join(["perdure", "home", "run", self.task, *" ".join(parts).split()])
 
-    def protocol(self) -> Protocol:
+    def protocol(self) -> EvaluationProtocol:
         """Return what is run."""
         _, options = read_strategy(self.strategy)
         counts = self.episodes, self.train_seeds, self.eval_seeds
-        return Protocol(self.task, self.place, self.split, *counts, options=options)
+        return EvaluationProtocol(self.task, self.place, self.split, *counts, options=options)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from perdure.home.agents.release.ik import EPSILON, SPEED
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
+from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, make_agents
 from perdure.home.sim.world import SceneOptions
 from perdure.runs import Unit, Work
 from perdure.studies.placement.grid import Grid
@@ -58,10 +58,10 @@ def _unit(descent: float, speed: float, episodes: int) -> Unit:
 
 def measure(work: Work, *, descent: float, speed: float, episodes: int) -> None:
     """Write one row of the table; the function of the units."""
-    actors = make_actors(choose_policies(TASK, 0), "rl")
-    ik = actors["place"] = Ik(actors["place"], epsilon=descent, speed=speed)
+    agents = make_agents(choose_policies(TASK, 0), "rl")
+    ik = agents["place"] = Ik(agents["place"], epsilon=descent, speed=speed)
     options = ExecutorOptions(scene=SceneOptions(rolling="drag"), threads=work.threads)
-    executor = Executor(Protocol(TASK).skills(), actors, options, strategy="ik", train_seed=0)
+    executor = Executor(EvaluationProtocol(TASK).skills(), agents, options, strategy="ik", train_seed=0)
     logs = []
     for log in executor.run(load_episodes(TASK, "val").episodes[:episodes]):
         logs.append(log)

@@ -18,8 +18,8 @@ def solve(task, split, numbers, lanes=2):
     episodes = load_episodes(task, split)
     names = {step.skill for step in episodes[0].home_task.skills}
     oracle = Oracle()
-    actors = {name: Scripted() if name == "reset_arm" else oracle for name in names}
-    executor = Executor({name: get_skill(name) for name in names}, actors, ExecutorOptions(lanes=lanes))
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in names}
+    executor = Executor({name: get_skill(name) for name in names}, agents, ExecutorOptions(lanes=lanes))
     return [all(latched(log)) for log in executor.run([episodes[k] for k in numbers])]
 
 

@@ -10,7 +10,7 @@ from perdure.home.sim.apartments import Pose, make_apartment
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.world import ACTION_SIZE, ARM, SkillGoal, World, build_scene
+from perdure.home.sim.world import ACTION_SIZE, ARM, SkillGoal, VectorSimulator, build_scene
 from perdure.home.skills import Place
 
 GRIP = 9
@@ -63,21 +63,21 @@ def start(table, clearance=0.10, rotation=None):
     point = base.to_local(surface + np.array([0.0, 0.0, 0.088 + clearance]))
     found = reach(point, REST_ARM, rotation=np.eye(3) if rotation is None else rotation)
     assert found.ok
-    world = World(1)
+    world = VectorSimulator(1)
     goal = tuple(float(v) for v in surface + np.array([0.0, 0.0, 0.088]))
     world.reset(0, scene, base, found.arm, held=0, skill_goal=SkillGoal(0, goal))
     return world
 
 
-def play(world, actor, steps=250):
-    """Runs place with an actor until the hand is open; the state of every step."""
+def play(world, agent, steps=250):
+    """Runs place with an agent until the hand is open; the state of every step."""
     skill = Place()
     lanes = np.array([0])
     state = world.sense()
     progress, seen = skill.begin(state), [state]
-    actor.begin(world, 0, skill)
+    agent.begin(world, 0, skill)
     for _ in range(steps):
-        action = skill.mask(actor.act(world, lanes, skill, state, progress), state)
+        action = skill.mask(agent.act(world, lanes, skill, state, progress), state)
         world.step(action)
         state = world.sense()
         progress = skill.advance(progress, state)
@@ -99,8 +99,8 @@ def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
 @pytest.mark.parametrize("name", ["stop", "ik", "ik+"])
 def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table, name):
     """At 0.75 m/s backwards the base rolls on; M3's stops at once."""
-    actor = make_strategy(name, Hasty(at=8, forward=-0.5))
-    seen = play(start(table), actor)
+    agent = make_strategy(name, Hasty(at=8, forward=-0.5))
+    seen = play(start(table), agent)
     frozen = 9  # the policy acted in eight steps; it asked to let go after the eighth
     away = [float(np.hypot(*(each.base[0, :2] - seen[frozen - 1].base[0, :2]))) for each in seen]
     assert max(away[frozen:]) > 0.03, "the control: without driving back it would be let go there"
@@ -114,9 +114,9 @@ def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
     world = start(table)
     goal = np.add(world.skill_goal(0).goal, (0.2, 0.0, 0.0))
     world.assign(0, SkillGoal(0, tuple(map(float, goal))))
-    actor = make_strategy(name, Hasty(at=0))
-    seen = play(world, actor)
-    assert actor.outcomes == ["not above the goal"]
+    agent = make_strategy(name, Hasty(at=0))
+    seen = play(world, agent)
+    assert agent.outcomes == ["not above the goal"]
     assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.01
 
 
@@ -173,23 +173,23 @@ def test_the_policy_is_not_asked_while_the_hand_over_runs(table):
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_at_the_time_out_the_release_strategy_runs(table, name):
     """The executor gives a hand-over the time it needs; the policy alone gets none."""
-    actor = make_strategy(name, Hasty(at=10**6))
-    assert actor.overtime(0) == (name != "rl")
+    agent = make_strategy(name, Hasty(at=10**6))
+    assert agent.overtime(0) == (name != "rl")
     if name == "rl":
         return
     world = start(table)
     skill, lanes = Place(limited_to=5), np.array([0])
     state = world.sense()
     progress = skill.begin(state)
-    actor.begin(world, 0, skill)
+    agent.begin(world, 0, skill)
     for _ in range(200):
-        world.step(skill.mask(actor.act(world, lanes, skill, state, progress), state))
+        world.step(skill.mask(agent.act(world, lanes, skill, state, progress), state))
         state = world.sense()
         progress = skill.advance(progress, state)
         if state.held[0] < 0:
             break
     assert state.held[0] < 0
-    assert actor.outcomes
+    assert agent.outcomes
 
 
 def test_upright_keeps_upright_rotations_and_mends_tilted_ones():

@@ -7,16 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 from box_objects import SIZES, BoxObjects
+from publish_episodes import publish
 
-from perdure.home.benchmark.episodes import (
-    generate,
-    generate_episode,
-    generate_episodes,
-    read_episodes,
-    settle,
-    settle_episode,
-)
-from perdure.home.benchmark.episodes.publish import publish
+from perdure.home.benchmark.episodes import generate, generate_episode, generate_episodes, read_episodes, settle
 from perdure.home.benchmark.tasks import TASKS
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import build_apartment, free_space, make_apartment
@@ -82,7 +75,7 @@ def test_goals_are_half_a_metre_from_the_starts_and_the_robot_can_stand_within_o
 
 
 def test_objects_stay_where_they_are_when_left_alone(episode):
-    assert settle_episode(episode, BoxObjects(), seconds=2.0).max() < 1e-3
+    assert settle(episode.apartment(), dict(episode.opened), episode.objects, BoxObjects(), 2.0)[1].max() < 1e-3
 
 
 def test_the_container_of_a_target_is_what_has_to_be_opened():

@@ -1,4 +1,4 @@
-"""Both ways of counting on stories told step by step."""
+"""Both ways of counting on stories, step by step."""
 
 import numpy as np
 import pytest

@@ -29,10 +29,10 @@ class Idle:
         return False
 
 
-def run(actor, episodes, **options):
+def run(agent, episodes, **options):
     skills = {name: get_skill(name) for name in SKILLS}
-    actors = {name: Scripted() if name == "reset_arm" else actor for name in SKILLS}
-    executor = Executor(skills, actors, ExecutorOptions(**options))
+    agents = {name: Scripted() if name == "reset_arm" else agent for name in SKILLS}
+    executor = Executor(skills, agents, ExecutorOptions(**options))
     return {log.index: log for log in executor.run(episodes)}
 
 

@@ -11,7 +11,7 @@ from perdure.home.agents import Learned, Predicting
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.protocol import Protocol, choose_policies, make_actors
+from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, make_agents
 from perdure.home.skills import get_skill
 
 ROOT = Path(__file__).parents[4]
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[4]
 
 def test_a_function_acts_as_the_policy_that_it_calls():
     chosen = choose_policies("set_table", 0)
-    shipped = make_actors(chosen, "rl")
+    shipped = make_agents(chosen, "rl")
     policies = {skill: each.policy for skill, each in chosen.items()}
     foreign = {
         skill: Predicting(lambda seen, policy=policies[skill]: policy.act(seen, np.zeros(len(seen), int)))
@@ -29,8 +29,8 @@ def test_a_function_acts_as_the_policy_that_it_calls():
     episodes = load_episodes("set_table", "val").episodes[3:5]
     options = ExecutorOptions(lanes=2, settle_steps=2)
     ran = []
-    for actors in (shipped, {**shipped, **foreign}):
-        logs = list(Executor(Protocol("set_table").skills(), actors, options).run(episodes))
+    for agents in (shipped, {**shipped, **foreign}):
+        logs = list(Executor(EvaluationProtocol("set_table").skills(), agents, options).run(episodes))
         ran.append({log.index: [(run.skill, run.begin, run.end, run.ending) for run in log.runs] for log in logs})
     assert ran[0] == ran[1]
     assert all([run[0] for run in runs].count("place") == 2 for runs in ran[0].values())
@@ -40,9 +40,9 @@ def test_a_function_acts_as_the_policy_that_it_calls():
 def test_actions_of_another_shape_are_refused(skill, size, monkeypatch):
     skill = get_skill(skill)
     monkeypatch.setattr(type(skill), "observe", lambda self, state, progress: np.zeros((3, len(self.elements))))
-    actor = Predicting(lambda seen: np.zeros(len(seen)) if size is None else np.zeros((len(seen), size)))
+    agent = Predicting(lambda seen: np.zeros(len(seen)) if size is None else np.zeros((len(seen), size)))
     with pytest.raises(HomeError, match=rf"predict gave actions of shape .* for {skill.name}; it must be \(3, "):
-        actor.act(None, np.arange(3), skill, None, None)
+        agent.act(None, np.arange(3), skill, None, None)
 
 
 def test_the_sb3_example_learns_and_runs_the_protocol(tmp_path):

@@ -1,4 +1,4 @@
-"""Stories of the outcomes' tests are told here, too, and figures are read as those of the report."""
+"""The stories of the outcomes' tests, and figures read as those of the report."""
 
 import sys
 from pathlib import Path

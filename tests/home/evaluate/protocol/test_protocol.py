@@ -16,11 +16,11 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import read_logs, read_notes
 from perdure.home.evaluate.protocol import (
-    Protocol,
+    EvaluationProtocol,
     choose_policies,
     episode_blocks,
     logged_policies,
-    make_actors,
+    make_agents,
     read_release,
     run_protocol,
 )
@@ -34,7 +34,7 @@ ORACLES = dict.fromkeys(LEARNED, "oracle")
 
 
 def test_units_cover_every_episode_of_every_seed_once():
-    protocol = Protocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
+    protocol = EvaluationProtocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
     seen = [
         (part.train_seed, part.eval_seed, episode)
         for part in episode_blocks(protocol)
@@ -46,7 +46,7 @@ def test_units_cover_every_episode_of_every_seed_once():
 
 
 def test_what_was_run_is_not_run_again(tmp_path):
-    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     seen = []
     first = run_protocol(protocol, tmp_path, observe=seen.append, command="asked by a test")
     _say_other_source_made(first[0].parent)
@@ -63,7 +63,7 @@ def test_what_was_run_is_not_run_again(tmp_path):
 
 
 def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
-    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     calls, states, run = [], [], Executor.run
 
     def counted(self, episodes):
@@ -89,7 +89,7 @@ def _states(status):
 
 
 def test_logs_that_an_interrupted_attempt_left_are_not_run_again(tmp_path, monkeypatch):
-    protocol = Protocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     (logs,) = run_protocol(protocol, tmp_path / "first")
     (unit,) = protocol_units(protocol, "")
     monkeypatch.setattr(Executor, "run", lambda *ignored: pytest.fail("its result is there"))
@@ -111,7 +111,7 @@ def _say_other_source_made(unit):
 def test_other_settings_under_the_same_name_are_refused(tmp_path):
     def protocol(settle_steps):
         options = ExecutorOptions(lanes=1, settle_steps=settle_steps)
-        return Protocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
+        return EvaluationProtocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
 
     run_protocol(protocol(2), tmp_path)
     with pytest.raises(StoreError, match="settle_steps"):
@@ -119,8 +119,10 @@ def test_other_settings_under_the_same_name_are_refused(tmp_path):
 
 
 def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
-    usual = Protocol("set_table", "ik+")
-    unusual = Protocol("set_table", "ik+", options=ExecutorOptions(jaws="apart", scene=SceneOptions(rolling="drag")))
+    usual = EvaluationProtocol("set_table", "ik+")
+    unusual = EvaluationProtocol(
+        "set_table", "ik+", options=ExecutorOptions(jaws="apart", scene=SceneOptions(rolling="drag"))
+    )
     assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
     assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
 
@@ -129,7 +131,7 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.evaluate.protocol.units.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
-    protocol = Protocol("set_table", episodes=2, policies=policies, options=options)
+    protocol = EvaluationProtocol("set_table", episodes=2, policies=policies, options=options)
     seen = []
     alone = run_protocol(protocol, tmp_path / "alone")
     together = run_protocol(protocol, tmp_path / "together", on="local", cores=2, observe=seen.append)
@@ -141,14 +143,14 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
 def test_a_protocol_for_another_process_is_the_same_one(targets):
     scene = SceneOptions(rolling="drag", clutter=False, targets=targets)
     options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, jaws="apart", scene=scene)
-    protocol = Protocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
-    assert Protocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
+    protocol = EvaluationProtocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
+    assert EvaluationProtocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
 
 
 def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path = tmp_path / "place.safetensors"
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
-    protocol = Protocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
+    protocol = EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
     unit = next(protocol_units(protocol, ""))
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
     with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
@@ -176,15 +178,15 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
 )
 def test_wrong_protocols_are_refused(wrong, message):
     with pytest.raises(HomeError, match=message):
-        Protocol(**{"task": "set_table", **wrong})
+        EvaluationProtocol(**{"task": "set_table", **wrong})
 
 
 def test_delta_decides_how_long_place_waits():
-    assert Protocol("set_table", "delta-50").skills()["place"].limit == 250
-    assert Protocol("set_table", "rl").skills()["place"].limit == 200
-    assert Protocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
-    assert Protocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
-    assert Protocol("set_table", "delta-50").release.strategy == "rl"
+    assert EvaluationProtocol("set_table", "delta-50").skills()["place"].limit == 250
+    assert EvaluationProtocol("set_table", "rl").skills()["place"].limit == 200
+    assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
+    assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
+    assert EvaluationProtocol("set_table", "delta-50").release.strategy == "rl"
     assert [read_release(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
         *("place", "place", "place-delta-50", "place-delta-50-in-200")
     ]
@@ -192,17 +194,17 @@ def test_delta_decides_how_long_place_waits():
 
 def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):
     with pytest.raises(HomeError, match="delta-9999"):
-        run_protocol(Protocol("set_table", "delta-9999", episodes=1), tmp_path)
+        run_protocol(EvaluationProtocol("set_table", "delta-9999", episodes=1), tmp_path)
     assert choose_policies("set_table", 0, {"place": "oracle"}, read_release("delta-9999"))["place"].name == "oracle"
 
 
 def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
     chosen = choose_policies("set_table", 0, {"place": "oracle", "pick": "oracle"})
     assert set(chosen) == {*("navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")}
-    actors = make_actors(chosen, "ik")
-    assert isinstance(actors["place"], Ik)
-    assert isinstance(actors["reset_arm"], Scripted)
-    assert isinstance(actors["pick"], Oracle)
+    agents = make_agents(chosen, "ik")
+    assert isinstance(agents["place"], Ik)
+    assert isinstance(agents["reset_arm"], Scripted)
+    assert isinstance(agents["pick"], Oracle)
     with pytest.raises(HomeError, match="juggle"):
         choose_policies("set_table", 0, {"juggle": "oracle"})
     with pytest.raises(HomeError, match="missing-3"):
@@ -220,7 +222,7 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     for seed in (0, 1):
         (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
     mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
-    first, second = (Protocol("set_table", vary="place", policies=mine).assignment(seed) for seed in (0, 1))
+    first, second = (EvaluationProtocol("set_table", vary="place", policies=mine).assignment(seed) for seed in (0, 1))
     assert (first.pop("place").source, second.pop("place").source) == tuple(
         str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
     )
@@ -229,9 +231,9 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     }
     assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
     with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
-        Protocol("set_table", vary="place").assignment(9999)
+        EvaluationProtocol("set_table", vary="place").assignment(9999)
     with pytest.raises(HomeError, match="training seed 9999"):
-        Protocol("set_table", policies=mine).assignment(9999)
+        EvaluationProtocol("set_table", policies=mine).assignment(9999)
 
 
 def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):
@@ -272,11 +274,11 @@ def test_a_shipped_policy_is_named_by_its_place_and_its_content():
 @pytest.mark.verify
 def test_learned_policies_act_alike_whoever_runs_beside_them():
     """Seeing is shared between lanes, so that neighbors could show in the last bit of what a policy sees."""
-    protocol, episodes = Protocol("set_table"), load_episodes("set_table", "val").episodes[:5]
-    actors = make_actors(choose_policies("set_table", 0), "rl")
+    protocol, episodes = EvaluationProtocol("set_table"), load_episodes("set_table", "val").episodes[:5]
+    agents = make_agents(choose_policies("set_table", 0), "rl")
 
     def run(lanes):
-        executor = Executor(protocol.skills(), actors, ExecutorOptions(lanes=lanes, settle_steps=2))
+        executor = Executor(protocol.skills(), agents, ExecutorOptions(lanes=lanes, settle_steps=2))
         return {log.index: log for log in executor.run(episodes)}
 
     alone, together = run(1), run(5)

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import (
-    SPLITS,
-    Pose,
-    build_apartment,
-    make_apartment,
-    plane,
-    split_apartments,
-)
+from perdure.home.sim.apartments import SPLITS, Pose, build_apartment, make_apartment, plane, split_apartments
 from perdure.home.sim.apartments.apartment import THROWN_AWAY, drafts
 from perdure.home.sim.apartments.checks import why_not
+from perdure.home.sim.apartments.free_space import CELL
 
 OPEN_SET = {
     "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01",
@@ -134,7 +128,7 @@ def test_every_point_where_an_object_may_lie_is_within_reach_of_the_main_island(
 def region(space, frame, low, high):
     """Area of the main island inside a rectangle of a frame, in square meters."""
     local = frame.to_local(space.centers[space.island == 0])
-    return ((local >= low) & (local <= high)).all(axis=1).sum() * space.cell**2
+    return ((local >= low) & (local <= high)).all(axis=1).sum() * CELL**2
 
 
 def test_robot_finds_room_where_m3_starts_its_drawer_skills(apartments, spaces):

@@ -9,19 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import (
-    OVERESTIMATE,
-    FreeSpace,
-    free_space,
-    in_sight,
-    make_apartment,
-    path_length,
-    plane,
-)
+from perdure.home.sim.apartments import FreeSpace, free_space, in_sight, make_apartment, plane
 from perdure.home.sim.apartments.footprint import footprints
 from perdure.home.sim.apartments.walls import room_walls
 
 ROOM = ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0))
+OVERESTIMATE = 1.0 / math.cos(math.pi / 8.0)
+
+
+def path_length(points):
+    return np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
 
 
 def space_of(*boxes, room=ROOM, radius=0.3):

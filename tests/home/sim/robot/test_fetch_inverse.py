@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, REST_POSITION, gripper_pose, jacobian, reach, reach_many
+from perdure.home.sim.robot import (
+    ARM_HIGH,
+    ARM_LOW,
+    REST_ARM,
+    REST_POSITION,
+    gripper_pose,
+    pose_and_jacobian,
+    reach,
+    reach_many,
+)
 from perdure.home.sim.robot.inverse import damped_inverse, damped_step
 
 M3_INITIAL = (-0.268, -1.133, 0.367, 1.081, 0.06, 2.002, 0.067)
@@ -160,7 +169,7 @@ def test_an_opposite_direction_is_half_a_turn_away(sign, angle):
 
 def test_a_damped_inverse_is_that_of_the_extended_least_squares_problem():
     """min |J q - e|^2 + d^2 |q|^2, solved by stacking."""
-    matrix, error, damping = jacobian(0.15, REST_ARM)[:3], np.array([0.01, -0.02, 0.03]), 0.03
+    matrix, error, damping = pose_and_jacobian(0.15, REST_ARM)[2][:3], np.array([0.01, -0.02, 0.03]), 0.03
     stacked, wanted = np.vstack([matrix, damping * np.eye(7)]), np.concatenate([error, np.zeros(7)])
     expected = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
     assert damped_inverse(matrix, damping) @ error == pytest.approx(expected, abs=1e-12)

@@ -9,7 +9,7 @@ import pytest
 from fetch_scenes import make_spec, set_pose, touching
 
 from perdure.home.sim.apartments import build_apartment, make_apartment
-from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, JOINTS, TORSO_LIMIT, add_fetch
+from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, JOINTS, add_fetch
 
 ORDER = [
     "base_x",
@@ -76,7 +76,6 @@ def test_limits_are_the_urdfs_whatever_unit_the_specification_uses(degree):
 def test_the_published_limits_are_those_of_the_model():
     for name, low, high in zip(ARM_JOINTS, ARM_LOW, ARM_HIGH, strict=True):
         assert (low, high) == LIMITS.get(name, (-np.inf, np.inf))
-    assert LIMITS["torso_lift_joint"] == TORSO_LIMIT
 
 
 def test_masses_are_the_urdfs(model):

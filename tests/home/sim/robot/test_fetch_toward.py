@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, gripper_pose, jacobian, rotation_vector, toward
+from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, gripper_pose, pose_and_jacobian, rotation_vector, toward
 
 
 def drive(goals, steps=150, **options):
@@ -84,7 +84,7 @@ def test_a_joint_at_its_limit_is_passed_by_the_others():
     arm = np.array(REST_ARM)
     arm[5] = 2.16
     low, high = np.array(ARM_LOW) - arm - 1e-9, np.array(ARM_HIGH) - arm + 1e-9
-    weighted = np.diag([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]) @ jacobian(0.15, arm)
+    weighted = np.diag([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]) @ pose_and_jacobian(0.15, arm)[2]
     problem = np.vstack([weighted, 0.01 * np.eye(7)])  # the error, and 1 cm for each radian of a joint
     gained = []
     for direction in np.vstack([np.eye(3), -np.eye(3)]):

@@ -9,7 +9,7 @@ from perdure.home.benchmark.episodes import episode_scene, load_episodes
 from perdure.home.sim.apartments import Pose, plane
 from perdure.home.sim.apartments.footprint import footprints
 from perdure.home.sim.apartments.furniture import table_01
-from perdure.home.sim.world import World, build_scene, scene
+from perdure.home.sim.world import VectorSimulator, build_scene, scene
 from perdure.home.sim.world.base_bumper import RADIUS
 
 DENT = 0.015
@@ -26,13 +26,13 @@ def table(empty_room):
 
 def driven(apartment, heading, steps=90):
     """The base's places while it drives toward the middle of the table from 1.8 m away."""
-    world, pose = World(1, threads=1), apartment.pieces[0].pose
+    world, pose = VectorSimulator(1, threads=1), apartment.pieces[0].pose
     start = Pose(pose.x - 1.8 * float(np.cos(heading)), pose.y - 1.8 * float(np.sin(heading)), heading)
     world.reset(0, build_scene(apartment, []), start)
     places = []
     for _ in range(steps):
         world.step(FORWARD)
-        places.append(world.lane(0).robot[:2].copy())
+        places.append(world.simulator(0).robot[:2].copy())
     return np.array(places)
 
 

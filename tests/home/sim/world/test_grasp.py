@@ -8,7 +8,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.robot.shapes import ROBOT_BIT
-from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, SkillGoal, World, build_scene
+from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, SkillGoal, VectorSimulator, build_scene
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -34,7 +34,7 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1, jaws="never"):
     ]
     arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), REST_ARM, rotation=np.eye(3))
     assert arm.ok
-    world = World(1, jaws=jaws)
+    world = VectorSimulator(1, jaws=jaws)
     world.reset(0, build_scene(apartment, placements), stand, arm.arm, held=held, skill_goal=SkillGoal(0))
     return world
 
@@ -64,7 +64,7 @@ def test_it_takes_the_nearest_object_and_turns_it_to_the_gripper(room):
     world = world_with(room, (0.09, 0.0), (0.0, 0.05), above=0.14)
     state = act(world, grip=1.0)
     assert state.held[0] == 1
-    lane = world.lane(0)
+    lane = world.simulator(0)
     pose = lane.object(1)[0]
     yaw = state.base[0, 2]
     about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
@@ -92,7 +92,7 @@ def test_a_handle_goes_before_an_object_and_the_drawer_follows_the_hand(room):
     near = Placement("009_gelatin_box", tuple(float(v) for v in handle + 0.1 * front + (0, 0, 0.03)), UPRIGHT, room[2])
     scene = build_scene(apartment, [near])
     number = scene.links.index(link)
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, scene, stand, arm.arm, skill_goal=SkillGoal(0, link=number))
     first = act(world, grip=1.0)
     assert (first.held_link[0], first.held[0]) == (number, -1)
@@ -129,7 +129,7 @@ def test_a_release_keeps_the_objects_velocity(room):
 def test_whether_the_robot_meets_an_object_again_is_a_switch(room, jaws, touches):
     world = world_with(room, (0.0, 0.0), above=0.05, held=0, jaws=jaws)
     act(world, 3, grip=-1.0)
-    lane = world.lane(0)
+    lane = world.simulator(0)
     geoms = lane.scene.object_geoms[0]
     assert not (lane.model.geom_conaffinity[geoms] & ROBOT_BIT).any()  # still overlapping: not yet in either case
     act(world, 15, forward=-1.0)
@@ -141,7 +141,7 @@ def test_two_objects_that_were_both_held_still_collide(room):
     half = 0.0418
     world = world_with(room, (0.0, 0.0), (0.3, 0.0), above=0.02, held=0)
     act(world, 20, grip=-1.0)
-    lane = world.lane(0)
+    lane = world.simulator(0)
     lower = lane.object(0)[0][:3].copy()
     above = np.add(lower, (0.0, 0.0, 2.0 * half + 0.01))
     lane.hold_object(1, above, np.eye(3))
@@ -154,7 +154,7 @@ def test_two_objects_that_were_both_held_still_collide(room):
 
 
 def asleep(world, number):
-    lane = world.lane(0)
+    lane = world.simulator(0)
     if not hasattr(lane.data, "body_awake") and not hasattr(lane.data, "tree_asleep"):
         pytest.skip("this MuJoCo does not say who sleeps")
     body = lane.model.body(f"object_{number}").id

@@ -6,7 +6,7 @@ import pytest
 from test_world import begin, wiggle
 
 from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, World, nearby
+from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, VectorSimulator, nearby
 
 
 def contacts(lane):
@@ -27,7 +27,7 @@ def contacts(lane):
 
 def rummage(task):
     """A robot that rummages among its furniture for 12 seconds, arm stretched out: contacts seen, contacts lost."""
-    world, rng, seen, lost = World(4), np.random.default_rng(0), 0, 0
+    world, rng, seen, lost = VectorSimulator(4), np.random.default_rng(0), 0, 0
     for lane, episode in enumerate(load_episodes(task, "val").episodes[:4]):
         begin(world, lane, episode, seed=lane)
     for step in range(360):
@@ -37,7 +37,7 @@ def rummage(task):
         world.step(actions)
         if step % 10 == 0:
             for lane in range(4):
-                everything, near = contacts(world.lane(lane))
+                everything, near = contacts(world.simulator(lane))
                 seen, lost = seen + len(everything), lost + len(everything - near)
                 assert near <= everything
     return seen, lost
@@ -56,9 +56,9 @@ def test_a_reach_too_short_loses_contacts(monkeypatch):
 
 
 def test_most_of_a_room_is_left_out_once_it_sleeps():
-    world = World(1)
+    world = VectorSimulator(1)
     scene = begin(world, 0, load_episodes("set_table", "val").episodes[0])
-    lane = world.lane(0)
+    lane = world.simulator(0)
     assert np.array_equal(lane.model.body_contype, scene.nearby.contype)  # at first everything is awake
     for _ in range(30):
         world.step(np.zeros((1, ACTION_SIZE)))

@@ -4,7 +4,7 @@ import numpy as np
 from test_world import begin
 
 from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, World
+from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, VectorSimulator
 from perdure.home.sim.world.neighbors import Surroundings
 
 
@@ -18,10 +18,10 @@ def look_around(lane, target, gripper):
 
 def test_the_distances_foretell_what_the_grasp_takes():
     """Gripper points strewn around the objects of cluttered rooms: the grasp itself says who was nearest."""
-    world, rng, outcomes = World(1), np.random.default_rng(0), set()
+    world, rng, outcomes = VectorSimulator(1), np.random.default_rng(0), set()
     for episode in load_episodes("prepare_groceries", "val").episodes[:6]:
         scene = begin(world, 0, episode)
-        lane = world.lane(0)
+        lane = world.simulator(0)
         for _ in range(60):
             target = int(rng.integers(len(scene.placements)))
             near = scene.handles.at(lane.links)
@@ -42,9 +42,9 @@ def test_the_distances_foretell_what_the_grasp_takes():
 
 
 def test_neighbors_are_the_nearest_ones_and_only_near_ones():
-    world = World(1)
+    world = VectorSimulator(1)
     scene = begin(world, 0, load_episodes("tidy_house", "val").episodes[0])
-    lane = world.lane(0)
+    lane = world.simulator(0)
     middles = lane.qpos[scene.middles]
     for target in range(len(middles)):
         found = look_around(lane, target, np.zeros(3)).from_object

@@ -6,7 +6,7 @@ import pytest
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import SceneOptions, World, build_scene
+from perdure.home.sim.world import SceneOptions, VectorSimulator, build_scene
 from perdure.home.sim.world.scene import HABITAT_DRAG
 
 RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
@@ -17,9 +17,9 @@ def rolled(empty_room, **options):
     bare, middle, _ = empty_room
     x, y = map(float, middle)
     apple = Placement("013_apple", (x, y, RADIUS), (1.0, 0.0, 0.0, 0.0), "floor")
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, build_scene(bare, [apple], options=SceneOptions(**options)), Pose(x - 1.5, y, np.pi))
-    lane = world.lane(0)
+    lane = world.simulator(0)
     speed = lane.scene.object_qvel[0]
     lane.qvel[speed], lane.qvel[speed + 4] = SPEED, SPEED / RADIUS
     for _ in range(int(30 * SECONDS)):
@@ -56,9 +56,9 @@ def test_what_an_object_keeps_of_the_base_s_motion_when_it_is_let_go(empty_room,
     bare, middle, _ = empty_room
     x, y = map(float, middle)
     apple = Placement("013_apple", (x + 0.4, y, 0.5), (1.0, 0.0, 0.0, 0.0), "floor")
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, build_scene(bare, [apple], options=SceneOptions(release_velocity=how)), Pose(x, y, 0.0), held=0)
-    lane = world.lane(0)
+    lane = world.simulator(0)
     address, speed = lane.scene.object_qpos[0], lane.scene.object_qvel[0]
     lane.qpos[address : address + 2] = x + 0.4, y
     lane.qpos[address + 3 : address + 7] = np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0  # its y axis is up

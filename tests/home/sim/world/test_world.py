@@ -19,7 +19,7 @@ from perdure.home.sim.world import (
     TURN,
     SceneOptions,
     SkillGoal,
-    World,
+    VectorSimulator,
     build_scene,
 )
 
@@ -46,11 +46,11 @@ def wiggle(rng, n):
 
 
 def test_sensors_agree_with_mujocos_own_kinematics(episodes):
-    world, rng = World(1), np.random.default_rng(0)
+    world, rng = VectorSimulator(1), np.random.default_rng(0)
     scene = begin(world, 0, episodes[0])
     for _ in range(25):
         world.step(wiggle(rng, 1))
-    state, lane = world.sense(), world.lane(0)
+    state, lane = world.sense(), world.simulator(0)
     data = mujoco.MjData(lane.model)
     data.qpos[:] = lane.qpos
     mujoco.mj_forward(lane.model, data)
@@ -65,7 +65,7 @@ def test_sensors_agree_with_mujocos_own_kinematics(episodes):
 
 
 def test_frames_are_turned_the_right_way(episodes):
-    world = World(1)
+    world = VectorSimulator(1)
     scene = episode_scene(episodes[0])
     world.reset(0, scene, Pose(4.0, 2.0, np.pi / 2))
     state = world.sense()
@@ -78,7 +78,7 @@ def test_frames_are_turned_the_right_way(episodes):
 
 @pytest.mark.parametrize(("column", "expected"), [(FORWARD, (1.0, 0.0, 0.0)), (TURN, (0.0, 0.0, 1.0))])
 def test_the_base_drives_as_fast_as_it_is_told(episodes, column, expected):
-    world = World(1)
+    world = VectorSimulator(1)
     scene = build_scene(episodes[0].apartment(), [])
     start = start_pose(scene.apartment, episodes[0], 0)
     world.reset(0, scene, start)
@@ -98,7 +98,7 @@ def test_furniture_stops_the_base(episodes):
     apartment = episodes[0].apartment()
     sofa = next(piece for piece in apartment.pieces if piece.kind == "sofa")
     x, y = sofa.pose.to_room(np.array([1.6, 0.0]))
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, build_scene(apartment, []), Pose(float(x), float(y), sofa.pose.yaw + np.pi))
     action = np.zeros((1, ACTION_SIZE))
     action[0, FORWARD] = 1.0
@@ -110,7 +110,7 @@ def test_furniture_stops_the_base(episodes):
 
 
 def test_arm_steps_move_the_servos_targets_and_the_arm_follows(episodes):
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, build_scene(episodes[0].apartment(), []), start_pose(episodes[0].apartment(), episodes[0], 0))
     action = np.zeros((1, ACTION_SIZE))
     action[0, ARM] = (1.0, 0.0, 0.0, -0.5, 0.0, 0.0, 2.0)  # the last one is cut to 1
@@ -125,7 +125,7 @@ def test_a_lane_depends_on_nothing_but_itself(episodes):
     """Alone, beside others, on two threads and stepped in parts: the same bits."""
     runs = []
     for lanes, threads, mine in ((1, 1, 0), (3, 1, 1), (3, 2, 2)):
-        world, rng = World(lanes, threads), np.random.default_rng(7)
+        world, rng = VectorSimulator(lanes, threads), np.random.default_rng(7)
         for lane in range(lanes):
             begin(world, lane, episodes[3 if lane == mine else 11 + lane])
         for step in range(30):
@@ -135,7 +135,7 @@ def test_a_lane_depends_on_nothing_but_itself(episodes):
                 world.step(actions[[mine]], np.array([mine]))
             else:
                 world.step(actions)
-        runs.append((world.lane(mine).qpos.copy(), world.sense(np.array([mine]))))
+        runs.append((world.simulator(mine).qpos.copy(), world.sense(np.array([mine]))))
         world.close()
     for qpos, state in runs[1:]:
         assert np.array_equal(qpos, runs[0][0])
@@ -144,7 +144,7 @@ def test_a_lane_depends_on_nothing_but_itself(episodes):
 
 
 def test_a_lane_that_is_used_again_is_as_good_as_new(episodes):
-    used, fresh = World(1), World(1)
+    used, fresh = VectorSimulator(1), VectorSimulator(1)
     begin(used, 0, episodes[1], held=3)
     for _ in range(20):
         used.step(wiggle(np.random.default_rng(1), 1))
@@ -155,27 +155,27 @@ def test_a_lane_that_is_used_again_is_as_good_as_new(episodes):
         action = wiggle(np.random.default_rng(step), 1)
         used.step(action)
         fresh.step(action)
-    assert np.array_equal(used.lane(0).qpos, fresh.lane(0).qpos)
-    assert np.array_equal(used.lane(0).model.geom_conaffinity, fresh.lane(0).model.geom_conaffinity)
+    assert np.array_equal(used.simulator(0).qpos, fresh.simulator(0).qpos)
+    assert np.array_equal(used.simulator(0).model.geom_conaffinity, fresh.simulator(0).model.geom_conaffinity)
 
 
 def test_a_lane_that_blows_up_is_put_back_alone(episodes):
-    disturbed, calm = World(2), World(2)
+    disturbed, calm = VectorSimulator(2), VectorSimulator(2)
     for world in (disturbed, calm):
         begin(world, 0, episodes[0])
         begin(world, 1, episodes[1])
-    start = disturbed.lane(0).qpos.copy()
+    start = disturbed.simulator(0).qpos.copy()
     for step in range(6):
         actions = wiggle(np.random.default_rng(step), 2)
         if step == 3:
-            disturbed.lane(0).qvel[20] = np.nan
+            disturbed.simulator(0).qvel[20] = np.nan
         disturbed.step(actions)
         calm.step(actions)
         assert disturbed.sense().diverged.tolist() == [step == 3, False]
         if step == 3:
-            assert np.array_equal(disturbed.lane(0).qpos, start)
+            assert np.array_equal(disturbed.simulator(0).qpos, start)
         assert all(np.isfinite(getattr(disturbed.sense(), name)).all() for name in ("base", "object", "gripper"))
-    assert np.array_equal(disturbed.lane(1).qpos, calm.lane(1).qpos)
+    assert np.array_equal(disturbed.simulator(1).qpos, calm.simulator(1).qpos)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
@@ -184,7 +184,7 @@ def test_the_scan_measures_a_wall(empty_room, heading):
     bare, middle, half = empty_room
     forward = np.array([np.cos(heading), np.sin(heading)])
     x, y = (float(v) for v in middle + forward * (np.abs(forward * half).sum() - 1.5))
-    world = World(1)
+    world = VectorSimulator(1)
     world.reset(0, build_scene(bare, []), Pose(x, y, heading))
     ranges = world.sense(scan_reach=SCAN_RANGE).scan[0]
     assert ranges.shape == (BEAMS,)
@@ -196,7 +196,7 @@ def test_the_scan_measures_a_wall(empty_room, heading):
 
 def test_the_scan_agrees_with_rays_through_the_model(episodes):
     """MuJoCo's own rays, in many planes from the floor up: the nearest of them is what the scan says."""
-    world, rng = World(1), np.random.default_rng(0)
+    world, rng = VectorSimulator(1), np.random.default_rng(0)
     scene = build_scene(episodes[0].apartment(), [])
     space, compared = free_space(scene.apartment), 0
     opened = {scene.links[k]: 0.3 for k in range(0, len(scene.links), 2)}
@@ -204,7 +204,7 @@ def test_the_scan_agrees_with_rays_through_the_model(episodes):
     for x, y in space.centers[rng.integers(len(space.centers), size=6)]:
         pose = Pose(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
         world.reset(0, scene, pose, opened=opened)
-        ranges, lane = world.sense(scan_reach=SCAN_RANGE).scan[0], world.lane(0)
+        ranges, lane = world.sense(scan_reach=SCAN_RANGE).scan[0], world.simulator(0)
         lane.qpos[scene.robot_qpos][:2] += 100.0  # out of the rays' way
         mujoco.mj_forward(lane.model, lane.data)
         for beam in range(BEAMS):
@@ -220,7 +220,7 @@ def test_the_scan_agrees_with_rays_through_the_model(episodes):
 
 
 def test_a_scan_that_looks_less_far_sees_the_same_within_its_reach(episodes):
-    rng, world, met = np.random.default_rng(2), World(4), 0
+    rng, world, met = np.random.default_rng(2), VectorSimulator(4), 0
     scene = episode_scene(episodes.episodes[4])
     space = free_space(scene.apartment)
     for _ in range(5):
@@ -237,7 +237,7 @@ def test_a_scan_that_looks_less_far_sees_the_same_within_its_reach(episodes):
 def test_the_scan_of_a_lane_does_not_depend_on_its_neighbors(episodes):
     rng = np.random.default_rng(1)
     scenes = [episode_scene(episode) for episode in episodes.episodes[:3]]
-    together, alone = World(3), World(1)
+    together, alone = VectorSimulator(3), VectorSimulator(1)
     poses = [
         Pose(*scene.apartment.pieces[0].pose.to_room(np.array([1.5, 0.0]))[:2], rng.uniform(-3, 3)) for scene in scenes
     ]
@@ -253,7 +253,7 @@ def test_the_scan_of_a_lane_does_not_depend_on_its_neighbors(episodes):
     [(np.zeros((1, 3)), "shape"), (np.full((1, ACTION_SIZE), np.nan), "finite"), (np.zeros((2, ACTION_SIZE)), "shape")],
 )
 def test_wrong_actions_are_refused(episodes, actions, message):
-    world = World(1)
+    world = VectorSimulator(1)
     begin(world, 0, episodes[0])
     with pytest.raises(HomeError, match=message):
         world.step(actions)
@@ -261,9 +261,9 @@ def test_wrong_actions_are_refused(episodes, actions, message):
 
 def test_wrong_worlds_are_refused():
     with pytest.raises(HomeError, match="at least one lane"):
-        World(0)
+        VectorSimulator(0)
     with pytest.raises(HomeError, match="not reset"):
-        World(1).lane(0)
+        VectorSimulator(1).simulator(0)
     with pytest.raises(HomeError, match="physics_hz"):
         SceneOptions(physics_hz=100)
 
@@ -272,15 +272,15 @@ def test_scenes_are_kept_and_never_changed(episodes):
     scene = episode_scene(episodes[4])
     assert episode_scene(episodes[4]) is scene
     before = scene.model.geom_conaffinity.copy()
-    world = World(1)
+    world = VectorSimulator(1)
     begin(world, 0, episodes[4], held=0)
     world.step(wiggle(np.random.default_rng(0), 1))
     assert np.array_equal(scene.model.geom_conaffinity, before)
-    assert not np.array_equal(world.lane(0).model.geom_conaffinity, before)
+    assert not np.array_equal(world.simulator(0).model.geom_conaffinity, before)
 
 
 def test_inverse_kinematics_and_the_lane_agree_on_where_the_gripper_is(episodes):
-    world = World(1)
+    world = VectorSimulator(1)
     found = reach((0.7, 0.1, 0.9), REST_ARM)
     world.reset(
         0, build_scene(episodes[0].apartment(), []), start_pose(episodes[0].apartment(), episodes[0], 0), found.arm
@@ -293,14 +293,14 @@ def test_the_scan_knows_the_present_only_not_when_one_looked_before(episodes):
     scene = episode_scene(episodes[0])
     fridge = scene.apartment.piece_of("top_door").pose
     x, y = fridge.to_room(np.array([1.6, 0.0]))
-    watched, once = World(1), World(1)
+    watched, once = VectorSimulator(1), VectorSimulator(1)
     for world in (watched, once):
         world.reset(0, scene, Pose(float(x), float(y), fridge.yaw + np.pi))
     door = scene.link_qpos[scene.links.index("top_door")]
     seen = []
     for angle in np.linspace(0.0, 1.2, 250):
         for world in (watched, once):
-            world.lane(0).qpos[door] = angle
+            world.simulator(0).qpos[door] = angle
         seen.append(watched.sense(scan_reach=SCAN_RANGE).scan[0])
         assert len(seen) % 50 or np.array_equal(seen[-1], once.sense(scan_reach=SCAN_RANGE).scan[0])
     assert not np.array_equal(seen[0], seen[-1])  # the door is in view

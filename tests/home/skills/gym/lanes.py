@@ -19,13 +19,13 @@ LESSONS = [
 
 
 def make(skill, task, lanes=1, episodes=3, **options):
-    """A vector over a few published episodes, without clutter, stepped by one thread unless told otherwise."""
+    """A vector over a few published episodes, without clutter, stepped by one thread unless stated otherwise."""
     options = {"threads": 1, "split": "val", **options}
     return HomeSkillVectorEnv(lanes, skill=skill, task=task, episodes=episodes, **options)
 
 
 def random_actions(env, steps, seed=0):
-    """Shape (steps, m): what one lane is told."""
+    """Shape (steps, m): the action of one lane."""
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, *env.single_action_space.shape))
 
 
@@ -33,11 +33,11 @@ def drive(env, seeds, actions):
     """Steps with stored actions, shape (steps, lanes, m); ended lanes are reset. All that came of it, step by step."""
     observations, _ = env.reset(seed=list(seeds))
     seen, over = [(observations,)], np.zeros(env.num_envs, dtype=bool)
-    for told in actions:
+    for action in actions:
         if over.any():
             observations, _ = env.reset(options={"reset_mask": over})
             seen.append((observations,))
-        observations, rewards, terminated, truncated, info = env.step(told)
+        observations, rewards, terminated, truncated, info = env.step(action)
         over = terminated | truncated
         seen.append((observations, rewards, terminated, truncated, info))
     return seen

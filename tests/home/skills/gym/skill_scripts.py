@@ -5,7 +5,7 @@ import numpy as np
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.robot import reach
 from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.world import ARM, ARM_STEP, GRIP, World
+from perdure.home.sim.world import ARM, ARM_STEP, GRIP, VectorSimulator
 from perdure.home.skills.starts import Start, put, touching
 from perdure.home.skills.starts.start import TOUCH
 
@@ -14,25 +14,25 @@ AROUND = np.linspace(0.0, 2.0 * np.pi, 24)
 
 def start_within_reach(scene, point, skill_goal, above=0.1, back=0.0, headings=AROUND, **start):
     """A start without contacts whose gripper is so far above a point of the room, and so far before it."""
-    world = World(1)
+    world = VectorSimulator(1)
     for heading in headings:
         for far in (0.7, 0.8, 0.6, 0.9):
             base = Pose(point[0] - far * np.cos(heading), point[1] - far * np.sin(heading), float(heading))
             found = reach((far - back, 0.0, point[2] + above), REST_ARM, approach=(0.6, 0.0, -0.8))
             one = Start(base, found.arm, skill_goal, **start)
             put(world, 0, scene, one)
-            if found.ok and touching(world.lane(0)) <= TOUCH:
+            if found.ok and touching(world.simulator(0)) <= TOUCH:
                 return one
     raise AssertionError("nothing is within reach from anywhere")
 
 
 def action(forward=0.0, arm=None, grip=0.0):
-    """What one lane is told; `arm` in radians per joint."""
-    told = np.zeros((1, 10))
-    told[0, 0], told[0, GRIP] = forward, grip
+    """The action of one lane; `arm` in radians per joint."""
+    action = np.zeros((1, 10))
+    action[0, 0], action[0, GRIP] = forward, grip
     if arm is not None:
-        told[0, ARM] = np.clip(np.asarray(arm) / ARM_STEP, -1.0, 1.0)
-    return told
+        action[0, ARM] = np.clip(np.asarray(arm) / ARM_STEP, -1.0, 1.0)
+    return action
 
 
 def to_rest(env):
@@ -41,10 +41,10 @@ def to_rest(env):
     return action(arm=left / max(1.0, np.abs(left).max() / ARM_STEP))
 
 
-def steps_until(env, told, done, limit=200):
-    """Steps with told(env) until done(env) or the end; the last outcome."""
+def steps_until(env, action, done, limit=200):
+    """Steps with action(env) until done(env) or the end; the last outcome."""
     for _ in range(limit):
-        outcome = env.step(told(env))
+        outcome = env.step(action(env))
         if outcome[2][0] or outcome[3][0] or done(env):
             return outcome
     raise AssertionError(f"not done within {limit} steps")

@@ -64,9 +64,9 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
     actions[:, columns] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(columns)))
     watching = Watching(actions)
     skills = {each: stopping(each, always=each != name) for each in SKILLS}
-    actors = {each: watching if each == name else Waiting() for each in SKILLS}
+    agents = {each: watching if each == name else Waiting() for each in SKILLS}
     with pytest.raises(EnoughError):
-        list(Executor(skills, actors, ExecutorOptions(lanes=1, threads=1, scene=SCENE)).run([episode]))
+        list(Executor(skills, agents, ExecutorOptions(lanes=1, threads=1, scene=SCENE)).run([episode]))
 
     env = HomeSkillVectorEnv(1, skill=name, task="set_table", split="val", episodes=1, threads=1)
 
@@ -76,12 +76,12 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
         world.reset(lane, scene, start_pose(scene.apartment, episode, 0))
         for _ in range(before):
             world.step(np.zeros((1, 11)))
-        world.assign(lane, make_skill_goal(episode, plan[before], world.lane(lane)))
+        world.assign(lane, make_skill_goal(episode, plan[before], world.simulator(lane)))
 
     env.sampler = SimpleNamespace(begin=begin)
     shown = [env.reset(seed=0)[0][0]]
-    for told in actions:
-        observations, _, terminated, *_ = env.step(told[None, columns])
+    for action in actions:
+        observations, _, terminated, *_ = env.step(action[None, columns])
         assert not terminated[0]
         shown.append(observations[0])
     np.testing.assert_array_equal(shown, watching.seen)

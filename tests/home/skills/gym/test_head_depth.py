@@ -115,7 +115,7 @@ def test_real_lanes_are_seen_as_rays_hit_them(camera, skill, task):
     env = make(skill, task, lanes=2, clutter=True)
     drive(env, (1, 2), np.stack([random_actions(env, 5, seed) for seed in range(2)], axis=1))
     groups = np.array([1, 1, 1, 1, 0, 0], dtype=np.uint8)
-    for lane in map(env.world.lane, range(2)):
+    for lane in map(env.world.simulator, range(2)):
         x, y, yaw, torso = lane.robot[:4]
         eye, axes = eye_and_axes(x, y, yaw, torso)
         some = rays(axes)[3::6, 3::6].reshape(-1, 3)
@@ -158,7 +158,7 @@ def test_lanes_see_what_single_environments_see(course):
     actions, seen = course
     for lane, seed in enumerate(SEEDS):
         env = HeadDepth(gymnasium.make("perdure/HomePick-v0", task="set_table", split="val", episodes=3))
-        alone = [env.reset(seed=seed)[0], *(env.step(told)[0] for told in actions[:, lane])]
+        alone = [env.reset(seed=seed)[0], *(env.step(action)[0] for action in actions[:, lane])]
         assert all(env.observation_space.contains(each) for each in alone)
         for one, all_lanes in zip(alone, seen, strict=True):
             np.testing.assert_array_equal(one["head_depth"], all_lanes[0]["head_depth"][lane])
@@ -174,10 +174,10 @@ def test_images_change_as_the_robot_moves(course):
 def test_many_scenes_share_what_is_drawn_with_and_look_as_with_a_camera_of_their_own(camera, monkeypatch):
     """Graphics memory is taken once for scenes with a bowl, their only mesh, and once for scenes without."""
     made, real = [], mujoco.MjrContext
-    monkeypatch.setattr(mujoco, "MjrContext", lambda *told: made.append(1) or real(*told))
+    monkeypatch.setattr(mujoco, "MjrContext", lambda *given: made.append(1) or real(*given))
     env = VectorHeadDepth(make("pick", "set_table", lanes=12, episodes=6))
     seen = env.reset(seed=0)[0]["head_depth"]
-    lanes = [env.unwrapped.world.lane(number) for number in range(12)]
+    lanes = [env.unwrapped.world.simulator(number) for number in range(12)]
     assert len({lane.scene for lane in lanes}) > 2
     assert {lane.model.nmesh for lane in lanes} == {0, 1}
     assert len(made) == 2
@@ -210,6 +210,6 @@ drawn = ("OpenGL", "mujoco.egl", "mujoco.osmesa", "perdure.home.video", "perdure
 print(*[name for name in sys.modules if name.startswith(drawn)])
 """
     free = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # MuJoCo loads what it names
-    told = [sys.executable, "-c", script]
-    loaded = subprocess.run(told, capture_output=True, text=True, check=True, timeout=120, env=free)
+    command = [sys.executable, "-c", script]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120, env=free)
     assert loaded.stdout.split() == []

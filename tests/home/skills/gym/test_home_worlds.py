@@ -48,7 +48,7 @@ def test_a_world_without_a_horizon_is_not_cut_at_the_skills_limit():
 def test_a_world_tells_that_it_diverged():
     world = make_world(NAME, [0, 1])
     world.reset()
-    world._env.world.lane(1).qvel[:] = np.nan
+    world._env.world.simulator(1).qvel[:] = np.nan
     step = world.step(np.zeros((2, 10)))
     assert (step.diverged.tolist(), step.truncated.tolist()) == ([False, True], [False, True])
 

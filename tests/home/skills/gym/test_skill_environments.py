@@ -153,10 +153,10 @@ def test_a_lane_that_diverges_ends_and_is_counted_and_the_others_do_not_notice()
         env = make("pick", "tidy_house", lanes=3)
         env.reset(seed=0)
         steps = []
-        for number, told in enumerate(random_actions(env, 8)):
+        for number, action in enumerate(random_actions(env, 8)):
             if poisoned and number == 4:
-                env.world.lane(1).qvel[:] = np.nan
-            step = env.step(np.tile(told, (3, 1)))
+                env.world.simulator(1).qvel[:] = np.nan
+            step = env.step(np.tile(action, (3, 1)))
             if step[3].any():
                 assert (number, step[3].tolist(), step[2].tolist()) == (4, [False, True, False], [False] * 3)
                 assert (step[1][1], step[4]["diverged"].tolist()) == (0.0, [False, True, False])

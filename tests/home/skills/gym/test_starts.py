@@ -10,11 +10,11 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import free_space
 from perdure.home.sim.robot import gripper_pose
 from perdure.home.sim.robot.data import REST_POSITION, TORSO_HEIGHT
-from perdure.home.sim.world import ACTION_SIZE, SceneOptions, World
+from perdure.home.sim.world import ACTION_SIZE, SceneOptions, VectorSimulator
 from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import begin, touching
-from perdure.home.skills.starts.containers import container_of, handle
+from perdure.home.skills.starts.containers import handle
 
 DRAWS = 40
 
@@ -40,16 +40,16 @@ def test_a_lane_begins_with_the_robot_free_and_the_same_draws_give_the_same_star
     episode = load_episodes(task, "val")[3]
     target = next(step.target for step in get_task(task).skills if step.skill == skill)
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(target,)))
-    world = World(2, 1)
+    world = VectorSimulator(2, 1)
     for seed in range(5):
         one, two = (
             begin(world, lane, scene, get_skill(skill).draw_start, episode, target, np.random.default_rng(seed))
             for lane in (0, 1)
         )
-        assert touching(world.lane(0)) <= 0.001
+        assert touching(world.simulator(0)) <= 0.001
         assert one.base == two.base
-        np.testing.assert_array_equal(world.lane(0).qpos, world.lane(1).qpos)
-        assert world.lane(0).held == one.held
+        np.testing.assert_array_equal(world.simulator(0).qpos, world.simulator(1).qpos)
+        assert world.simulator(0).held == one.held
 
 
 @pytest.mark.parametrize("skill", ["pick", "place"])
@@ -115,7 +115,7 @@ def test_what_lies_in_a_drawer_has_moved_out_with_it():
 def test_what_lies_in_an_open_drawer_stays_where_it_is():
     episode = load_episodes("set_table", "val")[0]
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(0,)))
-    world = World(1)
+    world = VectorSimulator(1)
     start = begin(world, 0, scene, get_skill("pick").draw_start, episode, 0, np.random.default_rng(0))
     (before,), _ = world.objects(np.array([0]), 1)
     for _ in range(30):
@@ -128,7 +128,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
 
 def test_a_place_into_the_fridge_finds_it_open_and_others_leave_it_as_it_is():
     for episode, target, start in draws("place", "prepare_groceries"):
-        inside = container_of(episode.apartment(), episode.goals[target]) == "top_door"
+        inside = episode.apartment().container(episode.goals[target].receptacle) == "top_door"
         assert inside == (target == 2)
         assert list(start.opened) == (["top_door"] if inside else [])
 

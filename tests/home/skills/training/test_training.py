@@ -32,10 +32,10 @@ def test_a_score_counts_every_episode_once(policy):
 
 
 def test_a_policy_acts_in_its_own_skill_only(policy):
-    actor = Learned(policy)
-    actor.begin(None, 0, get_skill("place"))
+    agent = Learned(policy)
+    agent.begin(None, 0, get_skill("place"))
     with pytest.raises(HomeError, match="navigate has"):
-        actor.begin(None, 0, get_skill("navigate"))
+        agent.begin(None, 0, get_skill("navigate"))
 
 
 @pytest.mark.parametrize("skill", learned_skills())

@@ -6,6 +6,6 @@ Contents:
     Oracle    acts in every skill but `reset_arm`, which is scripted anyway
 """
 
-from perdure.home.agents.oracle.actor import Oracle
+from perdure.home.agents.oracle.oracle import Oracle
 
 __all__ = ["Oracle"]

@@ -30,12 +30,12 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
     link = int(view.state.link[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
-        plan = plan_handle(CollisionQuery(view.lane), link, view.base)
+        plan = plan_handle(CollisionQuery(view.simulator), link, view.base)
         if plan is None:
             return
         yield from approach(view, plan, lambda: _near(view))
         yield view.action(grip=GRASP)
-        if view.lane.held_link == link:
+        if view.simulator.held_link == link:
             break
         if not view.state.empty_hand[0]:
             yield view.action(grip=RELEASE)
@@ -67,7 +67,7 @@ def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose]
 
 def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
     """Return directions from a handle in which the hand may wait: in front of a drawer; at a door's face or edge."""
-    scene = query.lane.scene
+    scene = query.simulator.scene
     handles = Handles.of(scene.apartment)
     if handles.sign[link] == 0.0:
         return [handles.slide[link]]
@@ -82,7 +82,7 @@ def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArr
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
     """Move the held handle: a target point moves along the handle's path, gripper and base follow it."""
-    handles = Handles.of(view.lane.scene.apartment)
+    handles = Handles.of(view.simulator.scene.apartment)
     lever = float(np.hypot(*handles.lever[link])) or 1.0
     wanted = float(view.state.link_position[0])
     tool = view.state.turned_to_gripper(view.state.handle - view.state.gripper)[0]

@@ -29,20 +29,14 @@ INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
 """The same in a fridge, where one object may stand in front of another."""
 
 
-def pick_gripper_goals(
-    point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool, slopes: Sequence[float] | None = None
-) -> list[GripperGoal]:
-    """Return poses in which the magic grasp takes the object and nothing else.
+def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool) -> list[GripperGoal]:
+    """Return poses in which the magic grasp takes the object at a point (3,) and nothing else.
 
-    Args:
-        point: Middle of the object. Shape (3,).
-        origin: From where the robot comes, on the floor. Shape (2,).
-        neighbors: Middles of other objects, and handles. Shape (k, 3).
-        inside: Whether it lies in a fridge: then the gripper comes from the front, not from above.
-        slopes: How steeply the gripper points down, in [rad].
+    The robot comes from `origin` on the floor, shape (2,). `neighbors` are the middles of other objects, and handles,
+    shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
     """
     gripper_goals = []
-    for slope in slopes or (INSIDE_SLOPES if inside else SLOPES):
+    for slope in INSIDE_SLOPES if inside else SLOPES:
         for turn in INSIDE_TURNS if inside else TURNS:
             approach = _direction(point, origin, slope, turn)
             for standoff in STANDOFFS:
@@ -70,12 +64,9 @@ def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) ->
 
 
 def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
-    """Return poses in which the magic grasp takes a handle.
+    """Return poses in which the magic grasp takes a handle at a point (3,), approached from a place on the floor (2,).
 
-    Args:
-        point: The handle. Shape (3,).
-        origin: Where the robot stands, on the floor. Shape (2,).
-        sides: Directions from the handle in which the gripper may wait, of length 1. Shape (3,) each.
+    The gripper waits in one of the directions `sides` from the handle, each of length 1 and shape (3,).
     """
     gripper_goals = []
     for side in sides:
@@ -87,13 +78,9 @@ def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArr
 
 
 def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
-    """Return level poses that hold the object upright above its goal.
+    """Return level poses that hold the object upright, `height` in [m] above the goal of its middle, shape (3,).
 
-    Args:
-        point: The goal of its middle. Shape (3,).
-        origin: From where the robot comes, on the floor. Shape (2,).
-        height: How far above the goal to let go in [m].
-        inside: Whether the goal is in a fridge.
+    The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is in a fridge.
     """
     up = np.array([0.0, 0.0, 1.0])
     gripper_goals = []

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perdure.home.agents.actor import LaneView
+from perdure.home.agents.skill_agent import LaneView
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
@@ -22,8 +22,8 @@ from perdure.home.sim.world import (
     GRIP,
     LEAVE,
     TURN,
-    Lane,
-    World,
+    Simulator,
+    VectorSimulator,
 )
 from perdure.home.sim.world.state import wrap
 from perdure.home.skills import rest_error
@@ -44,23 +44,18 @@ ARRIVED_RAD = 0.02
 """Largest lag of a joint in [rad] at which an arm pose counts as reached."""
 
 
-def never() -> bool:
-    """Return False."""
-    return False
-
-
 @dataclass
 class View(LaneView):
     """One lane of an oracle skill."""
 
-    world: World
+    world: VectorSimulator
     number: int
     base_speed: float
 
     @property
-    def lane(self) -> Lane:
-        """The lane itself: an oracle may know everything."""
-        return self.world.lane(self.number)
+    def simulator(self) -> Simulator:
+        """The simulator of the lane: an oracle may know everything."""
+        return self.world.simulator(self.number)
 
     @property
     def jammed(self) -> bool:
@@ -84,7 +79,9 @@ def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
     return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
 
 
-def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = never) -> Motion:
+def move_arm(
+    view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = lambda: False
+) -> Motion:
     """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
 
     Rolls go the shorter way round. Ends early as soon as `until` holds.
@@ -101,8 +98,7 @@ def move_arm(view: View, poses: Sequence[FloatArray], settle: int = 10, until: C
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
     """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (7,)."""
     same = pose.copy()
-    for joint in ROLLS:
-        same[joint] += 2.0 * np.pi * np.round((now[joint] - pose[joint]) / (2.0 * np.pi))
+    same[ROLLS] += 2.0 * np.pi * np.round((now - pose)[ROLLS] / (2.0 * np.pi))
     return same
 
 
@@ -119,7 +115,7 @@ def rest_arm(view: View) -> Motion:
     yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
 
 
-def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = never) -> Motion:
+def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = lambda: False) -> Motion:
     """Turn to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
     yield from turn_to(view, yaw)
     start = view.base
@@ -134,13 +130,13 @@ def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], boo
     yield view.action()
 
 
-def turn_to(view: View, yaw: float, within: float = 0.02) -> Motion:
+def turn_to(view: View, yaw: float) -> Motion:
     """Turn on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
     stuck = Stuck()
     direction = 0.0
     for _ in range(200):
         error = float(wrap(np.array(yaw - view.base.yaw)))
-        if abs(error) < within:
+        if abs(error) < 0.02:
             return
         if direction and abs(error) > 0.3:
             error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
@@ -219,13 +215,8 @@ class Stuck:
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
     """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (7,).
 
-    Damped least squares; what the three equations leave open draws the arm to its pose of rest.
-
-    Args:
-        view: The lane.
-        point: Where to, in the room. Shape (3,).
-        speed: How fast at most, in [m/s].
-        tool: The point of the hand, from the gripper point along the gripper's axes. Shape (3,).
+    Damped least squares; what the three equations leave open draws the arm to its pose of rest. `tool` is the point of
+    the hand, from the gripper point along the gripper's axes; `speed` in [m/s] is the largest. Points of shape (3,).
     """
     position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
     arm = rotation @ tool
@@ -237,8 +228,7 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
     step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
-    within: FloatArray = np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm
-    return within
+    return np.asarray(np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm)
 
 
 def together(first: Motion, second: Motion) -> Motion:

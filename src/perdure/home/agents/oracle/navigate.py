@@ -40,16 +40,17 @@ STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 """Distances that the next skill may drive on from a standing place, in [m]."""
 
 
-def navigate(view: View, skill_goal: SkillGoal, toward: str) -> Motion:
-    """Drive to a place from which the skill `toward` works."""
-    assert skill_goal.route is not None
-    route = skill_goal.route
+def navigate(view: View) -> Motion:
+    """Drive to a place from which the next skill works."""
+    skill_goal = view.world.skill_goal(view.number)
+    route, toward = skill_goal.route, skill_goal.toward
+    assert route is not None
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
-    cost = arm_cost(view.lane.scene.apartment, tuple(sorted(open_links(view.lane).items())))
+    cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
     stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
     while stands:
-        plan = _plan(view, skill_goal, toward, stands)
+        plan = _plan(view, skill_goal, stands)
         stand = stands[0] if plan is None else plan.base
         cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
         way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
@@ -70,20 +71,19 @@ def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> Flo
     space = free_space(apartment, dict(opened))
     tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
     near = plane.clearance(space.centers, tall)
-    cost: FloatArray = 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
-    return cost
+    return 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
 
 
-def _plan(view: View, skill_goal: SkillGoal, toward: str, stands: list[Pose]) -> ReachPlan | None:
+def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | None:
     """Return the skill's own plan from the first standing place that works, each with a step ahead or back."""
     best: ReachPlan | None = None
-    query = CollisionQuery(view.lane)
+    query = CollisionQuery(view.simulator)
     aim = np.array(skill_goal.aim)
     for stand in stands:
         places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
-        if toward == "pick":
+        if skill_goal.toward == "pick":
             plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places)
-        elif toward == "place":
+        elif skill_goal.toward == "place":
             plan = plan_place(query, aim, stand, places)
         else:
             plan = plan_handle(query, skill_goal.link, stand, places)

@@ -12,7 +12,6 @@ from perdure.home.agents.oracle.motions import (
     Motion,
     View,
     move_arm,
-    never,
     rest_arm,
     settled,
     together,
@@ -36,23 +35,23 @@ def pick(view: View) -> Motion:
     target = int(view.state.target[0])
     for _ in range(ATTEMPTS):
         yield from unjam(view)
-        plan = plan_pick(CollisionQuery(view.lane), view.state.object[0].copy(), target, view.base)
+        plan = plan_pick(CollisionQuery(view.simulator), view.state.object[0].copy(), target, view.base)
         if plan is None:
             return
         yield from approach(view, plan, lambda: _can_grasp(view, target))
         if _can_grasp(view, target):
             yield view.action(grip=GRASP)
         yield from retreat(view, plan)
-        if view.lane.held >= 0:
+        if view.simulator.held >= 0:
             return
 
 
 def _can_grasp(view: View, target: int) -> bool:
     """Return whether a grasp now would take the target."""
-    lane, gripper = view.lane, view.state.gripper[0]
-    middles = lane.qpos[lane.scene.middles]
+    simulator, gripper = view.simulator, view.state.gripper[0]
+    middles = simulator.qpos[simulator.scene.middles]
     distance = np.linalg.norm(middles - gripper, axis=1)
-    handles = Handles.of(lane.scene.apartment).at(lane.qpos[lane.scene.link_qpos])
+    handles = Handles.of(simulator.scene.apartment).at(simulator.qpos[simulator.scene.link_qpos])
     handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE
     return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - SAFE and not handle_near)
 
@@ -61,9 +60,9 @@ def plan_pick(
     query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
     """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
-    lane = query.lane
-    addresses = lane.scene.object_qpos
-    others = [lane.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
+    simulator = query.simulator
+    addresses = simulator.scene.object_qpos
+    others = [simulator.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
     handles = query.handles()
     neighbors = np.concatenate([np.array(others).reshape(-1, 3), handles])
     neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
@@ -76,7 +75,7 @@ def plan_pick(
     return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
 
 
-def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> Motion:
+def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = lambda: False) -> Motion:
     """Drive to the entry of a plan, move the arm to its poses, drive on to the plan's base pose.
 
     Ends early as soon as `until` holds.
@@ -96,7 +95,7 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = never) -> 
 
 def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
     """Return whether the arm may already move while the base drives."""
-    query, now, end = CollisionQuery(view.lane), view.base, plan.entry
+    query, now, end = CollisionQuery(view.simulator), view.base, plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
         if query.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:

@@ -25,12 +25,12 @@ STILL = 0.03
 def place(view: View) -> Motion:
     """Place the target."""
     target = int(view.state.target[0])
-    if view.lane.held != target:
+    if view.simulator.held != target:
         yield from rest_arm(view)
         return
     goal = view.state.goal[0].copy()
     yield from unjam(view)
-    plan = plan_place(CollisionQuery(view.lane), goal, view.base)
+    plan = plan_place(CollisionQuery(view.simulator), goal, view.base)
     if plan is None:
         return
     yield from approach(view, plan)
@@ -46,8 +46,8 @@ def plan_place(
     query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
     """Return where to stand and how to bring the held object to its goal."""
-    held = query.lane.held
-    half = YcbObjects().box(query.lane.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    held = query.simulator.held
+    half = YcbObjects().box(query.simulator.scene.placements[held].kind)[1][2] if held >= 0 else PALM
     gripper_goals = place_gripper_goals(
         goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), query.in_fridge(goal)
     )

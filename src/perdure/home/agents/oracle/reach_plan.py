@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.agents.oracle.collision_query import CollisionQuery
 from perdure.home.sim.apartments import FreeSpace, Pose
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.robot import reach_many
 from perdure.home.sim.robot.data import REST_ARM
 from perdure.home.sim.world import ARM_STEP
@@ -21,10 +20,7 @@ DEPTH_COST = 1e4
 """Cost of a meter of penetration in control steps."""
 FARTHEST = 1.2
 """Largest horizontal distance in [m] for which inverse kinematics is tried."""
-OTHER_STARTS = (
-    (-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067),
-    (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5),
-)
+OTHER_STARTS = ((-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067), (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5))
 """Start poses of inverse kinematics besides the rest pose."""
 PER_STAND = 25
 """Plans tested at one standing place: an obstacle for one of them blocks most of the others."""
@@ -95,15 +91,8 @@ def plan_reach(
 ) -> ReachPlan | None:
     """Return the fastest collision-free plan to a gripper goal, else the plan with the least cost.
 
-    Args:
-        query: The world.
-        stands: Standing places.
-        gripper_goals: Gripper poses, all upright or none.
-        firm: An object that must not be pushed aside (the one to be grasped).
-        checks: Plans that are tested for touching, the quickest first.
-
-    Returns:
-        A plan, None when no standing place lets the arm reach.
+    None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
+    that must not be pushed aside. The quickest `checks` plans are tested for collisions.
     """
     candidates = _reachable(query, list(stands), gripper_goals)
     best: ReachPlan | None = None
@@ -146,15 +135,9 @@ def plan_from_here(
     firm: int = -1,
     others: Callable[[], Sequence[GripperGoal]] = tuple,
 ) -> ReachPlan | None:
-    """`plan_reach` from what one turn and one drive reach; when nothing is free from farther, in a fridge also finer.
+    """Return a plan from what one turn and one drive reach, facing a point (3,); when nothing is free, from farther.
 
-    Args:
-        query: The world.
-        base: Where the robot is.
-        gripper_goals: As for `plan_reach`.
-        point: What it faces. Shape (3,).
-        firm: As for `plan_reach`.
-        others: Further gripper_goals for the second look.
+    In a fridge also from finer drives and turns, then with the gripper goals `others()` in addition. See `plan_reach`.
     """
     found = [plan_reach(query, ahead(base, point, AHEAD, TURNS), gripper_goals, firm)]
     if found[0] is None or not found[0].free:
@@ -201,7 +184,7 @@ def _reachable(
     if not len(rows):
         return []
     via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
-    now, found = query.lane.robot, []
+    now, found = query.simulator.robot, []
     for row, middle, miss in zip(rows, via, via_way, strict=True):
         stand = pairs[row][0]
         turning = abs(float(wrap(np.array(stand.yaw - now[2]))))
@@ -223,17 +206,12 @@ def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequenc
 
 
 def around(
-    space: FreeSpace, cells: NDArray[np.int64], point: FloatArray, best: float, count: int, cost: FloatArray
+    space: FreeSpace, cells: IntArray, point: FloatArray, best: float, count: int, cost: FloatArray
 ) -> Iterator[Pose]:
-    """Standing places on some cells, facing a point: those whose distance is nearest to `best` first, spread out.
+    """Yield up to `count` standing places on cells, facing a point: those nearest to the distance `best` in [m] first.
 
-    Args:
-        space: The free space.
-        cells: Indices into its `centers`.
-        point: What to face. Shape (2,) or more.
-        best: Wanted distance from the point in [m].
-        count: How many at most.
-        cost: What standing on each cell of the free space costs, in meters of distance. Shape (n,).
+    `cells` are indices into the centers of the free space; `cost` is what standing on each of its cells costs, in
+    meters of distance, shape (n,).
     """
     centers = space.centers[cells]
     away = np.hypot(*(centers - point[:2]).T)

@@ -1,7 +1,7 @@
-"""The hand-over: a motion between the policy's command to open the hand and the opening.
+"""The hand-over: control passes from the policy to a motion of the release strategy, and back once the hand has opened.
 
-A release strategy wraps the actor of place. When that actor commands the hand to open, it is frozen. The strategy's own
-motion runs, one action per step. Then the hand opens and the actor continues. When place times out with the target
+A release strategy wraps the agent of place. When that agent commands the hand to open, it is frozen. The strategy's own
+motion runs, one action per step. Then the hand opens and the agent continues. When place times out with the target
 still in the hand, the executor gives the strategy time to do the same.
 """
 
@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor, LaneView
+from perdure.home.agents.skill_agent import LaneView, SkillAgent
 from perdure.home.benchmark.tasks import AT
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray, IntArray
@@ -29,10 +29,10 @@ from perdure.home.sim.world import (
     RELEASE,
     TURN,
     PrivilegedState,
-    World,
+    VectorSimulator,
 )
 from perdure.home.sim.world.state import norm
-from perdure.home.skills import Progress, Skill
+from perdure.home.skills import Skill, SkillProgress
 
 Motion = Generator[FloatArray, None, None]
 
@@ -81,9 +81,9 @@ class Held(LaneView):
 
 @dataclass
 class HandOver(ABC):
-    """An actor for `place` that runs a motion of its own before the release."""
+    """An agent for `place` that runs a motion of its own before the release."""
 
-    inner: Actor
+    inner: SkillAgent
     name: ClassVar[str]
     outcomes: list[str] = field(default_factory=list)
     """Outcome of each hand-over, in the order in which they ended."""
@@ -92,22 +92,22 @@ class HandOver(ABC):
 
     @property
     def sees(self) -> bool:
-        """See `Actor.sees`."""
+        """See `SkillAgent.sees`."""
         return self.inner.sees
 
     @abstractmethod
     def motion(self, held: Held) -> Motion:
         """Return actions until the hand may open; the opening itself is not one of them."""
 
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """See `Actor.begin`."""
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
+        """See `SkillAgent.begin`."""
         self._motions.pop(lane, None)
         self.inner.begin(world, lane, skill)
 
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """See `Actor.act`."""
+        """See `SkillAgent.act`."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         running = np.array([int(lane) in self._motions for lane in lanes])
         if not running.all():

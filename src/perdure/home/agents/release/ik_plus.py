@@ -79,8 +79,6 @@ def upright(rotation: FloatArray) -> FloatArray:
     z = rotation[:, 2]
     axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
     if cosine < -0.999:  # upside down: about its own x axis
-        half: FloatArray = rotation @ np.diag([1.0, -1.0, -1.0])
-        return half
+        return rotation @ np.diag([1.0, -1.0, -1.0])
     skew = np.cross(np.eye(3), axis)
-    turned: FloatArray = (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
-    return turned
+    return (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation

@@ -77,11 +77,7 @@ class Episode:
 
     def container(self, target: int) -> str | None:
         """Return the drawer or door one must open to get at a target: a link name, None when it lies in the open."""
-        apartment = self.apartment()
-        receptacle = apartment.receptacle(self.objects[target].receptacle)
-        if receptacle.link is not None:
-            return receptacle.link
-        return "top_door" if apartment.piece(receptacle.piece).kind == "fridge" else None
+        return self.apartment().container(self.objects[target].receptacle)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,12 @@
 """Episodes on disk: one JSON file per task and split, with a schema and a hash of its content.
 
-A file that was damaged or edited is refused by its name. It is written whole: under a temporary name first.
+A file that was damaged or edited is refused by its name.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -18,6 +17,7 @@ from perdure.home.benchmark.tasks import get_task
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Quaternion, Vec3
 from perdure.home.sim.objects import Placement
+from perdure.runs import write_atomic
 from perdure.schema import SchemaError, read_json
 
 SCHEMA = "perdure.home.episodes"
@@ -68,16 +68,10 @@ def read_episodes(path: str | Path) -> EpisodeSet:
 
 def write_episodes(path: str | Path, episodes: EpisodeSet) -> None:
     """Write a file of episodes, whole or not at all."""
-    path = Path(path)
     content = _to_json(episodes)
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in content["episodes"])
     head = json.dumps({k: v for k, v in content.items() if k != "episodes"} | {"sha256": _digest(content)}, indent=1)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    with temporary.open("w", encoding="utf-8") as stream:
-        stream.write(f'{head[:-2]},\n "episodes": [\n{lines}\n]}}\n')
-        stream.flush()
-        os.fsync(stream.fileno())
-    temporary.replace(path)
+    write_atomic(path, f'{head[:-2]},\n "episodes": [\n{lines}\n]}}\n')
 
 
 def _digest(content: dict[str, Any]) -> str:

@@ -43,15 +43,9 @@ def generate_episodes(
     refused: Refusal = lambda reason: None,
     per_apartment: int | None = None,
 ) -> EpisodeSet:
-    """Return all episodes of a task and split.
+    """Return all episodes of a task and split (`train`, `val` or `eval`); another seed gives other episodes.
 
-    Args:
-        task: Name of the task.
-        split: `train`, `val` or `eval`.
-        models: The objects.
-        seed: Another seed gives other episodes.
-        refused: Called with the reason whenever a draw is thrown away.
-        per_apartment: Episodes in each apartment; M3's number when None.
+    `refused` is called with the reason whenever a draw is thrown away. `per_apartment`: M3's number when None.
     """
     apartments = split_apartments(split)
     count = PER_APARTMENT[split] if per_apartment is None else per_apartment
@@ -72,16 +66,9 @@ def generate_episode(
     seed: int = 0,
     refused: Refusal = lambda reason: None,
 ) -> Episode:
-    """Return one episode; it depends on its arguments only, not on other episodes.
+    """Return one episode in the apartment (macro, micro); it depends on its arguments only, not on other episodes.
 
-    Args:
-        task: Name of the task.
-        split: Name of the split it belongs to.
-        index: Its number in the split.
-        apartment: (macro, micro).
-        models: The objects.
-        seed: Another seed gives another episode.
-        refused: Called with the reason whenever a draw is thrown away.
+    `refused` is called with the reason whenever a draw is thrown away.
     """
     home_task, home = get_task(task), make_apartment(*apartment)
     rng = np.random.Generator(np.random.PCG64([seed, list(TASKS).index(task), *apartment, index]))

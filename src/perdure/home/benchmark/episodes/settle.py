@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.benchmark.episodes.surfaces import ObjectModels
 from perdure.home.sim.apartments import Apartment, build_apartment
 from perdure.home.sim.arrays import FloatArray
@@ -59,11 +58,6 @@ def settle(
     speed = np.linalg.norm([body.cvel[3:] for body in bodies], axis=1)
     rested = (_rested(p, body.xpos, body.xquat) for p, body in zip(placements, bodies, strict=True))
     return tuple(rested), moved, speed
-
-
-def settle_episode(episode: Episode, models: ObjectModels, seconds: float = SECONDS) -> FloatArray:
-    """Return the displacement of each object of an episode in a simulation without robot, in [m]. Shape (objects,)."""
-    return settle(episode.apartment(), dict(episode.opened), episode.objects, models, seconds)[1]
 
 
 def _rested(placement: Placement, position: FloatArray, quaternion: FloatArray) -> Placement:

@@ -12,6 +12,7 @@ from perdure.home.benchmark.episodes.episode import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Pose, free_space, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
+from perdure.home.sim.apartments.free_space import CELL
 
 ARM_LOW = 0.6
 """Furniture that ends below this height in [m] does not meet the arm at rest."""
@@ -22,10 +23,7 @@ ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
     """Return the robot's start pose: uniform over the largest island and headings, the resting arm free of furniture.
 
-    Args:
-        apartment: The episode's apartment, `episode.apartment()`.
-        episode: The episode.
-        seed: The evaluation seed: the same seed gives the same pose, three seeds are three different runs.
+    `apartment` is the episode's; the same evaluation seed gives the same pose.
     """
     return next(start_poses(apartment, episode, seed))
 
@@ -48,5 +46,5 @@ def start_poses(apartment: Apartment, episode: Episode, seed: int) -> Iterator[P
         discs = pose.to_room(np.stack([np.linspace(ARM_FROM, ARM_TO, 8), np.zeros(8)], axis=-1))
         if plane.clearance(discs, tall).min() < ARM_RADIUS or not plane.inside(discs, apartment.room).all():
             continue
-        if space.nearest(point[None])[1][0] <= space.cell:
+        if space.nearest(point[None])[1][0] <= CELL:
             yield pose

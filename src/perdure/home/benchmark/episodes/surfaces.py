@@ -70,7 +70,7 @@ class Surfaces:
         Args:
             kind: YCB name.
             receptacle: Where to put it.
-            rng: Source of chance.
+            rng: The random generator.
             ratio: Share of the receptacle's length and width to use, by receptacle name.
             lift: Distance of its lowest point from the surface in [m].
             anywhere: Whether the robot need not be able to stand near it.

@@ -19,13 +19,9 @@ _NO_SKILL = "next_target"
 
 
 def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
-    """Return the shortest sequence of skills that solves a task, `reset_arm` after each.
+    """Return the shortest sequence of skills that solves a task or an episode, `reset_arm` after each.
 
-    Args:
-        task: A task, the name of one, or an episode.
-
-    Returns:
-        The steps, in the form of `HomeTask.skills`.
+    The form is that of `HomeTask.skills`.
 
     Raises:
         HomeError: If the task cannot be solved, or cannot be put as a planning problem (see `plan_problem`).

@@ -11,7 +11,7 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.benchmark.tasks import HomeTask, get_task
 from perdure.home.benchmark.tasks.predicates import DRAWER_CLOSED, DRAWER_OPEN, FRIDGE_CLOSED, FRIDGE_OPENED
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Apartment, make_apartment
+from perdure.home.sim.apartments import FRIDGE_DOOR, Apartment, make_apartment
 from perdure.home.sim.objects import Placement
 
 Kind = Literal["drawer", "fridge"]
@@ -71,10 +71,7 @@ class PlanProblem:
 
 
 def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
-    """Return the planning problem of a task or an episode.
-
-    Args:
-        task: A task, the name of one, or an episode, which also says which drawer it is.
+    """Return the planning problem of a task or an episode; an episode also says which drawer it is.
 
     Raises:
         HomeError: For an unknown task, one without targets, a door that is neither open nor closed at the start, a
@@ -122,17 +119,13 @@ def _container(
 
 def _link(apartment: Apartment, receptacle: str) -> str:
     """Return link of the drawer or door in front of a receptacle, empty when it is in the open."""
-    for piece in apartment.pieces:
-        for candidate in piece.receptacles:
-            if candidate.name == receptacle:
-                return candidate.link or ("top_door" if piece.kind == "fridge" else "")
-    raise HomeError(f"no apartment has a receptacle {receptacle!r}")
+    return apartment.container(apartment.receptacles_named(receptacle)[0].unique_name) or ""
 
 
 def _kind(link: str) -> Kind | None:
     if not link:
         return None
-    return "fridge" if link == "top_door" else "drawer"
+    return "fridge" if link == FRIDGE_DOOR else "drawer"
 
 
 def _is_open(link: str, position: float, name: str) -> bool:

@@ -20,18 +20,10 @@ from perdure.home.benchmark.tasks.counting import (
     stabilizing_stages,
 )
 from perdure.home.benchmark.tasks.facts import NOTHING, SOMETHING_ELSE, WorldFacts
-from perdure.home.benchmark.tasks.predicates import AT, PREDICATES, Predicate, predicate
+from perdure.home.benchmark.tasks.predicates import AT, Predicate, predicate
 from perdure.home.benchmark.tasks.prepare_groceries import PREPARE_GROCERIES
 from perdure.home.benchmark.tasks.set_table import SET_TABLE
-from perdure.home.benchmark.tasks.task import (
-    BenchmarkSkill,
-    HomeTask,
-    PlacementRule,
-    SkillName,
-    SkillStep,
-    Stage,
-    TargetRule,
-)
+from perdure.home.benchmark.tasks.task import HomeTask, PlacementRule, SkillName, SkillStep, Stage, TargetRule
 from perdure.home.benchmark.tasks.tidy_house import TIDY_HOUSE
 from perdure.home.errors import HomeError
 
@@ -49,14 +41,12 @@ def get_task(name: str) -> HomeTask:
 __all__ = [
     "AT",
     "NOTHING",
-    "PREDICATES",
     "PREPARE_GROCERIES",
     "SETTLE_STEPS",
     "SET_TABLE",
     "SOMETHING_ELSE",
     "TASKS",
     "TIDY_HOUSE",
-    "BenchmarkSkill",
     "HomeTask",
     "PlacementRule",
     "Predicate",

@@ -27,31 +27,20 @@ SETTLE_STEPS = 150
 
 
 def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
-    """Return which stages are reached after one more step, in latched counting.
+    """Return which stages are reached after one more step, in latched counting. Shape (*, stages).
 
-    Args:
-        task: The task.
-        reached: Which stages were reached before this step. Shape (*, stages).
-        facts: The facts at this step, with leading axes *.
-
-    Returns:
-        Which stages are reached now. Shape (*, stages). Stages are looked at in order; the first one that is neither
-        reached nor met ends the look, so that one step may reach several stages but never leave one out.
+    `reached` are those before this step, shape (*, stages); `facts` have leading axes *. Stages are looked at in order;
+    the first one that is neither reached nor met ends the look, so one step may reach several stages but never leave
+    one out.
     """
     met = np.stack([stage.met(facts) for stage in task.stages], axis=-1)
-    now: BoolArray = np.logical_and.accumulate(reached | met, axis=-1)
-    return now
+    return np.logical_and.accumulate(reached | met, axis=-1)
 
 
 def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
-    """Return which stages are reached after each step of an episode, in latched counting.
+    """Return which stages are reached after each step of an episode, in latched counting. Shape (steps, *, stages).
 
-    Args:
-        task: The task.
-        facts: The facts of all steps, steps first: leading axes (steps, *).
-
-    Returns:
-        Which stages are reached after each step. Shape (steps, *, stages).
+    The facts have leading axes (steps, *).
     """
     history = np.empty((*np.shape(facts.held), len(task.stages)), dtype=bool)
     earlier: BoolArray = np.ones(np.shape(facts.held), dtype=bool)
@@ -78,11 +67,9 @@ class Stabilizing:
         return Stabilizing(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool))
 
     def after(self, facts: WorldFacts, handling: BoolArray) -> Stabilizing:
-        """Return the counting after one more step.
+        """Return the counting after one more step with these facts.
 
-        Args:
-            facts: The facts at this step, with leading axes *.
-            handling: Which objects the plan handles at this step. Shape (*, targets).
+        `handling`: which objects the plan handles at this step, shape (*, targets).
         """
         handled = self.handled | handling
         later = handled & ~handling
@@ -118,14 +105,10 @@ def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int =
 
 
 def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
-    """Return which objects a plan handles, from the skill that is active.
+    """Return which objects a plan handles: their pick has begun and their place has not ended. Shape (*, targets).
 
-    Args:
-        task: The task.
-        active: Number of the active skill in the task's sequence; its length or more in the settling time. Shape (*).
-
-    Returns:
-        Whether the object's pick has begun and its place has not ended. Shape (*, targets).
+    `active` is the number of the active skill in the task's sequence; its length or more in the settling time. Shape
+    (*).
     """
     number = {(step.skill, step.target): k for k, step in enumerate(task.skills)}
     first, last = (np.array([number[skill, i] for i in range(len(task.targets))]) for skill in ("pick", "place"))
@@ -147,5 +130,4 @@ def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArra
     for k, stage in enumerate(task.stages):
         if stage.placed is not None:
             kept[..., k:] &= stabilizing[..., stage.placed, None]
-    result: BoolArray = reached & kept
-    return result
+    return reached & kept

@@ -33,8 +33,7 @@ FRIDGE_OPENED, FRIDGE_CLOSED = 1.57 - 0.15, 0.15
 
 def at(facts: WorldFacts) -> BoolArray:
     """Return which targets are at their goals. Shape (*, targets)."""
-    inside: BoolArray = np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT
-    return inside
+    return np.asarray(np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT)
 
 
 _ABOUT_A_TARGET: dict[str, Callable[[WorldFacts, int], BoolArray]] = {

@@ -34,15 +34,14 @@ class SkillStep:
 
 @dataclass(frozen=True)
 class Stage:
-    """A checkpoint of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
+    """A subgoal of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
 
     name: str
     conditions: tuple[Predicate, ...]
 
     def met(self, facts: WorldFacts) -> BoolArray:
         """Return where all conditions are met, whatever happened before. Shape (*)."""
-        result: BoolArray = np.all([condition.holds(facts) for condition in self.conditions], axis=0)
-        return result
+        return np.asarray(np.all([condition.holds(facts) for condition in self.conditions], axis=0))
 
     @property
     def placed(self) -> int | None:

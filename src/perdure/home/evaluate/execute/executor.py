@@ -12,21 +12,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor
+from perdure.home.agents.skill_agent import SkillAgent
 from perdure.home.benchmark.episodes import Episode, episode_scene, start_pose
 from perdure.home.benchmark.tasks import SETTLE_STEPS, SkillStep
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.execute.recorder import Recorder, final_objects, record_table
+from perdure.home.evaluate.execute.recorder import Recorder, door_links, final_objects, record_table
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, SkillRun
 from perdure.home.sim.arrays import IntArray
-from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, World
-from perdure.home.skills import Progress, Skill, make_skill_goal
+from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, VectorSimulator
+from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 
-StepObserver = Callable[[World, Mapping[int, Episode]], None]
-"""Called after every control step with the world and the running episode of each lane."""
-
-HANDS_OPENED = ("place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
-"""Skills after whose time-out the hand is opened by force (M3)."""
 OVERTIME = 150
 """Steps that a release strategy may take beyond the step limit of place."""
 
@@ -53,8 +48,8 @@ class ExecutorOptions:
 
 
 @dataclass
-class _Running:
-    """A lane's episode while it runs."""
+class Running:
+    """An episode while it runs in a lane."""
 
     episode: Episode
     plan: tuple[SkillStep, ...]
@@ -68,8 +63,18 @@ class _Running:
     """Steps of the settling time so far, None before it."""
 
     @property
+    def begun(self) -> int:
+        """Number of steps of the plan that have begun."""
+        return len(self.recorder.ended) + (self.settling is None)
+
+    @property
     def current(self) -> SkillStep | None:
-        return self.plan[len(self.recorder.ended)] if self.settling is None else None
+        """The running step of the plan, None in the settling time."""
+        return self.plan[self.begun - 1] if self.settling is None else None
+
+
+StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
+"""Called after every control step with the world and the running episode of each lane."""
 
 
 class Executor:
@@ -81,43 +86,38 @@ class Executor:
     def __init__(
         self,
         skills: Mapping[str, Skill],
-        actors: Mapping[str, Actor],
+        agents: Mapping[str, SkillAgent],
         options: ExecutorOptions | None = None,
         *,
         strategy: str = "unnamed",
         train_seed: int = UNTRAINED,
     ) -> None:
-        """Check that every skill has an actor.
+        """Check that every skill has an agent.
 
         Args:
             skills: The skill for each name in the plan.
-            actors: The actor of each of them.
+            agents: The agent of each of them.
             options: Settings.
             strategy: Name of the release strategy, written into the logs.
             train_seed: Training seed of the policies, written into the logs.
 
         Raises:
-            HomeError: If skills and actors have different names.
+            HomeError: If skills and agents have different names.
         """
-        self._skills, self._actors = dict(skills), dict(actors)
+        self._skills, self._agents = dict(skills), dict(agents)
         self._options = options or ExecutorOptions()
         self._named = {"strategy": strategy, "train_seed": train_seed, "eval_seed": self._options.eval_seed}
-        missing = self._skills.keys() ^ self._actors.keys()
+        missing = self._skills.keys() ^ self._agents.keys()
         if missing:
-            raise HomeError(f"skills and actors must have the same names; {', '.join(sorted(missing))} do not")
+            raise HomeError(f"skills and agents must have the same names; {', '.join(sorted(missing))} do not")
 
     def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
-        """Yield the log of each episode as soon as it has ended, so not always in order.
-
-        Args:
-            episodes: What to run.
-            observe: Called after every control step.
-        """
+        """Yield the log of each episode as soon as it has ended, so not always in order."""
         options = self._options
-        world = World(min(options.lanes, len(episodes)), options.threads, options.jaws)
+        world = VectorSimulator(min(options.lanes, len(episodes)), options.threads, options.jaws)
         waiting = list(reversed(episodes))
-        running: list[_Running | None] = [None] * world.num_lanes
-        self._progress: Progress | None = None
+        running: list[Running | None] = [None] * world.num_lanes
+        self._progress: SkillProgress | None = None
         try:
             for lane in range(world.num_lanes):
                 running[lane] = self._start(world, lane, waiting.pop())
@@ -126,7 +126,7 @@ class Executor:
                 lanes = np.array([k for k, each in enumerate(running) if each is not None])
                 self._step(world, lanes, running)
                 if observe is not None:
-                    observe(world, {int(k): running[int(k)].episode for k in lanes})  # type: ignore[union-attr]
+                    observe(world, {k: each for k, each in enumerate(running) if each is not None})
                 for lane in lanes.tolist():
                     each = running[lane]
                     assert each is not None
@@ -139,21 +139,18 @@ class Executor:
         finally:
             world.close()
 
-    def _start(self, world: World, lane: int, episode: Episode) -> _Running:
+    def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        containers = [episode.container(target) for target in range(len(episode.goals))]
-        drawer = next((scene.links.index(c) for c in containers if c is not None and c != "top_door"), -1)
-        doors = drawer, scene.links.index("top_door")
-        return _Running(episode, episode.home_task.skills, Recorder(episode), doors)
+        return Running(episode, episode.home_task.skills, Recorder(episode), door_links(episode, scene))
 
-    def _begin_skills(self, world: World, lanes: Sequence[int], running: list[_Running | None]) -> None:
+    def _begin_skills(self, world: VectorSimulator, lanes: Sequence[int], running: list[Running | None]) -> None:
         """Begin the next skill of these lanes' plans; all of them run and have one."""
         for lane in lanes:
             each = running[lane]
             assert each is not None
             assert each.current is not None
-            world.assign(lane, make_skill_goal(each.episode, each.current, world.lane(lane)))
+            world.assign(lane, make_skill_goal(each.episode, each.current, world.simulator(lane)))
             each.began = each.step
         for name, group in self._groups(np.array(lanes, dtype=np.int64), running).items():
             if name not in self._skills:
@@ -164,9 +161,9 @@ class Executor:
                 self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
             self._progress = self._progress.put(group, fresh)
             for lane in group.tolist():
-                self._actors[name].begin(world, lane, skill)
+                self._agents[name].begin(world, lane, skill)
 
-    def _step(self, world: World, lanes: IntArray, running: list[_Running | None]) -> None:
+    def _step(self, world: VectorSimulator, lanes: IntArray, running: list[Running | None]) -> None:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(lanes, running)
@@ -177,14 +174,14 @@ class Executor:
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
         scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
         for name in groups:
-            if self._actors[name].sees:
+            if self._agents[name].sees:
                 skill = self._skills[name]
                 scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
         known = world.sense(lanes, scan_reach, neighbors)
         for name, group in groups.items():
-            skill, actor, state = self._skills[name], self._actors[name], known[rows[name]]
+            skill, agent, state = self._skills[name], self._agents[name], known[rows[name]]
             assert self._progress is not None
-            acted = actor.act(world, group, skill, state, self._progress[group])
+            acted = agent.act(world, group, skill, state, self._progress[group])
             actions[group] = skill.mask(acted, state)
             speed[group], arm_step[group] = skill.base_speed, skill.arm_step
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
@@ -193,7 +190,7 @@ class Executor:
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
-    def _groups(self, lanes: IntArray, running: list[_Running | None]) -> dict[str, IntArray]:
+    def _groups(self, lanes: IntArray, running: list[Running | None]) -> dict[str, IntArray]:
         """Return the lanes at each skill; lanes in their settling time are in no group."""
         groups: dict[str, list[int]] = {}
         for lane in lanes:
@@ -203,7 +200,7 @@ class Executor:
         return {name: np.array(group) for name, group in groups.items()}
 
     def _end_skills(
-        self, world: World, name: str, group: IntArray, state: PrivilegedState, running: list[_Running | None]
+        self, world: VectorSimulator, name: str, group: IntArray, state: PrivilegedState, running: list[Running | None]
     ) -> None:
         """End skills that stop or run out of time, and begin the next ones."""
         skill = self._skills[name]
@@ -219,30 +216,32 @@ class Executor:
             assert each is not None
             out_of_time = elapsed >= skill.limit
             if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
-                out_of_time = not self._actors[name].overtime(lane)
+                out_of_time = not self._agents[name].overtime(lane)
             at_limit = each.step >= each.episode.home_task.max_steps
             if stopped or out_of_time or at_limit:
                 ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
-                forced = ending == "timed out" and name in HANDS_OPENED and not bool(state.empty_hand[row])
+                forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
                 if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
                     going_on.append(lane)
         if going_on:
             self._begin_skills(world, going_on, running)
 
     @staticmethod
-    def _end_skill(world: World, lane: int, each: _Running, how: tuple[Ending, bool, bool], at_limit: bool) -> bool:
+    def _end_skill(
+        world: VectorSimulator, lane: int, each: Running, how: tuple[Ending, bool, bool], at_limit: bool
+    ) -> bool:
         """Record how a lane's skill ended, and return whether the plan goes on."""
         step, ended = each.current, each.recorder.ended
         assert step is not None
         if how[2]:
-            world.lane(lane).release()
+            world.simulator(lane).release()
         ended.append(SkillRun(len(ended), step.skill, step.target, each.began, each.step, *how))
         if at_limit or len(ended) == len(each.plan):
             each.settling = 0
         return each.settling is None
 
     @staticmethod
-    def _record(world: World, lanes: IntArray, running: list[_Running | None], state: PrivilegedState) -> None:
+    def _record(world: VectorSimulator, lanes: IntArray, running: list[Running | None], state: PrivilegedState) -> None:
         everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
         doors = [each.doors for each in everyone]
         table = record_table(world, lanes, state, len(everyone[0].episode.goals), doors)

@@ -10,9 +10,10 @@ import numpy as np
 from perdure.home.benchmark.episodes import Episode, episode_hash
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE, WorldFacts
 from perdure.home.evaluate.log import EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.sim.apartments import FRIDGE_DOOR
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
-from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, World
+from perdure.home.sim.world import CONTROL_HZ, PrivilegedState, Scene, VectorSimulator
 from perdure.home.sim.world.state import norm
 
 
@@ -72,32 +73,27 @@ class Recorder:
 
 
 def record_table(
-    world: World, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
+    world: VectorSimulator, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
 ) -> FloatArray:
-    """Return one row of a `Recorder` for each lane. Shape (lanes, width).
+    """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
 
-    Args:
-        world: The world after a control step.
-        lanes: Numbers of the lanes. Shape (lanes,).
-        state: The state of these lanes.
-        targets: Number of targets of the task.
-        doors: Link numbers of the task's drawer (-1 for none) and of the fridge's upper door, for each lane.
+    `state` is that of these lanes, `targets` the task's number of targets, `doors` the `door_links` of each lane.
     """
     poses, velocities = world.objects(lanes, targets)
     up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
     speed = np.sqrt((velocities**2).sum(axis=2))
     columns = (
-        *(poses[:, :, :3], held_target(state, targets), _opened(world, lanes, doors)),
+        *(poses[:, :, :3], held_target(state, targets), opened(world, lanes, doors)),
         *(state.base, state.gripper, up, speed, state.contact_force),
     )
     return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
 
 
-def final_objects(world: World, lane: int, episode: Episode) -> tuple[FinalObject, ...]:
+def final_objects(world: VectorSimulator, lane: int, episode: Episode) -> tuple[FinalObject, ...]:
     """Return pose and speed of every object of a lane."""
     poses, velocities = world.objects(np.array([lane]), len(episode.objects))
     kinds = (placement.kind for placement in episode.objects)
-    held = world.lane(lane).held
+    held = world.simulator(lane).held
     rows = zip(kinds, poses[0].tolist(), norm(velocities[0]).tolist(), strict=True)
     return tuple(
         FinalObject(kind, (x, y, z), (qw, qx, qy, qz), speed, k == held)
@@ -111,16 +107,23 @@ def held_target(state: PrivilegedState, targets: int) -> IntArray:
     return np.where((held == NOTHING) & ~state.empty_hand, SOMETHING_ELSE, held)
 
 
-def _opened(world: World, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
+def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
+    """Return the numbers of the task's drawer (-1 for none) and of the fridge's upper door in `Scene.links`."""
+    containers = [episode.container(target) for target in range(len(episode.goals))]
+    drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
+    return drawer, scene.links.index(FRIDGE_DOOR)
+
+
+def opened(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
     """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
     rows = []
     for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
-        links = world.lane(lane).links.tolist()
+        links = world.simulator(lane).links.tolist()
         rows.append((links[drawer] if drawer >= 0 else 0.0, links[fridge]))
     return np.array(rows)
 
 
 def _target(episode: Episode, number: int) -> Target:
     goal, link = episode.goals[number], episode.container(number)
-    container = "" if link is None else "fridge" if link == "top_door" else "drawer"
+    container = "" if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
     return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)

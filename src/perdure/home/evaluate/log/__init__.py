@@ -17,7 +17,6 @@ from perdure.home.evaluate.log.episode_log import (
     SkillRun,
     Target,
     Track,
-    kept_steps,
 )
 from perdure.home.evaluate.log.history import History
 
@@ -32,5 +31,4 @@ __all__ = [
     "SkillRun",
     "Target",
     "Track",
-    "kept_steps",
 ]

@@ -255,9 +255,7 @@ class EpisodeLog:
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
     """Return the steps a track keeps: first, last, and each at which the object has moved since the step kept before.
 
-    Args:
-        position: Shape (n, 3).
-        up: Shape (n,).
+    `position` has shape (n, 3), `up` shape (n,).
     """
     points, heights = position.tolist(), up.tolist()
     kept = [0]

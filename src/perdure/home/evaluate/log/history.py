@@ -94,5 +94,4 @@ class History:
 
 
 def _rounded(values: FloatArray) -> FloatArray:
-    rounded: FloatArray = np.round(values / GRID) * GRID
-    return rounded
+    return np.round(values / GRID) * GRID

@@ -12,7 +12,7 @@ Contents:
 """
 
 from perdure.home.evaluate.outcomes.analysis import Analysis, analyze
-from perdure.home.evaluate.outcomes.counting import latched, stabilizing, stage_steps, stages_stabilizing
+from perdure.home.evaluate.outcomes.counting import latched, stabilizing, stages_stabilizing
 from perdure.home.evaluate.outcomes.differences import paired_difference
 from perdure.home.evaluate.outcomes.failure_causes import FAILURE_CAUSES, FailureCause, placement, placement_cause
 from perdure.home.evaluate.outcomes.files import noted_hand_overs, noted_policies, read_logs, read_notes, write_logs
@@ -40,7 +40,6 @@ __all__ = [
     "read_logs",
     "read_notes",
     "stabilizing",
-    "stage_steps",
     "stages_stabilizing",
     "write_logs",
 ]

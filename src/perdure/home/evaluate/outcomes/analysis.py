@@ -59,11 +59,7 @@ class Analysis:
 
 
 def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
-    """Analyze logs of any tasks, splits, strategies and seeds together. The order of the logs does not matter.
-
-    Args:
-        logs: From `read_logs`, an executor or another simulator.
-        seed: Of the bootstrap: the same logs give the same intervals.
+    """Analyze logs of any tasks, splits, strategies and seeds together; `seed` is the bootstrap's.
 
     Raises:
         HomeError: If there are no logs, or one episode of one strategy and its seeds is there twice.

@@ -113,18 +113,12 @@ def stages_stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
 
 
 def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
-    """Return the condition that kept the first unmet stage from being reached.
+    """Return the condition that kept the first unmet stage (a number) from being reached.
 
     Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the
     episode: at the last one of those at which most conditions hold, the first that does not, objects in their order
-    first, then drawer and fridge, then the hand.
-
-    Args:
-        log: The episode.
-        stage: Number of the first stage that was not reached.
-
-    Returns:
-        The condition; None when the stage's own skill never ended, or began only when the episode was over.
+    first, then drawer and fridge, then the hand. None when the stage's own skill never ended, or began only when the
+    episode was over.
     """
     conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
     skill, _, target = log.home_task.stages[stage].name.partition("_")

@@ -103,10 +103,8 @@ def placement(log: EpisodeLog, target: int) -> Release | None:
 def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
     """Return the failure cause of an episode: the first table of this file.
 
-    Args:
-        log: A failed episode.
-        stage: Number of its first unmet stage.
-        condition: What `counting.blamed` found, or `at(k)` for a placement that is not goal-stabilizing.
+    `stage` is the number of its first unmet stage, `condition` what `counting.blamed` found, or `at(k)` for a placement
+    that is not goal-stabilizing.
     """
     if log.diverged:
         return "diverged"
@@ -185,8 +183,7 @@ def in_goal_since(log: EpisodeLog, release: Release) -> BoolArray:
     """Return whether the object was in its goal at each step of its track, from the release on. Shape (n,)."""
     steps = np.arange(release.step, int(release.track.step[-1]) + 1)
     events = np.searchsorted([event.step for event in log.events], steps, side="right") - 1
-    inside: BoolArray = np.array([event.in_goal[release.target] for event in log.events])[events]
-    return inside
+    return np.array([event.in_goal[release.target] for event in log.events])[events]
 
 
 def _left(inside: BoolArray) -> int | None:
@@ -241,5 +238,4 @@ def _rest_steps(log: EpisodeLog) -> int:
 
 def tilt(up: FloatArray) -> FloatArray:
     """Return angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
-    degrees: FloatArray = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
-    return degrees
+    return np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))

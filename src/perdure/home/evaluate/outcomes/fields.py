@@ -86,10 +86,7 @@ ROW = Table(
         "length": Whole(1, LONGEST),
         "diverged": Flag(),
         "targets": Items(TARGET, longest=_TARGETS),
-        "stages": Items(
-            Table({"name": _NAME, "reached": Whole(-1, LONGEST), "stabilizing": Flag()}),
-            longest=_TARGETS,
-        ),
+        "stages": Items(Table({"name": _NAME, "reached": Whole(-1, LONGEST), "stabilizing": Flag()}), longest=_TARGETS),
         "runs": Items(RUN),
         "events": Items(EVENT, shortest=1),
         "releases": Items(RELEASE),

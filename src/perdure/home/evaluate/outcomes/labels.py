@@ -36,12 +36,7 @@ class Label:
 
 
 def label(log: EpisodeLog, counting: Counting) -> Label | None:
-    """Return the label of an episode, None when it succeeded.
-
-    Args:
-        log: The episode.
-        counting: Whether stages count as the benchmark or as the thesis counts them.
-    """
+    """Return the label of an episode, None when it succeeded by this way of counting."""
     reached = latched(log)
     counted = reached if counting == "latched" else stages_stabilizing(log)
     if all(counted):
@@ -84,12 +79,7 @@ def failure_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
 
 
 def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
-    """Return the `count` of each label, its share `of_all` episodes and `of_failed` ones.
-
-    Args:
-        failures: From `failure_table`.
-        episodes: One row per episode with the columns of `GROUP`.
-    """
+    """Return the `count` of each label, its share `of_all` episodes and `of_failed` ones."""
     import polars as pl
 
     keys = [*GROUP, "counting"]
@@ -105,11 +95,7 @@ def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
 
 
 def outcome_table(episodes: pl.DataFrame) -> pl.DataFrame:
-    """Return the `count` of each outcome, its share `of_all` episodes, and `of_failed` ones (null for successes).
-
-    Args:
-        episodes: One row per episode with the columns of `GROUP` and `outcome`.
-    """
+    """Return the `count` of each outcome, its share `of_all` episodes, and `of_failed` ones (null for successes)."""
     import polars as pl
 
     rows = []

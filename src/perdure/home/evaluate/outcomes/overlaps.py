@@ -44,13 +44,9 @@ class Overlap:
 
 
 def find_overlaps(logs: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
-    """Yield every pair of objects at rest that overlap by more than a depth.
+    """Yield every pair of objects at rest that overlap by more than a depth in [m].
 
     Episodes that diverged and logs without final poses are passed over.
-
-    Args:
-        logs: From `read_logs`.
-        deeper_than: In [m].
     """
     for log in logs:
         if log.diverged:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from perdure.home.evaluate.outcomes.analysis import Analysis
 
 
+_SHARES, _SHARE_COLUMNS = ("count", "of all", "of failed"), ("count", "of_all", "of_failed")
+
+
 def summary_text(analysis: Analysis) -> str:
     """Return all tables of an analysis but those with one row per episode or placement."""
     groups = analysis.episodes.select(GROUP).unique(maintain_order=True).rows()
@@ -35,13 +38,20 @@ def _block(analysis: Analysis, group: tuple[str, ...]) -> str:
     )
     intervals = f"95 % intervals over {stages['units'][0]}: {stages['method'][0]}"
     parts = [head, f"success per stage ({intervals})", _table(_stage_rows(stages))]
-    parts += ["outcomes", _table(_outcome_rows(part(analysis.outcomes)))]
+    parts += ["outcomes", _table(_rows(part(analysis.outcomes), ("outcome", *_SHARES), ("outcome", *_SHARE_COLUMNS)))]
     for counting in COUNTINGS:
         modes = part(analysis.modes).filter(pl.col("counting") == counting)
         if len(modes):
-            parts += [f"failure modes, {counting}", _table(_mode_rows(modes))]
+            parts += [
+                f"failure modes, {counting}",
+                _table(_rows(modes, ("stage", "cause", *_SHARES), ("stage", "cause", *_SHARE_COLUMNS))),
+            ]
     if len(part(analysis.placements)):
-        parts += ["placements", _table(_shape_rows(part(analysis.shapes))), _table(_kind_rows(part(analysis.kinds)))]
+        counts, columns = ("placements", "not stable", "rate"), ("placements", "failures", "rate")
+        headings = ("shape", *counts, "of placements", "of not stable")
+        shapes = _rows(part(analysis.shapes), headings, ("cylinder", *columns, "of_placements", "of_failures"))
+        kinds = _rows(part(analysis.kinds), ("kind", *counts), ("kind", *columns))
+        parts += ["placements", _table(shapes), _table(kinds)]
     return "\n".join(parts)
 
 
@@ -60,40 +70,17 @@ def interval_text(row: dict[str, float]) -> str:
     return f"{100 * row['mean']:.1f}{error} %{bounds}"
 
 
-def _outcome_rows(outcomes: pl.DataFrame) -> list[Sequence[str]]:
-    rows = outcomes.select("outcome", "count", "of_all", "of_failed").iter_rows()
-    return [
-        ("outcome", "count", "of all", "of failed"),
-        *((name, str(count), _percent(a), _percent(b)) for name, count, a, b in rows),
-    ]
+def _rows(table: pl.DataFrame, headings: Sequence[str], columns: Sequence[str]) -> list[Sequence[str]]:
+    """Return columns as text under headings: shares (real numbers) in percent, nothing for null."""
+    return [headings, *(tuple(map(_cell, row)) for row in table.select(columns).iter_rows())]
 
 
-def _mode_rows(modes: pl.DataFrame) -> list[Sequence[str]]:
-    rows = modes.select("stage", "cause", "count", "of_all", "of_failed").iter_rows()
-    return [
-        ("stage", "cause", "count", "of all", "of failed"),
-        *((stage, word, str(count), _percent(a), _percent(b)) for stage, word, count, a, b in rows),
-    ]
-
-
-def _shape_rows(shapes: pl.DataFrame) -> list[Sequence[str]]:
-    rows = shapes.select("cylinder", "placements", "failures", "rate", "of_placements", "of_failures").iter_rows()
-    return [
-        ("shape", "placements", "not stable", "rate", "of placements", "of not stable"),
-        *(("cylinder" if c else "other", str(n), str(bad), *map(_percent, shares)) for c, n, bad, *shares in rows),
-    ]
-
-
-def _kind_rows(kinds: pl.DataFrame) -> list[Sequence[str]]:
-    rows = kinds.select("kind", "placements", "failures", "rate").iter_rows()
-    return [
-        ("kind", "placements", "not stable", "rate"),
-        *((kind, str(count), str(bad), _percent(rate)) for kind, count, bad, rate in rows),
-    ]
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.1f} %"
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "cylinder" if value else "other"
+    if isinstance(value, float):
+        return f"{100 * value:.1f} %"
+    return "" if value is None else str(value)
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

@@ -38,8 +38,7 @@ class PolicyAssignment:
 def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog], PolicyAssignment]:
     """Return the logs of files and their policies, from the notes or else from the store's record beside the file.
 
-    Args:
-        paths: From `run_protocol`, or files of another simulator, which record no policies.
+    Files of another simulator record no policies.
 
     Raises:
         HomeError: A file holds no logs, see `read_logs`, or its note `policies` is no JSON object.

@@ -52,12 +52,7 @@ def _shares(label: str, style: theme.Style, rows: Sequence[tuple[int, int, float
 
 
 def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
-    """Return the figure of failures by stage and cause, a bar for each strategy; None when nothing failed.
-
-    Args:
-        comparison: The strategies.
-        counting: By which way of counting they failed.
-    """
+    """Return the figure of failures by stage and cause, a bar for each strategy; None when nothing failed."""
     labels = mode_labels(comparison, counting)
     if not labels:
         return None

@@ -10,18 +10,13 @@ from perdure.home.evaluate.outcomes.labels import DID_NOT_LAST, OTHER, SUCCESS
 from perdure.home.evaluate.protocol.naming import read_strategy
 from perdure.home.sim.objects import short_name
 
-_STRATEGIES = {
-    "rl": "policy alone",
-    "stop": "stop",
-    "ik": "stop, lower 5 cm",
-    "ik+": "stop, lower to contact",
-}
+_STRATEGIES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "ik+": "stop, lower to contact"}
 _WORLDS = {
     "drag": "no rolling resistance",
     "hull-apple": "apple a convex hull",
     "base-velocity-removed": "base velocity removed",
     "released-at-zero-velocity": "released at zero velocity",
-    "jaws-apart": "jaws apart",
+    "jaws-apart": "released objects touch the robot again",
 }
 _OUTCOMES = {
     SUCCESS: "every object stayed",
@@ -33,9 +28,7 @@ _OUTCOMES = {
 def describe(strategy: str, with_world: bool = True) -> str:
     """Return what a release strategy does: "ik" -> "stop, lower 5 cm"; the name itself where it is not ours.
 
-    Args:
-        strategy: As logs name it, see `strategy_name`.
-        with_world: Whether to add what differs from the usual world.
+    `with_world` adds what differs from the usual world.
     """
     try:
         place, _ = read_strategy(strategy)

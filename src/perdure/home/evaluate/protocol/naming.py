@@ -15,10 +15,7 @@ from perdure.home.sim.world import Jaws, ReleaseVelocity, Rolling
 USUAL = ExecutorOptions()
 _ROLLING: dict[str, Rolling] = {each: each for each in get_args(Rolling)}
 _APPLE: dict[str, AppleShape] = {f"{each}-apple": each for each in get_args(AppleShape)}
-_RELEASE: dict[str, ReleaseVelocity] = {
-    "base-velocity-removed": "base-removed",
-    "released-at-zero-velocity": "zero",
-}
+_RELEASE: dict[str, ReleaseVelocity] = {"base-velocity-removed": "base-removed", "released-at-zero-velocity": "zero"}
 _JAWS: dict[str, Jaws] = {f"jaws-{each}": each for each in get_args(Jaws)}
 
 

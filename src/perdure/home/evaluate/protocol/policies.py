@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from perdure.home.agents import Actor, Learned, Scripted
+from perdure.home.agents import Learned, Scripted, SkillAgent
 from perdure.home.agents.oracle import Oracle
 from perdure.home.agents.release import make_strategy
 from perdure.home.benchmark.tasks import SkillName, get_task
@@ -144,14 +144,14 @@ def choose_policies(
     return result
 
 
-def make_actors(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, Actor]:
-    """Return an actor for each skill, that of place behind its arm."""
+def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, SkillAgent]:
+    """Return an agent for each skill, that of place behind its arm."""
     oracle = Oracle()
-    actors: dict[str, Actor] = {"reset_arm": Scripted()}
+    agents: dict[str, SkillAgent] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():
-        actor: Actor = oracle if chosen.policy is None else Learned(chosen.policy)
-        actors[skill] = make_strategy(strategy, Oracle() if actor is oracle else actor) if skill == "place" else actor
-    return actors
+        agent: SkillAgent = oracle if chosen.policy is None else Learned(chosen.policy)
+        agents[skill] = make_strategy(strategy, Oracle() if agent is oracle else agent) if skill == "place" else agent
+    return agents
 
 
 def read_policy(source: str) -> SkillPolicy:

@@ -21,7 +21,7 @@ Vary = Literal["all", "place"]
 
 
 @dataclass(frozen=True)
-class Protocol:
+class EvaluationProtocol:
     """What to run."""
 
     task: str

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from perdure.home.evaluate.protocol.protocol import Protocol
+from perdure.home.evaluate.protocol.protocol import EvaluationProtocol
 from perdure.home.evaluate.protocol.units import LOGS, protocol_units
 from perdure.runs import Observer, Store, core_count, make_workers, run_units
 
 
 def run_protocol(
-    protocol: Protocol,
+    protocol: EvaluationProtocol,
     out: str | Path,
     *,
     cores: int | None = None,

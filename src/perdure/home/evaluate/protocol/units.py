@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from perdure.home.agents import Actor
+from perdure.home.agents import SkillAgent
 from perdure.home.agents.release import HandOver
 from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import SkillName
@@ -19,8 +19,8 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.outcomes import read_logs, write_logs
-from perdure.home.evaluate.protocol.policies import SkillPolicy, make_actors, read_policy
-from perdure.home.evaluate.protocol.protocol import Protocol
+from perdure.home.evaluate.protocol.policies import SkillPolicy, make_agents, read_policy
+from perdure.home.evaluate.protocol.protocol import EvaluationProtocol
 from perdure.runs import Unit, Work
 
 BLOCK = 50
@@ -41,13 +41,13 @@ class EpisodeBlock:
     last: int
     """Number of the last episode."""
 
-    def key(self, protocol: Protocol) -> str:
+    def key(self, protocol: EvaluationProtocol) -> str:
         """Return its place in the store."""
         seeds = f"train-{self.train_seed}/eval-{self.eval_seed}"
         return f"{protocol.folder}/{seeds}/episodes-{self.first:03d}-{self.last:03d}"
 
 
-def episode_blocks(protocol: Protocol) -> Iterator[EpisodeBlock]:
+def episode_blocks(protocol: EvaluationProtocol) -> Iterator[EpisodeBlock]:
     """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
     for eval_seed in range(protocol.eval_seeds):
         for train_seed in range(protocol.train_seeds):
@@ -55,7 +55,7 @@ def episode_blocks(protocol: Protocol) -> Iterator[EpisodeBlock]:
                 yield EpisodeBlock(train_seed, eval_seed, first, min(first + BLOCK, protocol.episodes) - 1)
 
 
-def protocol_units(protocol: Protocol, command: str) -> Iterator[Unit]:
+def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]:
     """Yield a unit for each block; the policies of a training seed are read once.
 
     Raises:
@@ -101,11 +101,11 @@ def run_block(
     for skill, digest in _digests(acting).items():
         if digests[skill] != digest:
             raise HomeError(f"{policies[skill]} has changed since this run began")
-    wanted, part = Protocol.from_json(protocol), EpisodeBlock(**block)
+    wanted, part = EvaluationProtocol.from_json(protocol), EpisodeBlock(**block)
     options = replace(wanted.options, eval_seed=part.eval_seed, threads=work.threads)
     train_seed = part.train_seed if any(each.policy for each in acting.values()) else UNTRAINED
-    actors = make_actors(acting, wanted.release.strategy)
-    executor = Executor(wanted.skills(), actors, options, strategy=wanted.name, train_seed=train_seed)
+    agents = make_agents(acting, wanted.release.strategy)
+    executor = Executor(wanted.skills(), agents, options, strategy=wanted.name, train_seed=train_seed)
     episodes = load_episodes(wanted.task, wanted.split).episodes[part.first : part.last + 1]
     logs = []
     for log in executor.run(episodes):
@@ -117,7 +117,7 @@ def run_block(
         "train_seed": str(train_seed),
         "policies": json.dumps({skill: each.name for skill, each in acting.items()}),
         "command": command,
-        **_hand_overs(actors["place"]),
+        **_hand_overs(agents["place"]),
     }
     write_logs(work.folder / LOGS, logs, notes)
 
@@ -130,7 +130,7 @@ def _is_written(path: Path) -> bool:
         return False
 
 
-def _config(protocol: Protocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
+def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
     options = protocol.options
     return {
@@ -156,6 +156,6 @@ def _digests(policies: Policies) -> dict[SkillName, str]:
     return {skill: each.sha256 or each.source for skill, each in policies.items()}
 
 
-def _hand_overs(place: Actor) -> dict[str, str]:
+def _hand_overs(place: SkillAgent) -> dict[str, str]:
     """Return the note on how often each outcome of the release strategy came; nothing for the policy alone."""
     return {"hand_overs": json.dumps(Counter(place.outcomes))} if isinstance(place, HandOver) else {}

@@ -12,27 +12,16 @@ Contents:
 from perdure.home.sim.apartments.apartment import MICROS, SPLITS, make_apartment, split_apartments
 from perdure.home.sim.apartments.build import build_apartment, cut_away
 from perdure.home.sim.apartments.footprint import moving_footprints, static_footprints
-from perdure.home.sim.apartments.free_space import (
-    CELL,
-    OVERESTIMATE,
-    RADIUS,
-    FreeSpace,
-    Geodesic,
-    free_space,
-    in_sight,
-    path_length,
-)
+from perdure.home.sim.apartments.free_space import FreeSpace, Geodesic, free_space, in_sight
 from perdure.home.sim.apartments.fridge import OPEN as FRIDGE_OPEN
 from perdure.home.sim.apartments.macros import MACROS
-from perdure.home.sim.apartments.piece import Apartment, Articulation, Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.apartments.piece import FRIDGE_DOOR, Apartment, Articulation, Piece, Pose, Receptacle
 
 __all__ = [
-    "CELL",
+    "FRIDGE_DOOR",
     "FRIDGE_OPEN",
     "MACROS",
     "MICROS",
-    "OVERESTIMATE",
-    "RADIUS",
     "SPLITS",
     "Apartment",
     "Articulation",
@@ -41,15 +30,12 @@ __all__ = [
     "Piece",
     "Pose",
     "Receptacle",
-    "Solid",
-    "Zone",
     "build_apartment",
     "cut_away",
     "free_space",
     "in_sight",
     "make_apartment",
     "moving_footprints",
-    "path_length",
     "split_apartments",
     "static_footprints",
 ]

@@ -62,12 +62,9 @@ SPLITS: dict[str, tuple[tuple[int, int], ...]] = {
 
 @lru_cache(maxsize=128)
 def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
-    """Return one of the apartments; the same arguments give the same apartment, on every machine.
+    """Return macro layout 0 to 4 in micro variation 0 to 20, the same on every machine.
 
-    Args:
-        macro: Macro layout, 0 to 4.
-        micro: Micro variation, 0 to 20.
-        seed: Other seeds give other sets of 105 apartments; the published ones are those of seed 0.
+    Other seeds give other sets of 105 apartments; the published ones are those of seed 0.
     """
     drawn = drafts(macro, micro, seed)
     if seed == 0:

@@ -116,18 +116,12 @@ def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | N
 
     if solid.role == "look" and not visuals:
         return
-    shapes = {
-        "box": (mujoco.mjtGeom.mjGEOM_BOX, solid.half),
-        "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (solid.half[0], solid.half[2], 0.0)),
-        "ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, solid.half),
-    }
-    kind, size = shapes[solid.shape]
     collides = int(solid.role != "look")
     body.add_geom(
         name=name,
-        type=kind,
+        type=getattr(mujoco.mjtGeom, f"mjGEOM_{solid.shape.upper()}"),
         pos=solid.center,
-        size=size,
+        size=(solid.half[0], solid.half[2], 0.0) if solid.shape == "cylinder" else solid.half,
         rgba=PALETTE[solid.color],
         group=GROUPS[group or solid.role],
         contype=collides,
@@ -221,12 +215,9 @@ def _look_at(spec: Any, name: str, eye: np.ndarray, target: np.ndarray) -> None:
 
 
 def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None:
-    """Make the walls (and the pictures on them) between a camera and the room invisible, as in a doll's house.
+    """Make the walls (and the pictures on them) between a camera at `eye` (3,) and the room invisible.
 
-    Args:
-        model: A compiled MuJoCo model of the apartment; colors are changed in place.
-        apartment: The apartment it was built from.
-        eye: Position of the camera in the room. Shape (3,).
+    Colors of the compiled model are changed in place.
     """
     for piece in (*apartment.walls, *apartment.pieces):
         if piece.kind not in ("wall", "picture") or piece.name.startswith("partition"):

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import plane
 from perdure.home.sim.apartments.footprint import CLIMB, REACH_UP, footprints
 from perdure.home.sim.apartments.free_space import FreeSpace, free_space
 from perdure.home.sim.apartments.piece import Apartment, Piece, Receptacle, Zone
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 GAP = 0.02
 """Smallest gap between two pieces in [m]."""
@@ -58,9 +57,7 @@ def _blocked(apartment: Apartment) -> str | None:
     return f"{bodies[owner[pairs[0, 1]]].name} stands in the zone of {bodies[keeper[pairs[0, 0]]].name}"
 
 
-def _stacked(
-    bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _stacked(bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP) -> tuple[FloatArray, IntArray]:
     """Return the footprints of several bodies in one array, and which body each belongs to."""
     shapes = [footprints(body, low=low, high=high) for body in bodies]
     return np.concatenate(shapes), np.repeat(np.arange(len(bodies)), [len(shape) for shape in shapes])

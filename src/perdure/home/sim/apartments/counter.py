@@ -112,12 +112,11 @@ def _carcass() -> tuple[Solid, ...]:
 
 def _receptacles(name: str) -> tuple[Receptacle, ...]:
     """OURS: the regions. Worktops without the last 10 cm at the wall; in drawers, what is clear of the top at 0.4 m."""
-    open_sky = float("inf")
     drawers = [(side, spec) for side, spec in (("left", _DRAWERS[1]), ("middle", _DRAWERS[4]), ("right", _DRAWERS[6]))]
     return (
-        Receptacle(f"receptacle_aabb_counter_left_{_SUFFIX}", name, (-0.150, -1.080, TOP), (0.225, 0.430), open_sky),
-        Receptacle(f"receptacle_aabb_counter_right_{_SUFFIX}", name, (-0.150, 0.750, TOP), (0.225, 0.700), open_sky),
-        Receptacle(f"receptacle_aabb_sink_{_SUFFIX}", name, (-0.145, -0.321, 0.690), (0.060, 0.120), open_sky),
+        Receptacle(f"receptacle_aabb_counter_left_{_SUFFIX}", name, (-0.150, -1.080, TOP), (0.225, 0.430)),
+        Receptacle(f"receptacle_aabb_counter_right_{_SUFFIX}", name, (-0.150, 0.750, TOP), (0.225, 0.700)),
+        Receptacle(f"receptacle_aabb_sink_{_SUFFIX}", name, (-0.145, -0.321, 0.690), (0.060, 0.120)),
         *(
             Receptacle(
                 f"receptacle_aabb_drawer_{side}_top_frl_apartment_{_SUFFIX}",

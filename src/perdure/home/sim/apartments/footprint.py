@@ -19,16 +19,10 @@ CLIMB, REACH_UP = 0.05, 1.5
 def footprints(
     piece: Piece, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
 ) -> FloatArray:
-    """Return footprints of one piece's colliding solids, its drawers and doors at the positions `opened`.
+    """Return footprints of one piece's colliding solids, its drawers and doors at the positions `opened` by link name.
 
-    Args:
-        piece: The piece.
-        opened: Joint positions by link name, 0 where not given.
-        low: Solids that end below this height in [m] are left out.
-        high: Solids that begin above this height in [m] are left out.
-
-    Returns:
-        Rectangles (x, y, half x, half y, yaw); those inside another of the same piece are left out. Shape (n, 5).
+    Solids that end below `low` or begin above `high` in [m] are left out. Rectangles (x, y, half x, half y, yaw); those
+    inside another of the same piece are left out. Shape (n, 5).
     """
     static = _shadows(piece.pose, piece.solids, low, high)
     moving = [_moved(piece, moving, (opened or {}).get(moving.link, 0.0), low, high) for moving in piece.articulations]
@@ -36,10 +30,10 @@ def footprints(
 
 
 def apartment_footprints(
-    apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB, high: float = REACH_UP
+    apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB
 ) -> FloatArray:
     """Return footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
-    parts = [footprints(piece, opened, low, high) for piece in (*apartment.walls, *apartment.pieces)]
+    parts = [footprints(piece, opened, low) for piece in (*apartment.walls, *apartment.pieces)]
     return np.concatenate(parts)
 
 
@@ -57,12 +51,7 @@ def static_footprints(apartment: Apartment) -> FloatArray:
 def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
     """Return footprints of drawers and doors that are open by at least 1 cm; closed ones are within their piece.
 
-    Args:
-        apartment: The apartment.
-        positions: Joint positions in the order of its articulations. Shape (links,).
-
-    Returns:
-        Shape (n, 5).
+    `positions` are in the order of the apartment's articulations, shape (links,). Shape (n, 5).
     """
     parts = [np.zeros((0, 5))]
     for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):

@@ -34,8 +34,6 @@ CELL = 0.05
 """Side of a cell in [m], as M3's navigation regions."""
 RADIUS = 0.3
 """Radius of the robot in [m], as M3's navigation mesh (the Fetch's own base has 0.285)."""
-OVERESTIMATE = 1.0 / np.cos(np.pi / 8.0)
-"""The most by which a grid distance exceeds the straight distance between two cells that see each other."""
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -47,40 +45,30 @@ class FreeSpace:
     rectangles: FloatArray
     """Footprints in the way. Shape (n, 5)."""
     radius: float
-    cell: float
     free: BoolArray
     """Which cells are free; row along y, column along x. Shape (rows, columns)."""
 
     @staticmethod
-    def of(
-        room: Sequence[tuple[float, float]], rectangles: FloatArray, radius: float = RADIUS, cell: float = CELL
-    ) -> FreeSpace:
-        """Return the free space of a room with footprints in it.
-
-        Args:
-            room: Corners of the floor in [m]. The room's own walls must be among the rectangles.
-            rectangles: Shape (n, 5).
-            radius: Radius of the robot in [m].
-            cell: Side of a cell in [m].
-        """
-        if not (radius >= 0.0 and cell > 0.0):
-            raise HomeError(f"radius must be at least 0 and cell above 0, not {radius} and {cell}")
+    def of(room: Sequence[tuple[float, float]], rectangles: FloatArray, radius: float = RADIUS) -> FreeSpace:
+        """Return the free space of a room with footprints (n, 5) in it, its own walls among them; lengths in [m]."""
+        if not radius >= 0.0:
+            raise HomeError(f"radius must be at least 0, not {radius}")
         low, high = np.min(room, axis=0), np.max(room, axis=0)
-        columns, rows = np.ceil((high - low) / cell - 1e-9).astype(int)
-        points = _centers(low, cell, np.indices((rows, columns)))  # (rows, columns, 2)
+        columns, rows = np.ceil((high - low) / CELL - 1e-9).astype(int)
+        points = _centers(low, np.indices((rows, columns)))  # (rows, columns, 2)
         free = plane.inside(points.reshape(-1, 2), room).reshape(rows, columns)
         for rectangle in rectangles:  # each one only looks at the cells around it
-            ring = (plane.corners(rectangle[None])[0] - low) / cell
-            (left, bottom), (right, top) = ring.min(axis=0) - radius / cell, ring.max(axis=0) + radius / cell
+            ring = (plane.corners(rectangle[None])[0] - low) / CELL
+            (left, bottom), (right, top) = ring.min(axis=0) - radius / CELL, ring.max(axis=0) + radius / CELL
             near = np.s_[max(int(bottom), 0) : max(int(top) + 1, 0), max(int(left), 0) : max(int(right) + 1, 0)]
             local = points[near].reshape(-1, 2)
             free[near] &= (plane.clearance(local, rectangle[None]) >= radius).reshape(free[near].shape)
-        return FreeSpace(tuple(room), rectangles, radius, cell, free)
+        return FreeSpace(tuple(room), rectangles, radius, free)
 
     @cached_property
     def centers(self) -> FloatArray:
         """Middles of the free cells, in the order used everywhere below. Shape (n, 2)."""
-        return _centers(np.min(self.room, axis=0), self.cell, np.array(np.nonzero(self.free)))
+        return _centers(np.min(self.room, axis=0), np.array(np.nonzero(self.free)))
 
     @cached_property
     def island(self) -> IntArray:
@@ -91,26 +79,21 @@ class FreeSpace:
         by_size = np.argsort(-np.bincount(labels), kind="stable")
         rank = np.empty(len(by_size), dtype=np.int64)
         rank[by_size] = np.arange(len(by_size))
-        numbered: IntArray = rank[labels]
-        return numbered
+        return np.asarray(rank[labels])
 
     @property
     def areas(self) -> FloatArray:
         """Area of each island in [m^2], largest first. Shape (islands,)."""
-        return np.bincount(self.island).astype(np.float64) * self.cell**2
+        return np.bincount(self.island).astype(np.float64) * CELL**2
 
     def is_free(self, points: FloatArray) -> BoolArray:
         """Return whether the robot can stand at points, which need not be cell centers. Shape (m, 2) -> (m,)."""
         return (plane.clearance(points, self.rectangles) >= self.radius) & plane.inside(points, self.room)
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the nearest free cell of the largest island to each point, and its distance.
+        """Return the nearest free cell of the largest island to each point, and its distance in [m].
 
-        Args:
-            points: Shape (m, 2).
-
-        Returns:
-            Indices into `centers`, shape (m,), and distances in [m], shape (m,).
+        Shape (m, 2) -> indices into `centers`, shape (m,), and distances, shape (m,).
         """
         members, tree = self._main_tree
         distance, index = tree.query(points)
@@ -119,7 +102,7 @@ class FreeSpace:
     def cell_at(self, x: float, y: float) -> int:
         """Return the index in `centers` of the cell at a point, else of the nearest cell of the largest island."""
         left, bottom, numbers = self._main_grid
-        row, column = int((y - bottom) // self.cell), int((x - left) // self.cell)
+        row, column = int((y - bottom) // CELL), int((x - left) // CELL)
         if 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]:
             found = int(numbers[row, column])
             if found >= 0:
@@ -127,11 +110,9 @@ class FreeSpace:
         return int(self.nearest(np.array([[x, y]]))[0][0])
 
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
-        """Return geodesic distances from every free cell to the nearest of some goal cells.
+        """Return geodesic distances from every free cell to the nearest of some goal cells, indices of shape (k,).
 
-        Args:
-            goals: Indices into `centers`. Shape (k,).
-            cost: What a meter costs at each free cell, 1 everywhere when None: distances are then costs. Shape (n,).
+        `cost` is what a meter costs at each free cell, shape (n,); distances are then costs. 1 everywhere when None.
         """
         from scipy.sparse.csgraph import dijkstra
 
@@ -179,7 +160,7 @@ class FreeSpace:
                 joined &= beside >= 0
             starts.append(number[here][joined])
             ends.append(there[joined])
-            lengths.append(np.full(int(joined.sum()), self.cell * np.hypot(down, right)))
+            lengths.append(np.full(int(joined.sum()), CELL * np.hypot(down, right)))
         size = int(free.sum())
         edges = (np.concatenate(starts), np.concatenate(ends))
         return csr_array((np.concatenate(lengths), edges), shape=(size, size))
@@ -219,14 +200,9 @@ class Geodesic:
         return self._kept[cells]
 
     def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
-        """Return way points from near `start` to a goal cell.
+        """Return way points in [m] from the free cell nearest to `start` (2,) to a goal cell. Shape (k, 2).
 
-        Args:
-            start: A point in [m]. Shape (2,).
-            tight: Whether corners are cut wherever the robot still fits.
-
-        Returns:
-            Points in [m], the first the free cell nearest to `start`. Shape (k, 2). HomeError when there is no way.
+        `tight` cuts corners wherever the robot still fits. HomeError when there is no way.
         """
         cell = int(self.space.nearest(np.asarray(start)[None])[0][0])
         if not np.isfinite(self.values[cell]):
@@ -253,29 +229,24 @@ def pull_tight(points: FloatArray, space: FreeSpace) -> FloatArray:
 
 def in_sight(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
     """Return whether the robot can drive straight from one point to another, tested every half cell."""
-    count = max(2, int(np.ceil(np.linalg.norm(end - start) / (0.5 * space.cell))) + 1)
+    count = max(2, int(np.ceil(np.linalg.norm(end - start) / (0.5 * CELL))) + 1)
     along = np.linspace(0.0, 1.0, count)[:, None]
     return bool(space.is_free(start + along * (end - start)).all())
 
 
-def path_length(points: FloatArray) -> float:
-    """Return length of a polyline in [m]. Shape (k, 2)."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def free_space(apartment: Apartment, opened: Mapping[str, float] | None = None, radius: float = RADIUS) -> FreeSpace:
+def free_space(apartment: Apartment, opened: Mapping[str, float] | None = None) -> FreeSpace:
     """Return the free space of an apartment, its drawers and doors at the positions `opened` (closed by default).
 
     The last ones asked for are kept and handed out again.
     """
-    return _free_space(apartment, tuple(sorted((opened or {}).items())), radius)
+    return _free_space(apartment, tuple(sorted((opened or {}).items())))
 
 
 @lru_cache(maxsize=64)
-def _free_space(apartment: Apartment, opened: tuple[tuple[str, float], ...], radius: float) -> FreeSpace:
-    return FreeSpace.of(apartment.room, apartment_footprints(apartment, dict(opened)), radius)
+def _free_space(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FreeSpace:
+    return FreeSpace.of(apartment.room, apartment_footprints(apartment, dict(opened)))
 
 
-def _centers(low: FloatArray, cell: float, cells: NDArray[Any]) -> FloatArray:
+def _centers(low: FloatArray, cells: NDArray[Any]) -> FloatArray:
     """Return the centers of cells given as (rows, columns)."""
-    return np.stack([low[0] + (cells[1] + 0.5) * cell, low[1] + (cells[0] + 0.5) * cell], axis=-1)
+    return np.stack([low[0] + (cells[1] + 0.5) * CELL, low[1] + (cells[0] + 0.5) * CELL], axis=-1)

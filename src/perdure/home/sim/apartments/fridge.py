@@ -9,7 +9,7 @@ from the hinge. What the file does not say is marked OURS and listed in `docs/ho
 from __future__ import annotations
 
 from perdure.home.sim.apartments.motors import door_damping
-from perdure.home.sim.apartments.piece import Articulation, Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.apartments.piece import FRIDGE_DOOR, Articulation, Piece, Pose, Receptacle, Solid, Zone
 
 OPEN = 2.356
 """How far the benchmark opens the door for PrepareGroceries in [rad]."""
@@ -49,7 +49,7 @@ def _body() -> tuple[Solid, ...]:
 
 def _door() -> Articulation:
     return Articulation(
-        link="top_door",
+        link=FRIDGE_DOOR,
         joint="top_door_hinge",
         kind="hinge",
         origin=_HINGE,

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from perdure.home.sim.apartments.piece import Piece, Pose, Receptacle, Solid, Zone
 
-_SKY = float("inf")
-
 
 def _legs(half_x: float, half_y: float, height: float, thick: float, color: str) -> tuple[Solid, ...]:
     half = thick / 2.0
@@ -23,9 +21,7 @@ def _legs(half_x: float, half_y: float, height: float, thick: float, color: str)
 def table_01(name: str, pose: Pose) -> Piece:
     """Return the dining table: 0.85 m along x, 1.40 m along y, 0.74 m high."""
     top = Solid("top", (0.0, 0.0, 0.722), (0.425, 0.700, 0.018), "oak")
-    region = Receptacle(
-        "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01", name, (0.0, 0.0, 0.740), (0.340, 0.610), _SKY
-    )
+    region = Receptacle("receptacle_aabb_Tbl1_Top1_frl_apartment_table_01", name, (0.0, 0.0, 0.740), (0.340, 0.610))
     return Piece(name, "table_01", pose, (top, *_legs(0.395, 0.670, 0.704, 0.060, "oak")), (region,))
 
 
@@ -33,9 +29,7 @@ def table_02(name: str, pose: Pose) -> Piece:
     """Return the coffee table: 0.60 m along x, 1.10 m along y, 0.46 m high (OURS)."""
     top = Solid("top", (0.0, 0.0, 0.445), (0.300, 0.550, 0.015), "walnut")
     shelf = Solid("shelf", (0.0, 0.0, 0.150), (0.260, 0.510, 0.010), "walnut")
-    region = Receptacle(
-        "receptacle_aabb_Tbl2_Top1_frl_apartment_table_02", name, (0.0, 0.0, 0.460), (0.215, 0.460), _SKY
-    )
+    region = Receptacle("receptacle_aabb_Tbl2_Top1_frl_apartment_table_02", name, (0.0, 0.0, 0.460), (0.215, 0.460))
     return Piece(name, "table_02", pose, (top, shelf, *_legs(0.290, 0.540, 0.430, 0.050, "walnut")), (region,))
 
 
@@ -50,9 +44,7 @@ def tvstand(name: str, pose: Pose) -> Piece:
         ),
         Solid("screen", (-0.200, 0.0, 1.350), (0.020, 0.620, 0.360), "screen", "look"),
     )
-    region = Receptacle(
-        "receptacle_aabb_TvStnd1_Top1_frl_apartment_tvstand", name, (0.020, 0.0, 0.500), (0.120, 0.710), _SKY
-    )
+    region = Receptacle("receptacle_aabb_TvStnd1_Top1_frl_apartment_tvstand", name, (0.020, 0.0, 0.500), (0.120, 0.710))
     return Piece(name, "tvstand", pose, solids, (region,), zones=(Zone((0.225, -0.80), (0.90, 0.80)),))
 
 
@@ -65,9 +57,7 @@ def chair_01(name: str, pose: Pose) -> Piece:
         Solid("arm_right", (0.070, -0.350, 0.330), (0.275, 0.050, 0.230), "ochre"),
         Solid("foot", (0.0, 0.0, 0.050), (0.300, 0.330, 0.050), "walnut"),
     )
-    region = Receptacle(
-        "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01", name, (0.080, 0.0, 0.420), (0.190, 0.200), _SKY
-    )
+    region = Receptacle("receptacle_aabb_Chr1_Top1_frl_apartment_chair_01", name, (0.080, 0.0, 0.420), (0.190, 0.200))
     return Piece(name, "chair_01", pose, solids, (region,), zones=(Zone((0.355, -0.40), (1.05, 0.40)),))
 
 
@@ -82,7 +72,7 @@ def sofa(name: str, pose: Pose) -> Piece:
         Solid("pillow_left", (-0.205, 0.560, 0.600), (0.055, 0.290, 0.170), "cushion"),
         Solid("pillow_right", (-0.205, -0.560, 0.600), (0.055, 0.290, 0.170), "cushion"),
     )
-    region = Receptacle("receptacle_aabb_Sofa_frl_apartment_sofa", name, (0.190, 0.0, 0.420), (0.210, 0.780), _SKY)
+    region = Receptacle("receptacle_aabb_Sofa_frl_apartment_sofa", name, (0.190, 0.0, 0.420), (0.210, 0.780))
     return Piece(name, "sofa", pose, solids, (region,), zones=(Zone((0.48, -0.90), (1.20, 0.90)),))
 
 

@@ -21,10 +21,7 @@ def drawer_damping(mass: float) -> float:
 def door_damping(mass: float, width: float, offset: float) -> float:
     """Return the viscous damping of a slab door, in [N m s/rad]: its moment of inertia about the hinge / tau.
 
-    Args:
-        mass: Mass in [kg].
-        width: Width of the slab in [m].
-        offset: Distance of the slab's middle from the hinge in [m].
+    Mass in [kg]; width of the slab, and distance of its middle from the hinge, in [m].
     """
     inertia = mass * (width**2 / 12.0 + offset**2)
     return inertia / DECAY_TIME_S

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -19,6 +20,8 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import FloatArray, Vec3
 
 _T = TypeVar("_T")
+FRIDGE_DOOR = "top_door"
+"""Link name of the fridge's upper door, the only one that opens."""
 Role = Literal["solid", "look", "hull"]
 """solid: collides and is seen; look: is seen only; hull: collides only."""
 
@@ -80,8 +83,8 @@ class Receptacle:
     center: Vec3
     """Middle of the region, on the supporting surface. For a drawer: with the drawer closed."""
     half: tuple[float, float]
-    headroom: float
-    """Free height above the surface, inf under open sky."""
+    headroom: float = math.inf
+    """Free height above the surface."""
     link: str | None = None
     """The articulation it moves with, None when it stands still."""
 
@@ -118,10 +121,8 @@ class Articulation:
         """Return piece coordinates of points of the moving part at joint position q. Shape (..., 3)."""
         origin = np.asarray(self.origin)
         if self.kind == "slide":
-            moved: FloatArray = local + origin + q * np.asarray(self.axis)
-            return moved
-        turned: FloatArray = Pose(0.0, 0.0, q * self.axis[2]).to_room(local) + origin  # hinges are vertical
-        return turned
+            return np.asarray(local + origin + q * np.asarray(self.axis))
+        return np.asarray(Pose(0.0, 0.0, q * self.axis[2]).to_room(local) + origin)  # hinges are vertical
 
 
 @dataclass(frozen=True)
@@ -201,6 +202,11 @@ class Apartment:
             known = ", ".join(sorted({r.name for r in self.receptacles}))
             raise HomeError(f"{self.name} has no receptacle named {name!r}; it has {known}")
         return found
+
+    def container(self, unique_name: str) -> str | None:
+        """Return the drawer or door in front of receptacle `piece|name`: a link name, None when it is in the open."""
+        receptacle = self.receptacle(unique_name)
+        return receptacle.link or (FRIDGE_DOOR if self.piece(receptacle.piece).kind == "fridge" else None)
 
     def surface_to_room(
         self, receptacle: Receptacle, uv: FloatArray, opened: Mapping[str, float] | None = None

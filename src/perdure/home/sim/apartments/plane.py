@@ -13,15 +13,7 @@ from perdure.home.sim.arrays import BoolArray, FloatArray
 
 
 def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """Return distance from points to the nearest of some rectangles, 0 inside one.
-
-    Args:
-        points: Points of the plane in [m]. Shape (m, 2).
-        rectangles: Shape (n, 5).
-
-    Returns:
-        Distances in [m], inf where there is no rectangle. Shape (m,).
-    """
+    """Return distances in [m] of points (m, 2) to the nearest of some rectangles (n, 5), 0 inside one, inf for none."""
     best = np.full(len(points), np.inf)
     for x, y, half_x, half_y, yaw in rectangles:
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -29,8 +21,7 @@ def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
         out_x = np.maximum(np.abs(cos * dx + sin * dy) - half_x, 0.0)
         out_y = np.maximum(np.abs(cos * dy - sin * dx) - half_y, 0.0)
         np.minimum(best, out_x * out_x + out_y * out_y, out=best)
-    distance: FloatArray = np.sqrt(best)
-    return distance
+    return np.asarray(np.sqrt(best))
 
 
 def corners(rectangles: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.camera.gl import open_context
-from perdure.home.sim.world import Lane
+from perdure.home.sim.world import Simulator
 
 DepthImage = NDArray[np.float32]
 
@@ -61,7 +61,7 @@ class HeadCamera:
         self._free = weakref.finalize(self, _free, self._gl, self._drawings)
         atexit.register(self._free)  # EGL ends itself at exit; what was registered last runs first
 
-    def take(self, lane: Lane) -> DepthImage:
+    def take(self, simulator: Simulator) -> DepthImage:
         """Return one image of a lane as it is now; its physics is not touched.
 
         Returns:
@@ -69,7 +69,7 @@ class HeadCamera:
             whatever is farther and for nothing (habitat-sim: 0 for nothing). The upper left pixel comes first.
             Shape (side, side).
         """
-        mujoco, model, data = self._mujoco, lane.model, lane.data
+        mujoco, model, data = self._mujoco, simulator.model, simulator.data
         self._gl.make_current()
         drawing = self._drawing(model)
         self._see(model, data)

@@ -14,16 +14,10 @@ OFF = ("disable", "disabled", "off", "false", "0")
 
 
 def open_context(width: int, height: int) -> Any:
-    """Return an OpenGL context that is current in this thread.
+    """Return an OpenGL context that is current in this thread, for pictures up to a size in pixels.
 
     MUJOCO_GL decides when it is `egl`, `osmesa` or `glfw`; else, on Linux, the first of EGL and OSMesa that works.
-
-    Args:
-        width: Of the largest picture in pixels.
-        height: Of the largest picture in pixels.
-
-    Raises:
-        HomeError: When none of them works here.
+    HomeError when none of them works here.
     """
     failures = []
     for name in _candidates():

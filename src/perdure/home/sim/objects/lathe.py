@@ -60,11 +60,8 @@ def apple_profile(kind: Kind) -> FloatArray:
 def turned(profile: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return corners and triangles of a profile (radius, height) turned about the z axis, its two ends on the axis.
 
-    Args:
-        profile: Outline, outside first. Shape (n, 2).
-
-    Returns:
-        Corners, shape (corners, 3), and triangles seen from outside counterclockwise, shape (triangles, 3).
+    The profile (n, 2) lists the outside first. Corners have shape (corners, 3), triangles, counterclockwise from
+    outside, shape (triangles, 3).
     """
     angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from perdure.home.sim.arrays import Vec3
 from perdure.home.sim.objects.kinds import Kind
-from perdure.home.sim.objects.shapes import CORNER, Piece
+from perdure.home.sim.objects.shapes import CORNER, ConvexPart
 
 Color = tuple[float, float, float, float]
 
@@ -25,7 +25,7 @@ class Visual:
         axis: Unit vector about which `piece.turn` turns it.
     """
 
-    piece: Piece
+    piece: ConvexPart
     color: Color
     axis: Vec3 = (0.0, 0.0, 1.0)
 
@@ -34,7 +34,7 @@ def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) ->
     """Return a band around a can between two heights, as shares of the can's height; `out` is its distance outward."""
     radius, height = kind.half[0] + out * PROUD, kind.size[2]
     center = (0.0, 0.0, (0.5 * (low + high) - 0.5) * height)
-    return Visual(Piece("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
+    return Visual(ConvexPart("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
 
 
 def plate(
@@ -65,7 +65,9 @@ def plate(
     for axis, at, extent in zip(across, middle, half, strict=True):
         center[axis], size[axis] = at * kind.half[axis], extent * kind.half[axis]
     normal = (float(face == 0), float(face == 1), float(face == 2))
-    return Visual(Piece(shape, (size[0], size[1], size[2]), (center[0], center[1], center[2]), turn), color, normal)
+    return Visual(
+        ConvexPart(shape, (size[0], size[1], size[2]), (center[0], center[1], center[2]), turn), color, normal
+    )
 
 
 def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> Visual:
@@ -73,7 +75,7 @@ def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> 
     x, y, z = kind.half
     outline = rounded_rectangle(share * x, share * y, share * CORNER)
     corners = tuple((*corner, side * (z + proud)) for side in (-1, 1) for corner in outline)
-    return Visual(Piece("hull", name=f"{kind.name}/{name}", corners=corners), color)
+    return Visual(ConvexPart("hull", name=f"{kind.name}/{name}", corners=corners), color)
 
 
 def rounded_rectangle(x: float, y: float, radius: float) -> tuple[tuple[float, float], ...]:

@@ -32,7 +32,7 @@ BELLY, WALL, OFF = 0.020, 0.004, 0.002
 
 
 @dataclass(frozen=True)
-class Piece:
+class ConvexPart:
     """A convex piece in the object's frame.
 
     Attributes:
@@ -54,21 +54,21 @@ class Piece:
     corners: tuple[Vec3, ...] = ()
 
 
-def pieces(kind: Kind, apple: AppleShape = "sphere") -> tuple[Piece, ...]:
+def pieces(kind: Kind, apple: AppleShape = "sphere") -> tuple[ConvexPart, ...]:
     """Return the convex pieces a kind collides with; a ball is a sphere or, as in Habitat-sim, a convex hull."""
     x, y, z = kind.half
     if kind.shape == "sphere" and apple == "hull":
-        return (Piece("hull", rolls=True, name=f"{kind.name}/hull", corners=_ball_corners(x)),)
+        return (ConvexPart("hull", rolls=True, name=f"{kind.name}/hull", corners=_ball_corners(x)),)
     if kind.shape == "cylinder":
         return can_pieces(x, z)
     if kind.shape == "rounded_box":
         inside = CORNER * (1.0 - math.sqrt(0.5))
-        column = Piece("box", (x - inside, y - inside, z))
-        return column, Piece("box", (x - CORNER, y, z - RELIEF)), Piece("box", (x, y - CORNER, z - RELIEF))
+        column = ConvexPart("box", (x - inside, y - inside, z))
+        return column, ConvexPart("box", (x - CORNER, y, z - RELIEF)), ConvexPart("box", (x, y - CORNER, z - RELIEF))
     if kind.shape == "bowl":
-        floor = Piece("box", (FOOT, FOOT, FLOOR / 2.0), (0.0, 0.0, FLOOR / 2.0 - z))
+        floor = ConvexPart("box", (FOOT, FOOT, FLOOR / 2.0), (0.0, 0.0, FLOOR / 2.0 - z))
         return floor, *bowl_wall(kind)
-    return (Piece(kind.shape, (x, y, z), rolls=kind.shape == "sphere"),)
+    return (ConvexPart(kind.shape, (x, y, z), rolls=kind.shape == "sphere"),)
 
 
 def _ball_corners(radius: float) -> tuple[Vec3, ...]:
@@ -82,19 +82,19 @@ def _ball_corners(radius: float) -> tuple[Vec3, ...]:
     return tuple(corners)
 
 
-def can_pieces(radius: float, half: float) -> tuple[Piece, ...]:
+def can_pieces(radius: float, half: float) -> tuple[ConvexPart, ...]:
     """Return a can: a square column to stand on, two spheres to roll on, and the edge of a cylinder to tip over.
 
     A can flatter than wide has no room for the spheres: on its side it rolls on the cylinder.
     """
     side = (radius - RELIEF) * math.sqrt(0.5)
     flat = half <= radius
-    cylinder = Piece("cylinder", (radius - RELIEF * (not flat),) * 2 + (half - RELIEF,), rolls=flat)
-    column = Piece("box", (side, side, half))
+    cylinder = ConvexPart("cylinder", (radius - RELIEF * (not flat),) * 2 + (half - RELIEF,), rolls=flat)
+    column = ConvexPart("box", (side, side, half))
     if flat:
         return cylinder, column
     out = half - radius - RELIEF
-    spheres = (Piece("sphere", (radius,) * 3, (0.0, 0.0, at), rolls=True) for at in (-out, out))
+    spheres = (ConvexPart("sphere", (radius,) * 3, (0.0, 0.0, at), rolls=True) for at in (-out, out))
     return cylinder, column, *spheres
 
 
@@ -125,7 +125,7 @@ def cap_radius(kind: Kind) -> float:
     return (x**2 + (2.0 * z) ** 2) / (4.0 * z)
 
 
-def bowl_wall(kind: Kind) -> tuple[Piece, ...]:
+def bowl_wall(kind: Kind) -> tuple[ConvexPart, ...]:
     """Return the wedges of a bowl's wall, and four beads in its rim on which it lies when it is upside down.
 
     Outside a wedge goes from the foot over a bend on the cap to the rim; inside it is straight. The bend is what lets a
@@ -140,7 +140,7 @@ def bowl_wall(kind: Kind) -> tuple[Piece, ...]:
         (r * math.cos(half), side * r * math.sin(half), up - height / 2.0) for side in (-1, 1) for r, up in profile
     )
     name = f"{kind.name}/wedge"
-    wedges = (Piece("hull", turn=(2 * k + 1) * half, name=name, corners=corners) for k in range(SIDES))
+    wedges = (ConvexPart("hull", turn=(2 * k + 1) * half, name=name, corners=corners) for k in range(SIDES))
     at = rim - bead
     ends = ((at, 0.0), (0.0, at), (-at, 0.0), (0.0, -at))
-    return *wedges, *(Piece("sphere", (bead,) * 3, (x, y, height / 2.0 - bead)) for x, y in ends)
+    return *wedges, *(ConvexPart("sphere", (bead,) * 3, (x, y, height / 2.0 - bead)) for x, y in ends)

@@ -6,7 +6,7 @@ import math
 
 from perdure.home.sim.objects.kinds import Kind
 from perdure.home.sim.objects.paint import PROUD, Color, Visual, band, plate, rounded
-from perdure.home.sim.objects.shapes import CORNER, Piece
+from perdure.home.sim.objects.shapes import CORNER, ConvexPart
 
 COATS: dict[str, Color] = {
     "002_master_chef_can": (0.08, 0.17, 0.50, 1.0),
@@ -38,120 +38,87 @@ def visuals(kind: Kind) -> tuple[Visual, ...]:
 
     The coats of bowl and apple are in `lathe`.
     """
-    makers = {
-        "002_master_chef_can": _coffee,
-        "003_cracker_box": _crackers,
-        "004_sugar_box": _sugar,
-        "005_tomato_soup_can": _soup,
-        "007_tuna_fish_can": _tuna,
-        "008_pudding_box": _pudding,
-        "009_gelatin_box": _gelatin,
-        "010_potted_meat_can": _meat,
-        "013_apple": _apple,
-    }
-    labels = tuple(makers[kind.name](kind)) if kind.name in makers else ()
+    labels = _labels(kind)
     if kind.shape == "cylinder":
-        return Visual(Piece("cylinder", kind.half), COATS[kind.name]), *labels
+        return Visual(ConvexPart("cylinder", kind.half), COATS[kind.name]), *labels
     if kind.shape == "rounded_box":
         return rounded(kind, "coat", 1.0, 0.0, COATS[kind.name]), *labels
-    return labels
+    return tuple(labels)
+
+
+def _labels(kind: Kind) -> list[Visual]:
+    radius, _, half = kind.half
+    match kind.name:
+        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
+            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
+            return [
+                band(kind, 0.34, 0.62, _WHITE),
+                band(kind, 0.44, 0.52, _RED, out=2.0),
+                band(kind, 0.93, 1.001, _CREAM),
+                lid,
+            ]
+        case "003_cracker_box":  # red, a white field with a yellow stripe above, crackers below
+            squares = [
+                plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
+                for y, z, turn in ((-0.45, -0.35, 0.3), (0.10, -0.55, -0.5), (0.50, -0.25, 0.9), (-0.35, -0.78, 0.1))
+            ]
+            return [
+                plate(kind, 0, (0.0, 0.52), (0.74, 0.22), _WHITE),
+                plate(kind, 0, (0.0, 0.52), (0.62, 0.09), _RED, out=2.0),
+                plate(kind, 0, (0.0, 0.16), (1.0, 0.05), _YELLOW),
+                plate(kind, 1, (0.0, 0.16), (1.0, 0.05), _YELLOW),
+                *squares,
+            ]
+        case "004_sugar_box":  # yellow, a navy name on white, white ends
+            return [
+                plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
+                plate(kind, 1, (0.0, 0.30), (1.0, 0.26), _WHITE),
+                plate(kind, 0, (0.0, 0.30), (0.72, 0.12), _NAVY, out=2.0),
+                plate(kind, 0, (0.0, -0.45), (0.50, 0.07), _NAVY),
+                plate(kind, 0, (0.0, -0.66), (0.32, 0.04), _RED),
+                plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
+            ]
+        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
+            disc = ConvexPart("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
+            medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
+            return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
+        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
+            return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
+        case "008_pudding_box":  # brown, a white name, a cream pudding
+            return [
+                plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
+                plate(kind, 2, (0.0, 0.50), (0.62, 0.10), _RED, out=2.0),
+                plate(kind, 2, (0.10, -0.40), (0.46, 0.36), _CREAM, "cylinder"),
+                plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
+            ]
+        case "009_gelatin_box":  # pink and red, a white name, a yellow spot
+            return [
+                plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58, 1.0)),
+                plate(kind, 2, (0.0, 0.45), (0.80, 0.24), _WHITE),
+                plate(kind, 2, (0.0, 0.45), (0.60, 0.11), _RED, out=2.0),
+                plate(kind, 2, (-0.35, -0.45), (0.26, 0.30), _RED, "cylinder", out=2.0),
+                plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
+            ]
+        case "010_potted_meat_can":  # blue, a yellow name, bare ends
+            flat = 1.0 - CORNER / radius
+            return [
+                rounded(kind, "ends", 0.94, PROUD, _TIN),
+                plate(kind, 1, (0.0, 0.18), (flat, 0.34), _YELLOW),
+                plate(kind, 1, (0.0, 0.18), (0.8 * flat, 0.16), _NAVY, out=2.0),
+                plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
+            ]
+        case "013_apple":  # a stem in the dent of the shell, and a leaf
+            leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
+            return [
+                Visual(ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
+                Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
+            ]
+    return []
 
 
 def _tin_ends(kind: Kind) -> list[Visual]:
     """Return the bare ends of a tin, and its two rims."""
     radius, half = kind.half[0], kind.half[2]
-    ends = Visual(Piece("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
+    ends = Visual(ConvexPart("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
     rim, over = 0.0025 / kind.size[2], PROUD / kind.size[2]
     return [ends, band(kind, -over, rim, _TIN), band(kind, 1.0 - rim, 1.0 + over, _TIN)]
-
-
-def _crackers(kind: Kind) -> list[Visual]:
-    """Return red, a white field with a yellow stripe above, crackers below."""
-    squares = [
-        plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
-        for y, z, turn in ((-0.45, -0.35, 0.3), (0.10, -0.55, -0.5), (0.50, -0.25, 0.9), (-0.35, -0.78, 0.1))
-    ]
-    return [
-        plate(kind, 0, (0.0, 0.52), (0.74, 0.22), _WHITE),
-        plate(kind, 0, (0.0, 0.52), (0.62, 0.09), _RED, out=2.0),
-        plate(kind, 0, (0.0, 0.16), (1.0, 0.05), _YELLOW),
-        plate(kind, 1, (0.0, 0.16), (1.0, 0.05), _YELLOW),
-        *squares,
-    ]
-
-
-def _sugar(kind: Kind) -> list[Visual]:
-    """Return yellow, a navy name on white, white ends."""
-    return [
-        plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
-        plate(kind, 1, (0.0, 0.30), (1.0, 0.26), _WHITE),
-        plate(kind, 0, (0.0, 0.30), (0.72, 0.12), _NAVY, out=2.0),
-        plate(kind, 0, (0.0, -0.45), (0.50, 0.07), _NAVY),
-        plate(kind, 0, (0.0, -0.66), (0.32, 0.04), _RED),
-        plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
-    ]
-
-
-def _soup(kind: Kind) -> list[Visual]:
-    """Return red above, white below, a gold medal where they meet."""
-    disc = Piece("cylinder", (0.011, 0.0, kind.half[0] + PROUD), turn=math.pi / 2.0)
-    medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
-    return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
-
-
-def _coffee(kind: Kind) -> list[Visual]:
-    """Return blue with a white band and a red stripe in it, a pale lid."""
-    lid = Visual(Piece("cylinder", (0.96 * kind.half[0], 0.0, kind.half[2] + PROUD)), _CREAM)
-    return [
-        band(kind, 0.34, 0.62, _WHITE),
-        band(kind, 0.44, 0.52, _RED, out=2.0),
-        band(kind, 0.93, 1.001, _CREAM),
-        lid,
-    ]
-
-
-def _tuna(kind: Kind) -> list[Visual]:
-    """Return blue label, yellow stripe, bare ends."""
-    return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
-
-
-def _pudding(kind: Kind) -> list[Visual]:
-    """Return brown, a white name, a cream pudding."""
-    return [
-        plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
-        plate(kind, 2, (0.0, 0.50), (0.62, 0.10), _RED, out=2.0),
-        plate(kind, 2, (0.10, -0.40), (0.46, 0.36), _CREAM, "cylinder"),
-        plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
-    ]
-
-
-def _gelatin(kind: Kind) -> list[Visual]:
-    """Return pink and red, a white name, a yellow spot."""
-    return [
-        plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58, 1.0)),
-        plate(kind, 2, (0.0, 0.45), (0.80, 0.24), _WHITE),
-        plate(kind, 2, (0.0, 0.45), (0.60, 0.11), _RED, out=2.0),
-        plate(kind, 2, (-0.35, -0.45), (0.26, 0.30), _RED, "cylinder", out=2.0),
-        plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
-    ]
-
-
-def _meat(kind: Kind) -> list[Visual]:
-    """Return blue, a yellow name, bare ends."""
-    flat = 1.0 - CORNER / kind.half[0]
-    return [
-        rounded(kind, "ends", 0.94, PROUD, _TIN),
-        plate(kind, 1, (0.0, 0.18), (flat, 0.34), _YELLOW),
-        plate(kind, 1, (0.0, 0.18), (0.8 * flat, 0.16), _NAVY, out=2.0),
-        plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
-    ]
-
-
-def _apple(kind: Kind) -> list[Visual]:
-    """Return a stem in the dent of the shell, and a leaf."""
-    radius = kind.half[0]
-    leaf = Piece("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
-    return [
-        Visual(Piece("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
-        Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
-    ]

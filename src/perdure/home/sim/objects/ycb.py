@@ -12,7 +12,7 @@ from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Vec3
 from perdure.home.sim.objects.kinds import KINDS, Kind
 from perdure.home.sim.objects.lathe import add_shell
-from perdure.home.sim.objects.shapes import AppleShape, Piece, moments, pieces
+from perdure.home.sim.objects.shapes import AppleShape, ConvexPart, moments, pieces
 from perdure.home.sim.objects.visuals import COATS, visuals
 
 TORSIONAL = 0.005
@@ -47,17 +47,10 @@ class YcbObjects:
         return (-x, -y, -z), (x, y, z)
 
     def add(self, spec: Any, kind: str, name: str, position: Vec3, quaternion: tuple[float, ...]) -> None:
-        """Add an object as a free body to a MuJoCo specification.
+        """Add an object as a free body at a pose in the world, in [m] and (w, x, y, z), to an `mujoco.MjSpec`.
 
         The body has the object's name, its joint is `name/free`, its geoms are `name/0`, `name/1`, ...: those that
         collide first. Its frame is at the middle of its bounding box, z up when it stands upright.
-
-        Args:
-            spec: `mujoco.MjSpec` to add it to.
-            kind: YCB name.
-            name: Name of the body.
-            position: Of its frame in the world, in [m].
-            quaternion: Attitude of its frame (w, x, y, z).
         """
         what = self.kind(kind)
         body = spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -85,7 +78,7 @@ class YcbObjects:
             geom.name, geom.mass = f"{name}/{k}", 0.0
 
 
-def _add_piece(spec: Any, body: Any, piece: Piece, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
+def _add_piece(spec: Any, body: Any, piece: ConvexPart, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
     import mujoco
 
     quaternion = (math.cos(piece.turn / 2.0), *(math.sin(piece.turn / 2.0) * part for part in axis))
@@ -93,12 +86,7 @@ def _add_piece(spec: Any, body: Any, piece: Piece, axis: Vec3 = (0.0, 0.0, 1.0))
         if spec.mesh(piece.name) is None:
             spec.add_mesh(name=piece.name, uservert=np.array(piece.corners).ravel())
         return body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=piece.name, quat=quaternion)
-    x, y, z = piece.size
-    shapes = {
-        "box": (mujoco.mjtGeom.mjGEOM_BOX, (x, y, z)),
-        "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (x, z, 0.0)),
-        "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, (x, 0.0, 0.0)),
-        "ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (x, y, z)),
-    }
-    shape, size = shapes[piece.shape]
+    x, _, z = piece.size
+    size = {"cylinder": (x, z, 0.0), "sphere": (x, 0.0, 0.0)}.get(piece.shape, piece.size)
+    shape = getattr(mujoco.mjtGeom, f"mjGEOM_{piece.shape.upper()}")
     return body.add_geom(type=shape, size=size, pos=piece.center, quat=quaternion)

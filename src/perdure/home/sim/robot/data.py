@@ -17,11 +17,9 @@ JOINTS = (*BASE_JOINTS, TORSO_JOINT, *ARM_JOINTS, *FINGER_JOINTS)
 
 ARM_LOW = tuple(-math.inf if link.limit is None else link.limit[0] for link in ARM)
 ARM_HIGH = tuple(math.inf if link.limit is None else link.limit[1] for link in ARM)
-ROLLS = tuple(number for number, link in enumerate(ARM) if link.limit is None)
-"""Joints of the arm that turn without end."""
 """Limits of the arm in [rad] (URDF); the three rolls turn without end."""
-TORSO_LIMIT = (0.0, 0.38615)
-"""Range of the torso's lift in [m] (URDF)."""
+ROLLS = [number for number, link in enumerate(ARM) if link.limit is None]
+"""Joints of the arm that turn without end."""
 BASE_RADIUS = 0.285
 """Of the base, a cylinder, in [m]."""
 TORSO_HEIGHT = 0.15

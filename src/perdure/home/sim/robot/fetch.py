@@ -24,7 +24,7 @@ from perdure.home.sim.robot.links import (
     combined,
 )
 from perdure.home.sim.robot.servos import ARMATURE, add_servos
-from perdure.home.sim.robot.shapes import BITS, SHAPES, Shape
+from perdure.home.sim.robot.shapes import BITS, SHAPES, CollisionShape
 from perdure.home.sim.robot.visuals import add_visuals
 
 if TYPE_CHECKING:
@@ -111,19 +111,14 @@ def _add_joint(spec: Any, body: Any, name: str, kind: str, axis: Vec3, limit: tu
         joint.range = np.degrees(limit) if hinge and spec.compiler.degree else limit
 
 
-def _add_shape(body: Any, shape: Shape, group: int) -> None:
+def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
     import mujoco
 
-    kinds = {
-        "box": mujoco.mjtGeom.mjGEOM_BOX,
-        "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-        "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    }
     contype, conaffinity = BITS[shape.side]
     along_x = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
     body.add_geom(
         name=f"robot/{shape.name}",
-        type=kinds[shape.kind],
+        type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
         pos=shape.center,
         quat=along_x if shape.kind == "capsule" else (1.0, 0.0, 0.0, 0.0),
         size=shape.half,

@@ -199,14 +199,12 @@ def damped_step(
     """
     used = matrix if free is None else matrix * free[..., None, :]
     square = used @ np.swapaxes(matrix, -1, -2) + np.asarray(damping**2)[..., None, None] * np.eye(matrix.shape[-2])
-    step: FloatArray = (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
-    return step
+    return (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
 
 
 def damped_inverse(matrix: FloatArray, damping: float) -> FloatArray:
     """Return the damped pseudoinverse J^T (J J^T + d^2 I)^-1 of one Jacobian. Shape (m, n) -> (n, m)."""
-    inverse: FloatArray = matrix.T @ np.linalg.inv(matrix @ matrix.T + damping**2 * np.eye(len(matrix)))
-    return inverse
+    return matrix.T @ np.linalg.inv(matrix @ matrix.T + damping**2 * np.eye(len(matrix)))
 
 
 def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
@@ -219,8 +217,7 @@ def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
     twice_sine = np.stack([turn[..., i, j] - turn[..., j, i] for i, j in pairs], axis=-1)
     sine = 0.5 * np.linalg.norm(twice_sine, axis=-1, keepdims=True)
     cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1)[..., None] - 1.0)
-    vector: FloatArray = 0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)
-    return vector
+    return np.asarray(0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
 
 
 def _search(
@@ -305,14 +302,12 @@ def _upright(approach: FloatArray) -> FloatArray:
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    length: FloatArray = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return length
+    return np.asarray(np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def _shorten(vectors: FloatArray, size: FloatArray, largest: float) -> FloatArray:
     """Return vectors scaled down so that their size is at most `largest`."""
-    short: FloatArray = vectors * np.minimum(1.0, largest / np.maximum(size, 1e-12))
-    return short
+    return vectors * np.minimum(1.0, largest / np.maximum(size, 1e-12))
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -34,24 +34,12 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
     return position, rotation
 
 
-def jacobian(torso: ArrayLike, arm: ArrayLike) -> FloatArray:
-    """Return the Jacobian of the gripper: rows are its velocity in [m/rad], then its angular velocity.
-
-    The geometric Jacobian in the base frame: column i is (a_i x (p - o_i), a_i) with the joint's axis a_i and origin
-    o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
-
-    Args:
-        torso: Height of the torso in [m]. Shape (...) or one number for all.
-        arm: Joint angles in [rad]. Shape (..., 7).
-
-    Returns:
-        Shape (..., 6, 7).
-    """
-    return pose_and_jacobian(torso, arm)[2]
-
-
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return both `gripper_pose` and `jacobian` for little more than the price of one."""
+    """Return the results of `gripper_pose`, and the Jacobian: rows are velocity in [m/rad], then angular velocity.
+
+    The geometric Jacobian in the base frame, shape (..., 6, 7): column i is (a_i x (p - o_i), a_i) with the joint's
+    axis a_i and origin o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
+    """
     position, rotation, origins, axes = _chain(torso, arm)
     away = position[..., None, :] - origins
     columns = np.empty((*position.shape[:-1], 6, 7))

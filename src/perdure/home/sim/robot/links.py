@@ -94,84 +94,26 @@ TORSO = Link(
     450.0,
     _TORSO_PARTS,
 )
-
-
-def _arm(
-    name: str,
-    parent: str,
-    axis: Vec3,
-    origin: Vec3,
-    limit: tuple[float, float] | None,
-    effort: float,
-    part: Inertial,
-) -> Link:
-    return Link(f"{name}_link", f"{parent}_link", f"{name}_joint", "hinge", axis, origin, limit, effort, (part,))
-
-
-ARM = (
-    _arm(
-        "shoulder_pan",
-        "torso_lift",
-        _Z,
-        (0.119525, 0.0, 0.34858),
-        (-1.6056, 1.6056),
-        33.82,
-        Inertial(2.5587, (0.0927, -0.0056, 0.0564), (0.0043, 0.0087, 0.0087, -0.0001, 0.001, -0.0001)),
-    ),
-    _arm(
-        "shoulder_lift",
-        "shoulder_pan",
-        _Y,
-        (0.117, 0.0, 0.06),
-        (-1.221, 1.518),
-        131.76,
-        Inertial(2.6615, (0.1432, 0.0072, -0.0001), (0.0028, 0.0111, 0.0112, -0.0021, 0.0, 0.0)),
-    ),
-    _arm(
-        "upperarm_roll",
-        "shoulder_lift",
-        _X,
-        (0.219, 0.0, 0.0),
-        None,
-        76.94,
-        Inertial(2.3311, (0.1165, 0.0014, 0.0), (0.0019, 0.0045, 0.0047, -0.0001, 0.0, 0.0)),
-    ),
-    _arm(
-        "elbow_flex",
-        "upperarm_roll",
-        _Y,
-        (0.133, 0.0, 0.0),
-        (-2.251, 2.251),
-        66.18,
-        Inertial(2.1299, (0.1279, 0.0073, 0.0), (0.0024, 0.0082, 0.0084, -0.0016, 0.0, 0.0)),
-    ),
-    _arm(
-        "forearm_roll",
-        "elbow_flex",
-        _X,
-        (0.197, 0.0, 0.0),
-        None,
-        29.35,
-        Inertial(1.6563, (0.1097, -0.0266, 0.0), (0.0016, 0.003, 0.0035, -0.0003, 0.0, 0.0)),
-    ),
-    _arm(
-        "wrist_flex",
-        "forearm_roll",
-        _Y,
-        (0.1245, 0.0, 0.0),
-        (-2.16, 2.16),
-        25.7,
-        Inertial(1.725, (0.0882, 0.0009, -0.0001), (0.0018, 0.0042, 0.0042, -0.0001, 0.0, 0.0)),
-    ),
-    _arm(
-        "wrist_roll",
-        "wrist_flex",
-        _X,
-        (0.1385, 0.0, 0.0),
-        None,
-        7.36,
-        Inertial(0.1354, (0.0095, 0.0004, -0.0002), (0.0001, 0.0001, 0.0001, 0.0, 0.0, 0.0)),
-    ),
+_ARM_PARTS = {
+    "shoulder_pan": Inertial(2.5587, (0.0927, -0.0056, 0.0564), (0.0043, 0.0087, 0.0087, -0.0001, 0.001, -0.0001)),
+    "shoulder_lift": Inertial(2.6615, (0.1432, 0.0072, -0.0001), (0.0028, 0.0111, 0.0112, -0.0021, 0.0, 0.0)),
+    "upperarm_roll": Inertial(2.3311, (0.1165, 0.0014, 0.0), (0.0019, 0.0045, 0.0047, -0.0001, 0.0, 0.0)),
+    "elbow_flex": Inertial(2.1299, (0.1279, 0.0073, 0.0), (0.0024, 0.0082, 0.0084, -0.0016, 0.0, 0.0)),
+    "forearm_roll": Inertial(1.6563, (0.1097, -0.0266, 0.0), (0.0016, 0.003, 0.0035, -0.0003, 0.0, 0.0)),
+    "wrist_flex": Inertial(1.725, (0.0882, 0.0009, -0.0001), (0.0018, 0.0042, 0.0042, -0.0001, 0.0, 0.0)),
+    "wrist_roll": Inertial(0.1354, (0.0095, 0.0004, -0.0002), (0.0001, 0.0001, 0.0001, 0.0, 0.0, 0.0)),
+}
+ARM = tuple(
+    Link(f"{name}_link", f"{parent}_link", f"{name}_joint", "hinge", axis, origin, limit, effort, (_ARM_PARTS[name],))
+    for name, parent, axis, origin, limit, effort in (
+        ("shoulder_pan", "torso_lift", _Z, (0.119525, 0.0, 0.34858), (-1.6056, 1.6056), 33.82),
+        ("shoulder_lift", "shoulder_pan", _Y, (0.117, 0.0, 0.06), (-1.221, 1.518), 131.76),
+        ("upperarm_roll", "shoulder_lift", _X, (0.219, 0.0, 0.0), None, 76.94),
+        ("elbow_flex", "upperarm_roll", _Y, (0.133, 0.0, 0.0), (-2.251, 2.251), 66.18),
+        ("forearm_roll", "elbow_flex", _X, (0.197, 0.0, 0.0), None, 29.35),
+        ("wrist_flex", "forearm_roll", _Y, (0.1245, 0.0, 0.0), (-2.16, 2.16), 25.7),
+        ("wrist_roll", "wrist_flex", _X, (0.1385, 0.0, 0.0), None, 7.36),
+    )
 )
 """The seven links of the arm, from the shoulder to the wrist."""
 

@@ -153,15 +153,9 @@ def add_visuals(bodies: dict[str, Any]) -> None:
     """Add visual geometry (geom group 2) to the bodies."""
     import mujoco
 
-    kinds = {
-        "box": mujoco.mjtGeom.mjGEOM_BOX,
-        "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-        "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    }
     for look in LOOKS:
         bodies[look.body].add_geom(
-            type=kinds[look.kind],
+            type=getattr(mujoco.mjtGeom, f"mjGEOM_{look.kind.upper()}"),
             pos=look.center,
             quat=look.quaternion,
             size=look.half,

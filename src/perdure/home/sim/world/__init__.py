@@ -3,7 +3,7 @@
 Contents:
     SceneOptions, Scene, build_scene                   compiled models
     World                                              many lanes in a pool of threads
-    Lane                                               one of them
+    Simulator                                               one of them
     PrivilegedState, SkillGoal                         privileged state of all lanes, and the goal of the current skill
     ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         parts and sizes of an action
 """
@@ -21,10 +21,8 @@ from perdure.home.sim.world.actions import (
     NAVIGATION_SPEED,
     RELEASE,
     STOP,
-    STOP_LEVEL,
     TURN,
 )
-from perdure.home.sim.world.lane import Jaws, Lane
 from perdure.home.sim.world.neighbors import NEIGHBORHOOD, NEIGHBORS
 from perdure.home.sim.world.scan import BEAMS, SCAN_ANGLES, SCAN_RANGE
 from perdure.home.sim.world.scene import (
@@ -36,8 +34,9 @@ from perdure.home.sim.world.scene import (
     SceneOptions,
     build_scene,
 )
+from perdure.home.sim.world.simulator import Jaws, Simulator
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal
-from perdure.home.sim.world.world import World
+from perdure.home.sim.world.vector_simulator import VectorSimulator
 
 __all__ = [
     "ACTION_SIZE",
@@ -59,16 +58,15 @@ __all__ = [
     "SCAN_ANGLES",
     "SCAN_RANGE",
     "STOP",
-    "STOP_LEVEL",
     "TURN",
     "Jaws",
-    "Lane",
     "PrivilegedState",
     "ReleaseVelocity",
     "Rolling",
     "Scene",
     "SceneOptions",
+    "Simulator",
     "SkillGoal",
-    "World",
+    "VectorSimulator",
     "build_scene",
 ]

@@ -20,15 +20,11 @@ BIT = 4
 
 
 def add_base_bumper(spec: Any, apartment: Apartment) -> None:
-    """Add the base bumper. It collides with furniture and walls, but not with their drawers and doors.
+    """Add the base bumper to a specification with apartment and robot. Drawers and doors do not collide with it.
 
     It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
     contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.
     What is low meets the base itself.
-
-    Args:
-        spec: Has the apartment and the robot already.
-        apartment: Whose walls and pieces keep the base off.
     """
     import mujoco
 

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.sim.arrays import FloatArray
-
-IntArray = NDArray[np.int32]
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 
 REACH = 1.6
 """Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
@@ -29,31 +27,24 @@ SWING = 1.0
 class Nearby:
     """Bounding boxes of the colliding bodies of a scene."""
 
-    contype: IntArray
+    contype: NDArray[np.int32]
     """As compiled. Shape (bodies,)."""
-    conaffinity: IntArray
+    conaffinity: NDArray[np.int32]
     """As compiled. Shape (bodies,)."""
     low: FloatArray
     """Corners of boxes around static furniture and drawers, doors, as far as they move. Shape (bodies, 2)."""
     high: FloatArray
     """Shape (bodies, 2)."""
-    fixed: NDArray[np.bool_]
+    fixed: BoolArray
     """Bodies whose box is known beforehand; the others are objects and the robot. Shape (bodies,)."""
-    ours: NDArray[np.bool_]
+    ours: BoolArray
     """The robot's bodies. Shape (bodies,)."""
-    object_bodies: NDArray[np.int64]
+    object_bodies: IntArray
     """Shape (objects,)."""
-    robot_tree: int
-    """Number of the robot's kinematic tree."""
 
     @staticmethod
-    def of(model: Any, object_bodies: NDArray[np.int64]) -> Nearby:
-        """Measure a compiled model.
-
-        Args:
-            model: `mujoco.MjModel`.
-            object_bodies: The bodies that move freely. Shape (objects,).
-        """
+    def of(model: Any, object_bodies: IntArray) -> Nearby:
+        """Measure a compiled `mujoco.MjModel`; the bodies `object_bodies` move freely. Shape (objects,)."""
         import mujoco
 
         data = mujoco.MjData(model)
@@ -84,21 +75,15 @@ class Nearby:
             fixed=fixed,
             ours=ours,
             object_bodies=object_bodies,
-            robot_tree=int(model.body_treeid[root]),
         )
 
-    def around(self, base: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
-        """Return which bodies the robot, or what it holds, could touch before its base has gone `MOVED`.
+    def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
+        """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
 
-        Args:
-            base: The base's middle in the room. Shape (2,).
-            objects: The objects' middles. Shape (objects, 2).
-
-        Returns:
-            Shape (bodies,).
+        Middles of the base, shape (2,), and of the objects, shape (objects, 2), in the room.
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
-        near: NDArray[np.bool_] = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
+        near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
         near |= self.ours
         if len(objects):
             apart = objects - base

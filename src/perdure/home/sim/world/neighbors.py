@@ -13,8 +13,8 @@ import numpy as np
 
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.world.handles import Handles
-from perdure.home.sim.world.lane import Lane
 from perdure.home.sim.world.scene import Scene
+from perdure.home.sim.world.simulator import Simulator
 from perdure.home.sim.world.state import norm
 
 NEIGHBORS = 2
@@ -50,14 +50,10 @@ class Surroundings:
         self._positions = np.zeros((lanes, 1))
         self._handles = Handles.none(lanes, 1)
 
-    def look(self, numbers: IntArray, lanes: Sequence[Lane], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Return the neighbors of targets.
+    def look(self, numbers: IntArray, lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray) -> Neighbors:
+        """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
 
-        Args:
-            numbers: Numbers of the lanes. Shape (n,).
-            lanes: The lanes themselves.
-            targets: Numbers of the objects; one that a scene does not have has no neighbors but handles. Shape (n,).
-            grippers: The gripper points in the room. Shape (n, 3).
+        A target (n,) that a scene does not have has no neighbors but handles.
         """
         for number, lane in zip(numbers.tolist(), lanes, strict=True):
             if self._scenes[number] is not lane.scene:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, TORSO, Lane
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world.neighbors import Neighbors
 from perdure.home.sim.world.scene import CONTROL_HZ
+from perdure.home.sim.world.simulator import ARM_FROM, ARM_TO, TORSO, Simulator
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal, norm, turn, wrap
 
 
@@ -35,13 +34,13 @@ class Readings:
         self._point, self._axes = np.zeros((lanes, 3)), np.zeros((lanes, 3, 3))
         self._target: list[tuple[FloatArray, FloatArray]] = [_NO_OBJECT] * lanes
 
-    def read_robot(self, number: int, lane: Lane) -> None:
+    def read_robot(self, number: int, lane: Simulator) -> None:
         """Joints of one lane's robot, and its gripper."""
         self.robot[number] = lane.robot[:ARM_TO]
         self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
         self._point[number], self._axes[number] = lane.gripper, lane.gripper_axes
 
-    def move_grippers(self, chosen: IntArray, calm: NDArray[np.bool_]) -> None:
+    def move_grippers(self, chosen: IntArray, calm: BoolArray) -> None:
         """Where the grippers are now that the joints are read; where `calm` they have no past to have a speed."""
         point, axes, base = self._point[chosen], self._axes[chosen], self.robot[chosen, :3]
         cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
@@ -54,7 +53,7 @@ class Readings:
         self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
         self.gripper[chosen], self.gripper_velocity[chosen] = point, moved
 
-    def take_skill_goal(self, number: int, lane: Lane, skill_goal: SkillGoal) -> None:
+    def take_skill_goal(self, number: int, lane: Simulator, skill_goal: SkillGoal) -> None:
         """What a lane is about from now on."""
         self.skill_goal[number] = skill_goal.target, skill_goal.link
         self.stopped[number] = False
@@ -64,7 +63,7 @@ class Readings:
         self._target[number] = lane.object(skill_goal.target) if known else _NO_OBJECT
         self.read_skill_goal(number, lane)
 
-    def read_skill_goal(self, number: int, lane: Lane) -> None:
+    def read_skill_goal(self, number: int, lane: Simulator) -> None:
         """Read the target, the handle and the held object of a lane."""
         target = self._target[number]
         self.object[number], self.object_velocity[number] = target

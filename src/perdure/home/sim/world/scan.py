@@ -8,10 +8,9 @@ counts, with drawers and doors where they are now; loose objects do not.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.sim.apartments import Apartment, moving_footprints, static_footprints
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.arrays import FloatArray, IntArray
 
 BEAMS = 24
 """OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
@@ -37,13 +36,7 @@ class Outlines:
         self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
     def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Take over where the drawers and doors of a lane are.
-
-        Args:
-            lane: Which lane.
-            apartment: What it shows.
-            positions: Of its drawers and doors in the order of its articulations. Shape (links,).
-        """
+        """Take over where drawers and doors of a lane are, in the order of the articulations. Shape (links,)."""
         known, exact = self._apartments[lane], positions.tobytes()
         if known is apartment and exact == self._exact[lane]:
             return
@@ -59,16 +52,10 @@ class Outlines:
         self._positions[lane] = positions
         self._put(lane, self._static[lane], moving_footprints(apartment, positions))
 
-    def scan(self, lanes: NDArray[np.int64], base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Return ranges of some lanes, beam by beam.
+    def scan(self, lanes: IntArray, base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
+        """Return ranges of some lanes (m,) in [m], `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
 
-        Args:
-            lanes: Which lanes. Shape (m,).
-            base: Where their robots are: x, y, heading. Shape (m, 3).
-            reach: How far to look in [m].
-
-        Returns:
-            In [m]; `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
+        `base` is x, y, heading of their robots, shape (m, 3).
         """
         boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
         x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
@@ -82,10 +69,9 @@ class Outlines:
         enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
         leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
         ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
-        cut: FloatArray = np.where(ranges <= reach, ranges, SCAN_RANGE)
-        return cut
+        return np.where(ranges <= reach, ranges, SCAN_RANGE)
 
-    def _within(self, lanes: NDArray[np.int64], base: FloatArray, reach: float) -> FloatArray:
+    def _within(self, lanes: IntArray, base: FloatArray, reach: float) -> FloatArray:
         """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
         boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
         away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])

@@ -12,11 +12,10 @@ from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, build_apartment
-from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
@@ -134,26 +133,32 @@ class Scene:
         return self._joint_addresses([m.joint for m in self.apartment.articulations], "jnt_dofadr")
 
     @cached_property
+    def object_bodies(self) -> IntArray:
+        """The bodies of the objects. Shape (objects,)."""
+        bodies = [self.model.body(f"object_{k}").id for k in range(len(self.placements))]
+        return np.array(bodies, dtype=np.int64)
+
+    @cached_property
     def object_geoms(self) -> tuple[IntArray, ...]:
         """The colliding geoms of each object."""
         model = self.model
-        bodies = [int(model.body(f"object_{k}").id) for k in range(len(self.placements))]
-        return tuple(np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in bodies)
+        return tuple(
+            np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in self.object_bodies
+        )
 
     @cached_property
-    def robot_geoms(self) -> NDArray[np.bool_]:
+    def robot_geoms(self) -> BoolArray:
         """Which geoms belong to the robot. Shape (geoms,)."""
         root = int(self.model.body("robot").id)
         return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
 
     @cached_property
-    def loose_geoms(self) -> NDArray[np.bool_]:
+    def loose_geoms(self) -> BoolArray:
         """Which geoms belong to objects. Shape (geoms,)."""
-        bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
-        return np.isin(self.model.geom_bodyid, bodies)
+        return np.isin(self.model.geom_bodyid, self.object_bodies)
 
     @cached_property
-    def arm_geoms(self) -> NDArray[np.bool_]:
+    def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
         model, inside = self.model, set()
         first = int(model.body("shoulder_pan_link").id)
@@ -165,8 +170,7 @@ class Scene:
     @cached_property
     def object_reach(self) -> FloatArray:
         """Largest side of each object's bounding box in [m]. Shape (objects,)."""
-        boxes = [np.subtract(*YcbObjects().box(p.kind)[::-1]) for p in self.placements]
-        return np.array([np.max(box) for box in boxes]) if boxes else np.zeros(0)
+        return np.array([max(YcbObjects().kind(p.kind).size) for p in self.placements])
 
     @cached_property
     def gripper_offset(self) -> FloatArray:
@@ -181,8 +185,7 @@ class Scene:
     @cached_property
     def nearby(self) -> Nearby:
         """Bounding boxes for the search of nearby bodies."""
-        bodies = [int(self.model.body(f"object_{k}").id) for k in range(len(self.placements))]
-        return Nearby.of(self.model, np.array(bodies, dtype=np.int64))
+        return Nearby.of(self.model, self.object_bodies)
 
     def weld(self, number: int) -> int:
         """Return the equality that holds object `number` in the gripper."""
@@ -203,13 +206,9 @@ def build_scene(
     opened: Mapping[str, float] | None = None,
     options: SceneOptions | None = None,
 ) -> Scene:
-    """Build and compiles a scene; about a tenth of a second.
+    """Build and compile a scene, about a tenth of a second; object k is the body `object_k`.
 
-    Args:
-        apartment: Where it plays.
-        placements: The objects; object k is the body `object_k`.
-        opened: Joint positions of drawers and doors at the start by link name, 0 where not given.
-        options: How to build it.
+    `opened` are joint positions of drawers and doors at the start by link name, 0 where not given.
     """
     import mujoco
 

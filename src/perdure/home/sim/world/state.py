@@ -118,21 +118,18 @@ class PrivilegedState:
     @property
     def empty_hand(self) -> BoolArray:
         """Whether the gripper holds neither an object nor a handle. Shape (n,)."""
-        empty: BoolArray = (self.held < 0) & (self.held_link < 0)
-        return empty
+        return (self.held < 0) & (self.held_link < 0)
 
     @property
     def holds_target(self) -> BoolArray:
         """Whether the gripper holds the target. Shape (n,)."""
-        holds: BoolArray = self.held == self.target
-        return holds
+        return np.asarray(self.held == self.target)
 
     @property
     def grasp_is_right(self) -> BoolArray:
-        """Whether the magic grasp would take the target (see `Lane.grasp`). Shape (n,)."""
+        """Whether the magic grasp would take the target (see `Simulator.grasp`). Shape (n,)."""
         nearer = norm(self.object - self.gripper) < self.neighbor_distance
-        right: BoolArray = nearer & (self.handle_distance > GRASP_RADIUS)
-        return right
+        return nearer & (self.handle_distance > GRASP_RADIUS)
 
     @property
     def object_to_goal(self) -> FloatArray:
@@ -174,11 +171,9 @@ def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 def norm(vectors: FloatArray) -> FloatArray:
     """Return lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
     x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    length: FloatArray = np.sqrt(x * x + y * y + z * z)
-    return length
+    return np.sqrt(x * x + y * y + z * z)
 
 
 def wrap(angle: FloatArray) -> FloatArray:
     """Return angles brought into [-pi, pi)."""
-    wrapped: FloatArray = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
-    return wrapped
+    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi

@@ -98,7 +98,7 @@ class HeadDepth(gymnasium.ObservationWrapper[Any, Any, Any], RecordConstructorAr
 
 
 def _image(camera: HeadCamera, lanes: HomeSkillVectorEnv, number: int) -> NDArray[np.float32]:
-    return camera.take(lanes.world.lane(number)) / np.float32(FAR)
+    return camera.take(lanes.world.simulator(number)) / np.float32(FAR)
 
 
 def _with_depth(state: gymnasium.Space[Any], side: int) -> gymnasium.spaces.Dict:

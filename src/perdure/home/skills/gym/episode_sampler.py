@@ -1,4 +1,4 @@
-"""Draws episode, target and start state for each new episode of a lane, and keeps the scenes that were built."""
+"""Draws episode, target and start state for each new episode of a lane."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.sim.world import Scene, World, build_scene
+from perdure.home.benchmark.episodes import Episode, episode_scene
+from perdure.home.sim.world import Scene, VectorSimulator
 from perdure.home.skills.gym.options import SkillEnvOptions
 from perdure.home.skills.starts import begin
 
 
 @lru_cache(maxsize=8)
 def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
-    """Return the cached sampler of these options, so that a learner that rebuilds its worlds finds its scenes again."""
+    """Return the cached sampler of these options, so that a learner that rebuilds its worlds loads them once."""
     return EpisodeSampler(options)
 
 
@@ -27,9 +27,8 @@ class EpisodeSampler:
         self._options = options
         self.episodes = options.load()
         self._draw = options.make_skill().draw_start
-        self._scenes: dict[tuple[int, int], Scene] = {}
 
-    def begin(self, world: World, lane: int, rng: np.random.Generator) -> Episode:
+    def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
         number = int(rng.integers(len(self.episodes)))
         targets = self._options.chosen_targets
@@ -39,12 +38,5 @@ class EpisodeSampler:
         return episode
 
     def scene(self, number: int, target: int) -> Scene:
-        """Return the scene of an episode with one target and, if wanted, the clutter; built once, 0.3 MB each."""
-        key = number, target
-        if key not in self._scenes:
-            episode, options = self.episodes[number], replace(self._options.scene, targets=(target,))
-            placements = [episode.objects[target]]
-            if options.clutter:
-                placements += episode.objects[len(episode.goals) :]
-            self._scenes[key] = build_scene(episode.apartment(), placements, episode.opened, options)
-        return self._scenes[key]
+        """Return the scene of an episode with one target and, if wanted, the clutter."""
+        return episode_scene(self.episodes[number], replace(self._options.scene, targets=(target,)))

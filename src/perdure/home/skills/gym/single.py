@@ -6,11 +6,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.skills.gym.vector import HomeSkillVectorEnv
-
-FloatArray = NDArray[np.float64]
 
 
 class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):

@@ -1,4 +1,4 @@
-"""Many lanes of one skill in one `World`, as a Gymnasium vector environment."""
+"""Many lanes of one skill in one `VectorSimulator`, as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.world import PrivilegedState, World
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.world import PrivilegedState, VectorSimulator
 from perdure.home.skills.gym.episode_sampler import episode_sampler
 from perdure.home.skills.gym.options import checked_options
-from perdure.home.skills.progress import BoolArray, FloatArray, IntArray, Progress, put_rows
+from perdure.home.skills.progress import SkillProgress, put_rows
 from perdure.home.skills.skill import Skill
 
-Outcome = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+StepResult = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
 class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]):
@@ -61,14 +62,14 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self.skill: Skill = self.options.make_skill()
         self.sampler = episode_sampler(self.options)
         self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
-        self.world = World(num_envs, threads)
+        self.world = VectorSimulator(num_envs, threads)
         self.diverged = np.zeros(num_envs, dtype=np.int64)
         """Number of divergences of each lane. Shape (num_envs,)."""
         self._set_spaces()
         self._rng: list[np.random.Generator | None] = [None] * num_envs
         self._over = np.ones(num_envs, dtype=bool)
         self._state: PrivilegedState | None = None
-        self._progress: Progress | None = None
+        self._progress: SkillProgress | None = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -92,7 +93,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         state, progress = self._begin(np.flatnonzero(mask))
         return self.skill.observe(state, progress), {}
 
-    def step(self, actions: FloatArray) -> Outcome:
+    def step(self, actions: FloatArray) -> StepResult:
         """Run one control step of all lanes.
 
         Args:
@@ -119,7 +120,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         return self._state
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> SkillProgress:
         """Return the skill's progress in all lanes; HomeError before the first reset."""
         if self._progress is None:
             raise HomeError("progress does not exist before the first reset")
@@ -129,7 +130,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         """Stop the threads."""
         self.world.close()
 
-    def _begin(self, lanes: IntArray) -> tuple[PrivilegedState, Progress]:
+    def _begin(self, lanes: IntArray) -> tuple[PrivilegedState, SkillProgress]:
         """Begin episodes in some lanes; return state and progress of all lanes."""
         for lane in map(int, lanes):
             rng = self._rng[lane]
@@ -144,7 +145,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         self._over[lanes] = False
         return self._state, self._progress
 
-    def _advance(self, before: PrivilegedState, was: Progress, actions: FloatArray, lanes: IntArray) -> Outcome:
+    def _advance(self, before: PrivilegedState, was: SkillProgress, actions: FloatArray, lanes: IntArray) -> StepResult:
         """Step some lanes; the others have just begun, so their outcome has no reward."""
         skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
         stepped[lanes] = True
@@ -157,8 +158,13 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         return self._outcome(before, after, was, now, stepped)
 
     def _outcome(
-        self, before: PrivilegedState, after: PrivilegedState, was: Progress, now: Progress, stepped: BoolArray
-    ) -> Outcome:
+        self,
+        before: PrivilegedState,
+        after: PrivilegedState,
+        was: SkillProgress,
+        now: SkillProgress,
+        stepped: BoolArray,
+    ) -> StepResult:
         skill, diverged = self.skill, stepped & after.diverged
         sound = stepped & ~diverged
         rewards, terms = skill.reward(before, after, was, now)
@@ -178,7 +184,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         }
         return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
 
-    def _same_step(self, outcome: Outcome) -> Outcome:
+    def _same_step(self, outcome: StepResult) -> StepResult:
         """Begin the next episode of lanes that have just ended."""
         last, rewards, terminated, truncated, info = outcome
         over = self._over.copy()

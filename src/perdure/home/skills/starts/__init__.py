@@ -4,16 +4,14 @@ Contents:
     Start, Draw, begin, put, touching         a start state; draws one without contacts, brings a lane to it
     stand_near, stand_in, stand_anywhere      where the robot stands
     draw_arm                                  how it holds its arm
-    container_of, draw_open, carried, ...     drawers and the fridge
+    draw_open, carried, front_frame, ...      drawers and the fridge
     cache_folder, train_pool                  generated episodes of the split `train`, kept in the user's cache
 """
 
 from perdure.home.skills.starts.arm import draw_arm
 from perdure.home.skills.starts.containers import (
     DRAWER_OPEN,
-    FRIDGE_DOOR,
     carried,
-    container_of,
     draw_open,
     front_frame,
     front_of,
@@ -29,14 +27,12 @@ from perdure.home.skills.starts.start import Draw, Start, begin, put, touching
 
 __all__ = [
     "DRAWER_OPEN",
-    "FRIDGE_DOOR",
     "Draw",
     "Rectangle",
     "Start",
     "begin",
     "cache_folder",
     "carried",
-    "container_of",
     "draw_arm",
     "draw_open",
     "front_frame",

@@ -5,12 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import gripper_pose, toward
 from perdure.home.sim.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-
-FloatArray = NDArray[np.float64]
 
 SPREAD, FARTHEST = 0.025, 0.05
 """Noise of the gripper point per axis in [m]: standard deviation and clip (M3)."""
@@ -23,8 +21,7 @@ REACHED = 0.001
 def draw_arm(rng: np.random.Generator) -> FloatArray:
     """Draw joint angles with the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m. Shape (7,)."""
     poses = bank()
-    one: FloatArray = poses[int(rng.integers(len(poses)))]
-    return one
+    return np.asarray(poses[int(rng.integers(len(poses)))])
 
 
 @lru_cache(maxsize=1)

@@ -12,17 +12,10 @@ from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, Pose
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import Lane
+from perdure.home.sim.world import Simulator
 
-FRIDGE_DOOR = "top_door"
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
-
-
-def container_of(apartment: Apartment, placement: Placement) -> str | None:
-    """Return the link name of the drawer or door in front of a placement, None when it is in the open."""
-    receptacle = apartment.receptacle(placement.receptacle)
-    return FRIDGE_DOOR if apartment.piece(receptacle.piece).kind == "fridge" else receptacle.link
 
 
 def needed_container(episode: Episode, target: int) -> str:
@@ -47,13 +40,13 @@ def draw_open(apartment: Apartment, link: str | None, rng: np.random.Generator) 
     return {link: float(rng.uniform(low, high))}
 
 
-def open_links(lane: Lane) -> dict[str, float]:
+def open_links(simulator: Simulator) -> dict[str, float]:
     """Return the positions of open drawers and doors in [m] or [rad] by link name.
 
     Values are rounded to 0.01, so that cached free spaces are found again. Values up to 0.02 count as closed.
     """
-    q = lane.qpos[lane.scene.link_qpos]
-    rounded = {link: round(float(value), 2) for link, value in zip(lane.scene.links, q, strict=True)}
+    q = simulator.qpos[simulator.scene.link_qpos]
+    rounded = {link: round(float(value), 2) for link, value in zip(simulator.scene.links, q, strict=True)}
     return {link: value for link, value in rounded.items() if abs(value) > 0.02}
 
 

@@ -21,15 +21,10 @@ _MADE_BY = ("sim/apartments", "sim/objects", "benchmark/tasks", "benchmark/episo
 
 
 def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
-    """Return episodes of the split `train`.
+    """Return episodes of the split `train`, `count` of them spread over the apartments.
 
     The same arguments give the same episodes, and a larger pool begins with a smaller one. The first call needs about a
     second for each episode and reports progress on stderr; later calls read a file.
-
-    Args:
-        task: Name of the task.
-        count: Number of episodes, spread over the apartments.
-        seed: Seed of the generator.
 
     Raises:
         HomeError: If `count` is not positive or the task is unknown.

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Apartment, FreeSpace, Pose, free_space
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from perdure.home.sim.arrays import BoolArray, FloatArray
 
 NEAR = 2.0
 """Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
@@ -35,8 +32,7 @@ class Rectangle:
     def contains(self, local: FloatArray) -> BoolArray:
         """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
         x, y = local[:, 0], np.abs(local[:, 1])
-        inside: BoolArray = (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
-        return inside
+        return (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
 
 
 def closed_space(apartment: Apartment) -> FreeSpace:
@@ -55,12 +51,8 @@ def stand_near(
 ) -> Pose:
     """Draw a cell within 2.0 m of a point, with noise, facing the point.
 
-    Args:
-        apartment: The apartment.
-        point: The point to face.
-        rng: The random generator.
-        front: For a point in a container, the direction of its open side. The cell is within 60 degrees of it (OURS:
-            beside our fridge there is floor, which navigation never ends on).
+    `front` is the direction of a container's open side. The cell is within 60 degrees of it (OURS: beside our fridge
+    there is floor, which navigation never ends on).
     """
     return _draw(_cells_near(apartment, point[:2], front), point, rng)
 
@@ -85,17 +77,9 @@ def stand_in(
     point: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> Pose:
-    """Draw a cell of a rectangle in front of furniture, with noise, facing a point.
+    """Draw a cell of the first of some rectangles that has a free one, with noise, facing a point.
 
-    Args:
-        apartment: The apartment.
-        frame: The frame of the rectangles.
-        rectangles: The first one that contains a free cell is used.
-        point: The point to face.
-        rng: The random generator.
-
-    Raises:
-        HomeError: If no rectangle contains a free cell.
+    The rectangles are in `frame`. HomeError if none contains a free cell.
     """
     space = closed_space(apartment)
     local = frame.to_local(space.centers)

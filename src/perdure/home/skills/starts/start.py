@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.home.benchmark.episodes import Episode
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import Lane, Scene, SkillGoal, World
-
-FloatArray = NDArray[np.float64]
+from perdure.home.sim.world import Scene, Simulator, SkillGoal, VectorSimulator
 
 TRIES = 1000
 """Largest number of draws for one start state; published episodes need a few dozen at most."""
@@ -43,44 +41,31 @@ Draw = Callable[[Episode, int, np.random.Generator], Start]
 
 
 def begin(
-    world: World, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
+    world: VectorSimulator, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
 ) -> Start:
-    """Bring a lane to a start state without contacts, drawn until there is one.
+    """Bring a lane to a start state without contacts, drawn with `draw` until there is one.
 
-    Args:
-        world: The world.
-        lane: Number of the lane.
-        scene: The episode's scene with `SceneOptions(targets=(target,))`.
-        draw: The skill's start distribution.
-        episode: The episode.
-        target: Number of the target in the episode.
-        rng: The random generator.
-
-    Raises:
-        HomeError: If all of 1000 draws have contacts.
+    The scene is the episode's with `SceneOptions(targets=(target,))`. HomeError if all of 1000 draws have contacts.
     """
     for _ in range(TRIES):
         start = draw(episode, target, rng)
         put(world, lane, scene, start)
-        if touching(world.lane(lane)) <= TOUCH:
+        if touching(world.simulator(lane)) <= TOUCH:
             return start
     raise HomeError(f"{episode.name}: the robot touches something in all of {TRIES} start states drawn for {target=}")
 
 
-def put(world: World, lane: int, scene: Scene, start: Start) -> None:
+def put(world: VectorSimulator, lane: int, scene: Scene, start: Start) -> None:
     """Bring a lane to a start state."""
     world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal)
-    one = world.lane(lane)
+    one = world.simulator(lane)
     for number, placement in start.moved.items():
-        address = scene.object_qpos[number]
-        one.qpos[address : address + 7] = *placement.position, *placement.quaternion
+        one.object(number)[0][:] = *placement.position, *placement.quaternion
     if start.moved:
-        import mujoco
-
-        mujoco.mj_forward(one.model, one.data)
+        one.forward()
 
 
-def touching(lane: Lane) -> float:
+def touching(lane: Simulator) -> float:
     """Return the penetration depth of the robot, or of what it holds, in [m], 0 without contact."""
     contact, scene = lane.data.contact, lane.scene
     geoms, distance = contact.geom, contact.dist

@@ -8,14 +8,6 @@ Contents:
 """
 
 from perdure.home.skills.training.evaluate import SkillScore, evaluate_skill
-from perdure.home.skills.training.train import FLAGS, skill_config, skill_recipe, skill_task, train_skill
+from perdure.home.skills.training.train import FLAGS, skill_config, skill_recipe, train_skill
 
-__all__ = [
-    "FLAGS",
-    "SkillScore",
-    "evaluate_skill",
-    "skill_config",
-    "skill_recipe",
-    "skill_task",
-    "train_skill",
-]
+__all__ = ["FLAGS", "SkillScore", "evaluate_skill", "skill_config", "skill_recipe", "train_skill"]

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perdure.home.sim.arrays import BoolArray, IntArray
 from perdure.home.skills.gym import HomeSkillVectorEnv
 from perdure.policy import Policy
-
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,7 @@ class SkillScore:
 
     success: BoolArray
     """Whether each episode succeeded. Shape (episodes,)."""
-    steps: NDArray[np.int64]
+    steps: IntArray
     """Control steps of each episode. Shape (episodes,)."""
     failures: Counter[str]
     """Counts of the other endings: a failure's name, "diverged", or "time-out" with the first unmet condition."""

@@ -38,14 +38,9 @@ def skill_recipe(skill: str, task: str) -> Recipe:
 
 
 def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
-    """Return PPO's settings for a skill.
+    """Return PPO's settings for a skill on a task, with options of the environment.
 
     A skill's time-out is no part of the task, because the plan continues. So the last observation is bootstrapped.
-
-    Args:
-        skill: Name of the skill.
-        task: Name of the task.
-        options: Options of the environment.
     """
     recipe = skill_recipe(skill, task)
     world = make_world(skill_task(skill, task, **{**options, "split": "val", "episodes": 1}), [0])

@@ -1,4 +1,4 @@
-"""One running world: a copy of a scene's model, its data, and the magic grasp."""
+"""One running simulation: a copy of a scene's model, its data, and the magic grasp."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
 TORSO = _CON["torso_lift_joint"]
 
 
-class Lane:
-    """One simulated world with one robot; `World` runs many of them."""
+class Simulator:
+    """One simulation with one robot; `VectorSimulator` runs many of them."""
 
     def __init__(self, scene: Scene, jaws: Jaws = "never") -> None:
-        """A lane at the scene's start, the robot at the room's origin: place it before stepping."""
+        """A simulation at the scene's start, the robot at the room's origin: place it before stepping."""
         import mujoco
 
         self._mujoco = mujoco
@@ -55,12 +55,9 @@ class Lane:
         self._looked_from: tuple[float, float] | None = None
 
     def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
-        """Reset to the start of an episode.
+        """Reset to the start of an episode: base pose, joint angles of the arm (7,), drawers and doors by link name.
 
-        Args:
-            base: Where the robot stands.
-            arm: Its arm's joint angles. Shape (7,).
-            opened: Joint positions of drawers and doors by link name in place of the scene's own.
+        Links that are not named take the scene's own positions.
         """
         self._mujoco.mj_resetData(self.model, self.data)
         self.search_all()
@@ -94,8 +91,7 @@ class Lane:
     @property
     def links(self) -> FloatArray:
         """How far each drawer and door is open, in the order of `Scene.links`. Shape (links,)."""
-        positions: FloatArray = self.qpos[self.scene.link_qpos]
-        return positions
+        return self.qpos[self.scene.link_qpos]
 
     def forward(self) -> None:
         """Renew what MuJoCo derives from positions, without a step."""
@@ -109,12 +105,8 @@ class Lane:
     def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
         """The magic grasp: the nearest handle within reach, else the nearest object, turned to the gripper's axes.
 
-        Does nothing with a full hand or with nothing within 0.15 m.
-
-        Args:
-            gripper: The gripper point in the room. Shape (3,).
-            rotation: Its axes in the room, one per column. Shape (3, 3).
-            handles: Handles of all links in the room. Shape (links, 3).
+        Does nothing with a full hand or with nothing within 0.15 m. Gripper point (3,), its axes as columns (3, 3) and
+        the handles of all links (links, 3) are in the room.
         """
         if self.held >= 0 or self.held_link >= 0:
             return
@@ -132,14 +124,10 @@ class Lane:
                 self.hold_object(nearest, gripper, rotation)
 
     def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
-        """Attach a handle to the hand at its present distance.
+        """Attach the handle of a link to the hand at its present distance.
 
-        M3 draws the handle to the gripper point; there hand and handle would push against each other.
-
-        Args:
-            link: Number of the drawer or door.
-            in_gripper: The handle from the gripper point, along the gripper's axes. Shape (3,).
-            in_room: The handle in the room. Shape (3,).
+        M3 draws the handle to the gripper point; there hand and handle would push against each other. The handle's
+        position is given from the gripper point along the gripper's axes, and in the room. Shapes (3,).
         """
         self.held_link = link
         equality = self.scene.grip(link)
@@ -154,9 +142,9 @@ class Lane:
 
         From now on it passes through the robot.
         """
-        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
-        self.qpos[address : address + 3] = gripper
-        self._mujoco.mju_mat2Quat(self.qpos[address + 3 : address + 7], rotation.ravel())
+        pose, speed = self.object(number)[0], self.scene.object_qvel[number]
+        pose[:3] = gripper
+        self._mujoco.mju_mat2Quat(pose[3:], rotation.ravel())
         self.qvel[speed : speed + 6] = 0.0
         self.data.eq_active[self.scene.weld(number)] = 1
         self._collide(number, False)
@@ -165,11 +153,7 @@ class Lane:
         self._counted[self.scene.object_geoms[number]] = True
 
     def release(self, part: bool = True) -> None:
-        """Release whatever is held, with the velocity of `SceneOptions.release_velocity`.
-
-        Args:
-            part: False to release it as if it had never been held.
-        """
+        """Release whatever is held, as `SceneOptions.release_velocity` says; without `part` as if never held."""
         if self.held_link >= 0:
             self.data.eq_active[self.scene.grip(self.held_link)] = 0
             self.held_link = -1
@@ -245,8 +229,7 @@ class Lane:
             if dx * dx + dy * dy < MOVED * MOVED:
                 return
         nearby, scene = self.scene.nearby, self.scene
-        middles = self.qpos[scene.object_qpos[:, None] + _XY]
-        near = nearby.around(np.array([x, y]), middles)
+        near = nearby.around(np.array([x, y]), self.qpos[scene.middles[:, :2]])
         self.model.body_contype[:] = np.where(near, nearby.contype, 0)
         self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
         self._looked_from = x, y
@@ -265,6 +248,5 @@ class Lane:
             self._parting.discard(number)
 
 
-_XY = np.arange(2)
 _BAD = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
 """MuJoCo's warnings of a diverged state; their numbers follow one another."""

@@ -1,4 +1,4 @@
-"""Many worlds, stepped together in a pool of threads: the one stepper of training, oracle and execution."""
+"""Many simulators, stepped together in a pool of threads: for training, oracle and execution."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
-from perdure.home.sim.world.lane import ARM_FROM, ARM_TO, Jaws, Lane
 from perdure.home.sim.world.neighbors import Neighbors, Surroundings, no_neighbors
 from perdure.home.sim.world.readings import Readings
 from perdure.home.sim.world.scan import NO_SCAN, Outlines
 from perdure.home.sim.world.scene import Scene
+from perdure.home.sim.world.simulator import ARM_FROM, ARM_TO, Jaws, Simulator
 from perdure.home.sim.world.state import PrivilegedState, SkillGoal
 
 
-class World:
-    """n lanes, each with a scene, a robot and a skill goal.
+class VectorSimulator:
+    """n lanes, each with a simulator and a skill goal.
 
     A lane depends on its own scene, start and actions only, not on how many lanes there are or on which
     thread steps it.
@@ -38,13 +38,13 @@ class World:
             jaws: Whether an object that was held meets the robot again: "never" (M3) or "apart" (habitat-lab).
         """
         if lanes < 1:
-            raise HomeError(f"a world needs at least one lane, not {lanes}")
+            raise HomeError(f"a simulator needs at least one lane, not {lanes}")
         self.num_lanes = lanes
         self._jaws: Jaws = jaws
         self._threads = min(lanes, threads or len(os.sched_getaffinity(0)))
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
-        self._lanes: list[Lane | None] = [None] * lanes
-        self._idle: dict[Scene, list[Lane]] = {}
+        self._simulators: list[Simulator | None] = [None] * lanes
+        self._idle: dict[Scene, list[Simulator]] = {}
         self._idle_count = 0
         self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
         self._skill_goal = [SkillGoal()] * lanes
@@ -68,16 +68,16 @@ class World:
 
         Args:
             lane: Which lane.
-            scene: What it is made of. Worlds of scenes that were left are kept for their next episode.
+            scene: What it is made of. Simulators of scenes that were left are kept for their next episode.
             base: Where the robot stands.
             arm: Its arm's joint angles. Shape (7,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
             held: Number of the object in the gripper, -1 for none.
-            skill_goal: What the lane is about.
+            skill_goal: The goal of its skill.
         """
-        old = self._lanes[lane]
+        old = self._simulators[lane]
         if old is None or old.scene is not scene:
-            self._lanes[lane] = self._take(scene)
+            self._simulators[lane] = self._take(scene)
             if old is not None:
                 self._leave(old)
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), held)
@@ -85,7 +85,7 @@ class World:
         self._begin(lane)
 
     def assign(self, lane: int, skill_goal: SkillGoal) -> None:
-        """Give a lane another skill_goal."""
+        """Give a lane another skill goal."""
         self._skill_goal[lane] = skill_goal
         self._take_skill_goal(lane)
 
@@ -93,12 +93,12 @@ class World:
         """Return the skill goal of a lane."""
         return self._skill_goal[lane]
 
-    def lane(self, number: int) -> Lane:
-        """Return the lane itself, for detailed queries; HomeError before its first reset."""
-        lane = self._lanes[number]
-        if lane is None:
+    def simulator(self, number: int) -> Simulator:
+        """Return the simulator of a lane, for detailed queries; HomeError before the lane's first reset."""
+        simulator = self._simulators[number]
+        if simulator is None:
             raise HomeError(f"lane {number} was not reset yet")
-        return lane
+        return simulator
 
     def step(
         self,
@@ -129,17 +129,14 @@ class World:
         self._read(chosen)
 
     def sense(
-        self,
-        lanes: IntArray | None = None,
-        scan_reach: FloatArray | float = 0.0,
-        neighbors: BoolArray | bool = False,
+        self, lanes: IntArray | None = None, scan_reach: FloatArray | float = 0.0, neighbors: BoolArray | bool = False
     ) -> PrivilegedState:
         """Return the present state of some lanes.
 
         Args:
             lanes: Which lanes, all when None. Shape (m,).
-            scan_reach: Range of each lane's scan in [m]; shorter is faster. Farther objects are not told
-                apart. Shape (m,).
+            scan_reach: Range of each lane's scan in [m]; shorter is faster. Farther obstacles are not
+                measured. Shape (m,).
             neighbors: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
         chosen = np.arange(self.num_lanes) if lanes is None else lanes
@@ -151,9 +148,9 @@ class World:
         """Return poses (position, quaternion) and velocities of the first objects: (m, count, 7), (m, count, 3)."""
         poses, speeds = np.empty((len(lanes), count, 7)), np.empty((len(lanes), count, 3))
         for row, number in enumerate(map(int, lanes)):
-            lane = self.lane(number)
-            poses[row] = lane.qpos[lane.scene.poses[:count]]
-            speeds[row] = lane.qvel[lane.scene.velocities[:count]]
+            simulator = self.simulator(number)
+            poses[row] = simulator.qpos[simulator.scene.poses[:count]]
+            speeds[row] = simulator.qvel[simulator.scene.velocities[:count]]
         return poses, speeds
 
     def close(self) -> None:
@@ -162,20 +159,20 @@ class World:
             self._pool.shutdown()
             self._pool = None
 
-    def _take(self, scene: Scene) -> Lane:
-        """Return a lane of a scene: one that was left, or a new one."""
+    def _take(self, scene: Scene) -> Simulator:
+        """Return a simulator of a scene: one that was left, or a new one."""
         idle = self._idle.get(scene)
         if not idle:
-            return Lane(scene, self._jaws)
+            return Simulator(scene, self._jaws)
         self._idle_count -= 1
-        lane = idle.pop()
+        simulator = idle.pop()
         if not idle:
             del self._idle[scene]
-        return lane
+        return simulator
 
-    def _leave(self, lane: Lane) -> None:
-        """Keep a lane for its scene's next episode; of too many, those of the scene longest unused go."""
-        self._idle[lane.scene] = [*self._idle.pop(lane.scene, []), lane]
+    def _leave(self, simulator: Simulator) -> None:
+        """Keep a simulator for its scene's next episode; of too many, those of the scene longest unused go."""
+        self._idle[simulator.scene] = [*self._idle.pop(simulator.scene, []), simulator]
         self._idle_count += 1
         if self._idle_count > MAX_IDLE:
             oldest = next(iter(self._idle))
@@ -183,17 +180,17 @@ class World:
 
     def _begin(self, number: int) -> None:
         base, arm, opened, held = self._starts[number]
-        lane = self.lane(number)
-        lane.reset(base, arm, opened)
+        simulator = self.simulator(number)
+        simulator.reset(base, arm, opened)
         readings = self._readings
         readings.arm_target[number] = arm
         readings.force[number] = 0.0
         self._take_skill_goal(number)
         self._read(np.array([number]), first=True)
         if held >= 0:
-            lane.hold_object(held, lane.gripper, lane.gripper_axes)
-            lane.forward()
-            readings.read_skill_goal(number, lane)
+            simulator.hold_object(held, simulator.gripper, simulator.gripper_axes)
+            simulator.forward()
+            readings.read_skill_goal(number, simulator)
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
@@ -215,43 +212,43 @@ class World:
         speed = np.where(stopped, 0.0, speed)
         forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
         for row, number in enumerate(chosen):
-            lane = self.lane(number)
+            simulator = self.simulator(number)
             if grip[row] > 0.0:
-                lane.grasp(lane.gripper, lane.gripper_axes, self._handle_points(number))
+                simulator.grasp(simulator.gripper, simulator.gripper_axes, self._handle_points(number))
             elif grip[row] < 0.0:
-                lane.release()
-            lane.ctrl[ARM_FROM:ARM_TO] = target[row]
-            lane.drive(forward[row], turning[row])
+                simulator.release()
+            simulator.ctrl[ARM_FROM:ARM_TO] = target[row]
+            simulator.drive(forward[row], turning[row])
 
     def _step_some(self, chosen: IntArray) -> None:
         for number in chosen:
-            lane = self.lane(number)
-            lane.step()
-            self._readings.force[number] = lane.robot_force()
+            simulator = self.simulator(number)
+            simulator.step()
+            self._readings.force[number] = simulator.robot_force()
 
     def _read(self, chosen: IntArray, first: bool = False) -> None:
         readings = self._readings
         readings.diverged[chosen] = False
         for number in map(int, chosen):
-            lane = self.lane(number)
+            simulator = self.simulator(number)
             self._ahead[number] = None
-            if not first and lane.blew_up():
+            if not first and simulator.blew_up():
                 self._begin(number)
                 readings.diverged[number] = True
-            readings.read_robot(number, lane)
+            readings.read_robot(number, simulator)
         readings.move_grippers(chosen, readings.diverged[chosen] | first)
         for number in map(int, chosen):
-            lane = self.lane(number)
-            lane.part(readings.gripper[number])
-            readings.read_skill_goal(number, lane)
+            simulator = self.simulator(number)
+            simulator.part(readings.gripper[number])
+            readings.read_skill_goal(number, simulator)
 
     def _take_skill_goal(self, number: int) -> None:
         self._ahead[number] = None
-        self._readings.take_skill_goal(number, self.lane(number), self._skill_goal[number])
+        self._readings.take_skill_goal(number, self.simulator(number), self._skill_goal[number])
 
     def _handle_points(self, number: int) -> FloatArray:
-        lane = self.lane(number)
-        return lane.scene.handles.at(lane.qpos[lane.scene.link_qpos])
+        simulator = self.simulator(number)
+        return simulator.scene.handles.at(simulator.qpos[simulator.scene.link_qpos])
 
     def _ways(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the path length to each skill goal and a waypoint ahead; 0 and the base where there is no route."""
@@ -270,8 +267,8 @@ class World:
     def _scan(self, chosen: IntArray, reach: FloatArray) -> FloatArray:
         ranges = np.tile(NO_SCAN, (len(chosen), 1))
         for number in chosen[reach > 0.0].tolist():
-            lane = self.lane(number)
-            self._outlines.renew(number, lane.scene.apartment, lane.links)
+            simulator = self.simulator(number)
+            self._outlines.renew(number, simulator.scene.apartment, simulator.links)
         for each in np.unique(reach[reach > 0.0]).tolist():  # who looks far must not make the others' search longer
             rows = np.flatnonzero(reach == each)
             ranges[rows] = self._outlines.scan(chosen[rows], self._readings.robot[chosen[rows], :3], each)
@@ -281,7 +278,7 @@ class World:
         around, rows = no_neighbors(len(chosen)), np.flatnonzero(look)
         if len(rows):
             readings, numbers = self._readings, chosen[rows]
-            lanes = [self.lane(number) for number in numbers.tolist()]
+            lanes = [self.simulator(number) for number in numbers.tolist()]
             found = self._surroundings.look(numbers, lanes, readings.skill_goal[numbers, 0], readings.gripper[numbers])
             for kept, seen in zip(around, found, strict=True):
                 kept[rows] = seen
@@ -291,5 +288,5 @@ class World:
 CELLS_AHEAD = 10
 """Look-ahead of the waypoint in cells of 0.05 m."""
 MAX_IDLE = 512
-"""Worlds kept for scenes that were left, about a megabyte each."""
+"""Simulators kept for scenes that were left, about a megabyte each."""
 _NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)

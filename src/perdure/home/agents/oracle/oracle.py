@@ -1,18 +1,18 @@
-"""The oracle as an actor: for each lane a motion that it continues step by step."""
+"""The oracle as an agent: for each lane a motion that it continues step by step."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from perdure.home.agents.actor import Actor
 from perdure.home.agents.oracle.articulate import articulate
 from perdure.home.agents.oracle.motions import Motion, View
 from perdure.home.agents.oracle.navigate import navigate
 from perdure.home.agents.oracle.pick import pick
 from perdure.home.agents.oracle.place import place
+from perdure.home.agents.skill_agent import SkillAgent
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world import ACTION_SIZE, STOP, PrivilegedState, World
-from perdure.home.skills import Progress, Skill
+from perdure.home.sim.world import ACTION_SIZE, STOP, PrivilegedState, VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
 
 MOVES = {
     "open_drawer": (0.45, 0.02),
@@ -23,7 +23,7 @@ MOVES = {
 """Goal position of drawers and doors, and its tolerance, in [m] or [rad]."""
 
 
-class Oracle(Actor):
+class Oracle(SkillAgent):
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
     sees = False
@@ -33,16 +33,16 @@ class Oracle(Actor):
         self._motions: dict[int, Motion | None] = {}
         self._views: dict[int, View] = {}
 
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
-        """See `Actor.begin`."""
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
+        """See `SkillAgent.begin`."""
         view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
         self._views[lane] = view
         self._motions[lane] = self._motion(view, skill)
 
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """See `Actor.act`. After the end of a motion the robot stands still, or signals "stop"."""
+        """See `SkillAgent.act`. After the end of a motion the robot stands still, or signals "stop"."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
         for row, lane in enumerate(lanes):
             number = int(lane)
@@ -64,6 +64,5 @@ class Oracle(Actor):
         if skill.name == "place":
             return place(view)
         if skill.name == "navigate":
-            skill_goal = view.world.skill_goal(view.number)
-            return navigate(view, skill_goal, skill_goal.toward)
+            return navigate(view)
         return articulate(view, *MOVES[skill.name])

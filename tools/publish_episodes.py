@@ -1,17 +1,16 @@
-"""Regenerate the published episodes; ten to fifteen minutes on one core."""
+"""Write the published episodes again into a folder; ten to fifteen minutes on one core."""
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from perdure.home.benchmark.episodes.episode import EpisodeSet
-from perdure.home.benchmark.episodes.files import write_episodes
-from perdure.home.benchmark.episodes.generate import generate_episodes
-from perdure.home.benchmark.episodes.surfaces import ObjectModels
+from perdure.home.benchmark.episodes import EpisodeSet, ObjectModels, generate_episodes, write_episodes
 from perdure.home.benchmark.tasks import TASKS
+from perdure.home.sim.objects import YcbObjects
 
 PUBLISHED = ("val", "eval")
 """The splits that are published; training draws its own."""
@@ -43,3 +42,7 @@ def publish(folder: Path, models: ObjectModels, seed: int = 0) -> dict[str, Coun
 
 def _count(thrown: Counter[str], reason: str) -> None:
     thrown[reason] += 1
+
+
+if __name__ == "__main__":
+    publish(Path(sys.argv[1]), YcbObjects())

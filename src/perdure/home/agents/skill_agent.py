@@ -6,16 +6,18 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world import PrivilegedState, World
-from perdure.home.skills import Progress, Skill
+from perdure.home.sim.world import PrivilegedState, VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
 
 
-class Actor(Protocol):
+class SkillAgent(Protocol):
     """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number.
 
-    Subclasses inherit `begin` and `overtime`, which do nothing. Any class with these members is an actor.
+    Subclasses inherit `begin` and `overtime`, which do nothing. Any class with these members is an agent.
     """
 
     @property
@@ -23,13 +25,13 @@ class Actor(Protocol):
         """Whether it needs the scan and the target's neighbors, where the skill has them."""
         return True
 
-    def begin(self, world: World, lane: int, skill: Skill) -> None:
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """Prepare a lane for a skill; its skill goal is set."""
         return
 
     @abstractmethod
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
 
@@ -53,19 +55,18 @@ class LaneView:
     @property
     def arm(self) -> FloatArray:
         """Targets of the arm's servos in [rad]. Shape (7,)."""
-        target: FloatArray = self.state.arm_target[0]
-        return target
+        return np.asarray(self.state.arm_target[0])
 
 
-class Scripted(Actor):
+class Scripted(SkillAgent):
     """Acts in skills that bring their own motion (`reset_arm`)."""
 
     sees = False
 
     def act(
-        self, world: World, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: Progress
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """See `Actor.act`."""
+        """See `SkillAgent.act`."""
         from perdure.home.skills import ResetArm
 
         assert isinstance(skill, ResetArm)
