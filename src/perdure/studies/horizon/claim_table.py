@@ -10,6 +10,7 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.studies.comparison import Difference
+from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
 from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
 
@@ -34,13 +35,23 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
     if not decided:
         return parts[0] + "No claim is registered.\n"
     parts.append(f"{wording.count(len(decided), 'claim')}: {summary}.\n\n")
-    parts.append("| claim | source | decision | after Holm |\n|---|---|---|---|\n")
+    parts.append("| claim | source | decision | after Holm | by task |\n|---|---|---|---|---|\n")
     parts += [
-        f"| [{each.claim.id}](#{each.claim.id}) | {each.claim.source} | {each.decision} | {each.after_holm} |\n"
+        f"| [{each.claim.id}](#{each.claim.id}) | {each.claim.source} | {each.decision} | {each.after_holm} "
+        f"| {by_task(each)} |\n"
         for each in decided
     ]
     parts += [_claim_text(each) for each in decided]
     return "".join(parts)
+
+
+def by_task(each: ClaimDecision) -> str:
+    """Return the tasks of each decision: "supported on Hopper-v3 (CleanRL); undecided on HalfCheetah-v3"."""
+    return "; ".join(
+        f"{decision} on {', '.join(map(words.setting, tasks))}"
+        for decision, tasks in each.by_decision.items()
+        if decision != "not evaluated"
+    )
 
 
 def claims_frame(decided: Sequence[ClaimDecision]) -> pl.DataFrame:

@@ -51,6 +51,14 @@ class ClaimDecision:
     adjusted_pooled_p: float = math.nan
     """Of the mean over tasks, as those of `TaskDecision`."""
 
+    @property
+    def by_decision(self) -> dict[Decision, list[str]]:
+        """The tasks of each decision."""
+        found: dict[Decision, list[str]] = {}
+        for task in self.tasks:
+            found.setdefault(task.decision, []).append(task.task)
+        return found
+
 
 def decide_claims(claims: Sequence[Claim], results: Results) -> list[ClaimDecision]:
     """Decide every claim; Holm's method counts the comparisons of all of them."""

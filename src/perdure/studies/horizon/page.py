@@ -12,6 +12,7 @@ from perdure.report.render import Figure
 from perdure.runs import write_atomic
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
+from perdure.studies.horizon.claim_table import by_task
 from perdure.studies.horizon.decide import ClaimDecision
 from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import DEFAULT_PHASES, Row
@@ -70,8 +71,14 @@ def _line(results: Results, setting: str) -> str:
 def _claims(decided: Sequence[ClaimDecision]) -> str:
     if not decided:
         return ""
-    lines = "".join(f"| {each.claim.statement} | {each.claim.source} | {each.decision} |\n" for each in decided)
-    head = "## Claims\n\nDetails are in [claims.md](claims.md).\n\n| sentence | source | decision |\n|---|---|---|\n"
+    lines = "".join(
+        f"| {each.claim.statement} | {each.claim.source} | {each.decision} | {by_task(each)} |\n" for each in decided
+    )
+    what = (
+        "A sentence about every task is supported when it is on each of them, and contradicted when it is on one. "
+        "Details are in [claims.md](claims.md)."
+    )
+    head = f"## Claims\n\n{what}\n\n| sentence | source | decision | by task |\n|---|---|---|---|\n"
     return f"{head}{lines}\n"
 
 
