@@ -25,7 +25,19 @@ COMMANDS = {
         *("--ppo.segment-steps", "1024", "--ppo.n-steps", "256", "--ppo.batch-size", "64", "--ppo.hidden-sizes", "16"),
     ),
     "extrapolate": ("extrapolate", "Hopper-v3/ppo", "--steps", "3000", "--eval-seeds", "4", "--out", "out"),
-    "home run": ("home", "run", "set_table", "--policies", "oracle", "--episodes", "2", "--lanes", "1", "--out", "out"),
+    "home run": (
+        "home",
+        "run",
+        "set_table",
+        "--policies",
+        "oracle",
+        "--episodes",
+        "2",
+        "--max-lanes",
+        "1",
+        "--out",
+        "out",
+    ),
     "study": ("study", "horizon", "--scale", "smoke", "--out", "out"),
 }
 """Long commands: whoever adds one adds it here. Each writes into the folder `out`."""
@@ -59,10 +71,14 @@ def session(leader):
 
 
 def results(folder):
-    """What a finished command leaves, without what the store hides."""
+    """What a finished command leaves, without what the store hides and groups of lanes, which may be cut otherwise."""
     files = [path for path in (folder / "out").rglob("*") if path.is_file()]
     names = {path.relative_to(folder): path for path in files}
-    return {name: path.read_bytes() for name, path in names.items() if not any(p.startswith(".") for p in name.parts)}
+    return {name: path.read_bytes() for name, path in names.items() if not _left_out(name)}
+
+
+def _left_out(name):
+    return "groups" in name.parts or any(part.startswith(".") for part in name.parts)
 
 
 def check_no_orphan(process):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from perdure.runs import LocalWorkers, RunError, Store, Unit, make_workers, read_status, run_units
+from perdure.runs import LocalWorkers, RunError, Store, Unit, make_workers, read_status, run_units, workers
 from perdure.runs.progress import show_progress
 
 HERE = Path(__file__).parent
@@ -198,3 +198,13 @@ def alive(process):
         return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()
     except (FileNotFoundError, ProcessLookupError):  # gone, the second while its file was being read
         return False
+
+
+def test_a_worker_ends_whose_parent_ended_while_it_started():
+    parent = subprocess.Popen(["true"])
+    parent.wait()
+    command = [sys.executable, "-P", "-c", workers._START, json.dumps(sys.path), "[]", str(parent.pid)]
+    worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert worker.wait(60) == 1
+    worker.stdin.close()
+    worker.stdout.close()

@@ -192,7 +192,7 @@ class _Process:
         self.cores, self._selector = cores, selector
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - `end` closes it
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _START, json.dumps(sys.path), json.dumps(list(cores))],
+            [sys.executable, "-P", "-c", _START, json.dumps(sys.path), json.dumps(list(cores)), str(os.getpid())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
@@ -246,7 +246,8 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C reaches the parent too, which ends its workers
     if cores := json.loads(sys.argv[2]):
         os.sched_setaffinity(0, cores)
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    # The parent is named by itself: it may have ended while this process was starting.
+    threading.Thread(target=_end_with, args=(int(sys.argv[3]),), daemon=True).start()
     for line in sys.stdin:
         job = json.loads(line)
         answers.write(json.dumps(answer(job["root"], Unit.from_json(job["unit"]), job["threads"])) + "\n")
