@@ -47,11 +47,12 @@ def test_decisions(tmp_path, left, direction, margin, expected):
     assert decided(tmp_path, left, claim(direction, margin=margin)) == [expected]
 
 
-def test_a_share_of_falls_is_compared_with_a_number(tmp_path):
-    fallen = dict.fromkeys(range(5))
-    right = 0.5
-    claims = [claim(way, right=right, measure="failed share", margin=0.1) for way in ("greater", "less")]
-    assert decided(tmp_path, fallen, *claims) == ["supported", "contradicted"]
+@pytest.mark.parametrize(("runs", "expected"), [(5, ["undecided", "undecided"]), (6, ["supported", "contradicted"])])
+def test_runs_without_spread_are_decided_by_their_number(tmp_path, runs, expected):
+    """All runs fell: a sign test of five has p = 2 / 2^5 = 0.0625, of six 0.031."""
+    fallen = dict.fromkeys(range(runs))
+    claims = [claim(way, right=0.5, measure="failed share", margin=0.1) for way in ("greater", "less")]
+    assert decided(tmp_path, fallen, *claims, right=dict.fromkeys(range(runs), 1.0)) == expected
 
 
 def test_clocks_of_one_training_run_are_paired(tmp_path):

@@ -16,11 +16,13 @@ from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p
 
 HEAD = """# Claims
 
-Each sentence is decided by the 95 % interval of the difference left minus right. Training runs are the units: Student's
-t over paired differences where both sides are clocks of the same training runs, Welch's t otherwise. The table holds
-{comparisons} comparisons. "After Holm" is the decision that remains when all of them are counted (Holm's method at
-{level:g}).
-P(better): share of pairs of training runs in which the left side is greater, ties count half.
+Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
+the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
+otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
+at {level:g}. The table holds {comparisons} comparisons. "After Holm" is the decision that remains when all of them are
+counted (Holm's method at {level:g}). P(better): share of pairs of training runs in which the left side is greater, ties
+count half. An interval of a share may reach beyond 0 and 1. Tasks without a preset in brackets use the settings of RL
+Baselines3 Zoo.
 
 """
 
@@ -47,10 +49,10 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
 
 def by_task(each: ClaimDecision) -> str:
     """Return the tasks of each decision: "supported on Hopper-v3 (CleanRL); undecided on HalfCheetah-v3"."""
+    if each.by_decision.keys() == {"not evaluated"}:
+        return ""
     return "; ".join(
-        f"{decision} on {', '.join(map(words.setting, tasks))}"
-        for decision, tasks in each.by_decision.items()
-        if decision != "not evaluated"
+        f"{decision} on {', '.join(map(words.setting, tasks))}" for decision, tasks in each.by_decision.items()
     )
 
 
@@ -163,7 +165,7 @@ def _says(claim: Claim) -> str:
     words = {
         "greater": f"is greater{more}",
         "less": f"is less{more}",
-        "not less": f"is not less{more}",
+        "not less": f"is not less than right{more}",
         "differs": f"differs{more}",
         "same": f"is the same within {size}",
     }[claim.direction]

@@ -33,7 +33,7 @@ CLAIMS: tuple[Claim, ...] = (
         left=Condition("ppo-short"),
         right=PPO,
         direction="less",
-        would_change="ppo-short is trained on HalfCheetah-v3 only at the time of registration.",
+        would_change="When the claims were registered, ppo-short was trained on HalfCheetah-v3 only.",
     ),
     Claim(
         "short-training-horizon-is-enough-for-the-cheetah",

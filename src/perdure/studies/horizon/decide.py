@@ -138,7 +138,10 @@ def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> 
         return TaskDecision(task, None, math.nan, "not evaluated", math.nan)
     margin = _margin(claim, difference.right)
     p = difference.p(threshold(claim, difference, margin))
-    return TaskDecision(task, difference, margin, by_interval(claim, difference, margin), p)
+    decision = by_interval(claim, difference, margin)
+    if difference.error == 0.0 and not p <= LEVEL:  # runs that are all alike have no interval: their number decides
+        decision = "undecided"
+    return TaskDecision(task, difference, margin, decision, p)
 
 
 def _compare(claim: Claim, task: str, right_task: str, results: Results) -> Difference | None:

@@ -51,7 +51,11 @@ def _overview(results: Results) -> str:
         return "## Result\n\nNothing is evaluated on the test start states yet.\n\n"
     steps = wording.whole(float(results.grid.steps))
     names = " | ".join(words.condition(Condition(each, RULES.get(each, "none"))) for each in SHOWN)
-    what = f"Mean return of {steps} steps on test start states (share of episodes that failed; training runs)."
+    what = (
+        f"Mean return of {steps} steps on test start states (share of episodes that failed; training runs). C is the "
+        "constant number of steps to go given to the policy. To the linear embedding every C > 0 is the same input, so "
+        "there is nothing to choose."
+    )
     return f"## Result\n\n{what}\n\n| task | {names} |\n|---{'|---' * len(SHOWN)}|\n{lines}\n"
 
 
@@ -72,13 +76,15 @@ def _claims(decided: Sequence[ClaimDecision]) -> str:
     if not decided:
         return ""
     lines = "".join(
-        f"| {each.claim.statement} | {each.claim.source} | {each.decision} | {by_task(each)} |\n" for each in decided
+        f"| {each.claim.statement} | {each.claim.source} | {each.decision} | {each.after_holm} | {by_task(each)} |\n"
+        for each in decided
     )
     what = (
         "A sentence about every task is supported when it is on each of them, and contradicted when it is on one. "
-        "Details are in [claims.md](claims.md)."
+        "Undecided: the interval allows both, or a task is not evaluated. After Holm: what remains when all "
+        "comparisons of the table are counted. Details are in [claims.md](claims.md)."
     )
-    head = f"## Claims\n\n{what}\n\n| sentence | source | decision | by task |\n|---|---|---|---|\n"
+    head = f"## Claims\n\n{what}\n\n| sentence | source | decision | after Holm | by task |\n|---|---|---|---|---|\n"
     return f"{head}{lines}\n"
 
 
@@ -95,8 +101,8 @@ def _coverage(results: Results) -> str:
     )
     head = f"| task | {' | '.join(words.method(each) for each in methods)} |\n|---{'|---' * len(methods)}|\n"
     what = (
-        f"Test start states of each training run, of {planned} planned, and clocks where not all are evaluated. "
-        '"\u2013": none yet. More start states narrow the mean of a run; the intervals count training runs.'
+        f"Number of test start states of each training run ({planned} are planned). Brackets: clocks evaluated so far. "
+        '"\u2013": none. More start states make the mean of a run more precise; the intervals count training runs.'
     )
     return f"## Evaluated so far\n\n{what}\n\n{head}{lines}\n"
 
