@@ -15,7 +15,7 @@ from perdure.envs import make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
 from perdure.extrapolate.idle import read_idle
 from perdure.extrapolate.lanes import split
-from perdure.extrapolate.run import _finished, _versions, evaluate_group
+from perdure.extrapolate.run import _versions, evaluate_group, finished_lanes
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
 from perdure.policy import TaskInfo, save_policy
 from perdure.report import SCHEMA_VERSION, read_table
@@ -148,7 +148,7 @@ def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
     with store.workspace("groups/a", config):
         pass
     with pytest.raises(StoreError, match="groups/a"):
-        _finished(store, 5)
+        finished_lanes(tmp_path, 5)
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "{}", '{"zero": NaN, "random": 0}', '{"zero": "0", "random": 0}'])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -204,9 +205,10 @@ def _versions() -> Versions:
 
 def _stored_versions(store: Store) -> Versions:
     """Return the installed versions if a lane was computed with them, otherwise those of most groups."""
-    found = [tuple(sorted(store.config(key).get("versions", {}).items())) for key in store.keys(GROUPS)]
-    installed = tuple(sorted(_versions().items()))
-    return dict(installed if installed in found or not found else max(found, key=found.count))
+    found = [json.dumps(store.config(key).get("versions"), sort_keys=True) for key in store.keys(GROUPS)]
+    installed = json.dumps(_versions(), sort_keys=True)
+    chosen: Versions = json.loads(installed if installed in found or not found else max(found, key=found.count))
+    return chosen
 
 
 def _units(
