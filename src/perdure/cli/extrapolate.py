@@ -20,7 +20,7 @@ class ExtrapolateFlags:
     """Run policies far beyond their training horizon, under several clocks, and judge them.
 
     A lane is one deployed episode: a policy under a clock from a start state. Writes lanes.parquet, report.html and
-    figures. An interrupted command resumes when it is given again.
+    figures. An interrupted command resumes when you run it again.
     """
 
     policies: tyro.conf.Positional[tuple[str, ...]]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudyFlags:
-    """Run a study: train, evaluate, analyze. An interrupted command resumes when it is given again."""
+    """Run a study: train, evaluate, analyze. An interrupted command resumes when you run it again."""
 
     name: tyro.conf.Positional[str]
     """A study: horizon or placement."""

@@ -18,7 +18,7 @@ from perdure.runs import Status
 
 @dataclass(frozen=True)
 class TrainFlags:
-    """Train seeds of one task with one method. An interrupted command resumes when it is given again."""
+    """Train seeds of one task with one method. An interrupted command resumes when you run it again."""
 
     task: tyro.conf.Positional[str]
     """A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first."""

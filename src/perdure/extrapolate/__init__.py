@@ -14,9 +14,9 @@ The package is callable: ``perdure.extrapolate(...)`` calls ``perdure.extrapolat
 | `api.py` | `extrapolate`: evaluate an `Extrapolation` or a single policy |
 | `run.py` | evaluation of policy files over several cores, resumable |
 | `in_process.py` | evaluation of one policy of any library in this process |
-| `baselines.py` | what scores are relative to: the policy within its training horizon, and an idle robot |
+| `baselines.py` | reference and idle reward rates |
 | `table.py`, `result.py` | the Parquet table, the typed result |
-| `card.py` | the model card of a policy |
+| `card.py` | the model card of a policy: a README with its verdict |
 | `errors.py` | `ExtrapolationError` |
 """
 

@@ -1,12 +1,12 @@
 """The Home Assistant Benchmark on MuJoCo: a Fetch robot tidies the house, prepares groceries and sets the table.
 
-Rooms, each built on those before it:
+Subpackages, each built on those before it:
     sim          the simulated world: robot, objects, apartments, head camera
-    benchmark    what is asked: tasks, episodes, the planner
-    skills       what a skill observes and earns, where it begins, how it is learned
-    agents       what acts: learned policies, the oracle, release strategies
-    evaluate     running episodes, logs, counting what stayed
-    video        films, failure sheets, a live view
+    benchmark    tasks, episodes, planner
+    skills       observations, rewards, start states and recipes of the skills
+    agents       policies, oracle, release strategies
+    evaluate     run episodes, write logs, measure success
+    video        films, failure sheets (pictures of failed episodes), a live view
 
 Words: a lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023),
 whose code (hab-mobile-manipulation) most definitions follow. OURS marks what this package decided itself.

@@ -23,9 +23,7 @@ MOST_CURVES = 8
 MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
-_FAILURE = (
-    "A failure: a fall, a divergence, or a gain over an idle robot below three quarters of training's, to the end. "
-)
+_FAILURE = "Failure: a fall, a divergence, or a hold score that stays below 0.75 until the end. "
 
 
 def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:

@@ -2,7 +2,7 @@
 
 Contents:
     SKILLS, get_skill        the skills by name; a new skill is one more line here
-    Skill, SkillProgress          what a skill declares, and what it remembers
+    Skill, SkillProgress     the interface; per-episode state
     Element, ObservationTerm, Recipe
     Aim, region              where navigation should end
     make_skill_goal          the goal of a plan's step

@@ -180,9 +180,9 @@ class TestWords:
         ("strategy", "expected"),
         [
             ("rl", "policy alone"),
-            ("ik drag", "stop, lower 5 cm, no rolling resistance"),
+            ("ik drag", "stop, lower 5 cm, drag only"),
             ("delta-50", "trained to stay 50 steps"),
-            ("delta-50-in-200 drag 480-hz", "trained to stay 50 steps of 200, no rolling resistance, 480 hz"),
+            ("delta-50-in-200 drag 480-hz", "trained to stay 50 steps of 200, drag only, 480 hz"),
             ("zebra crossing", "zebra crossing"),
         ],
     )
@@ -192,7 +192,7 @@ class TestWords:
     def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
         page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
         assert set(by_label(figure(page, "release-height"), "line")) == {"policy alone", "stop, lower 5 cm"}
-        assert "PrepareGroceries, val, no rolling resistance" in page
+        assert "PrepareGroceries, val, drag only" in page
 
     def test_stages_are_told_in_words(self):
         assert words.stages(get_task("set_table")) == (

@@ -12,7 +12,7 @@ from perdure.home.sim.objects import short_name
 
 _STRATEGIES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "ik+": "stop, lower to contact"}
 _WORLDS = {
-    "drag": "no rolling resistance",
+    "drag": "drag only",
     "hull-apple": "apple a convex hull",
     "base-velocity-removed": "base velocity removed",
     "released-at-zero-velocity": "released at zero velocity",
@@ -43,7 +43,7 @@ def describe(strategy: str, with_world: bool = True) -> str:
 
 
 def world(strategy: str) -> str:
-    """Return settings that differ from the default world: "ik drag" -> "no rolling resistance"; "" where unknown."""
+    """Return settings that differ from the default world: "ik drag" -> "drag only"; "" where unknown."""
     try:
         read_strategy(strategy)
     except HomeError:
