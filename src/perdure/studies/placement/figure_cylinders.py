@@ -51,7 +51,7 @@ def _figure(rows: list[Row], split: str) -> Figure:
         f"figure-2-5-{split}",
         "Placements of cylinders and of other objects",
         bar_chart(names, bars, Axis("placements"), theme.WIDE),
-        f"Apartments with {SPLITS[split]}, no rolling resistance. Pale: all placements. Solid: those that did not stay "
+        f"Apartments with {SPLITS[split]}, drag only. Pale: all placements. Solid: those that did not stay "
         "(are not goal-stabilizing).",
         wide=True,
     )

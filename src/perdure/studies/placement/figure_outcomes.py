@@ -56,7 +56,7 @@ def _figure(rows: list[Row], split: str, strategy: str, name: str) -> Figure:
         name,
         f"What became of the episodes: {words.describe(strategy)}",
         bar_chart(names, bars, Axis("share of episodes", percent=True), theme.WIDE),
-        f"Apartments with {SPLITS[split]}, no rolling resistance. Did not stay: the first placement that failed or "
+        f"Apartments with {SPLITS[split]}, drag only. Did not stay: the first placement that failed or "
         "did not last. Counted as success: by the benchmark.",
         wide=True,
     )

@@ -40,7 +40,7 @@ def _figure(rows: list[Row], split: str, task: str) -> Figure:
             Axis(f"share of episodes that reached it ({sample})", percent=True),
             width=theme.WIDE,
         ),
-        f"Apartments with {SPLITS[split]}, no rolling resistance. Every placement so far is goal-stabilizing. Bars at "
+        f"Apartments with {SPLITS[split]}, drag only. Every placement so far is goal-stabilizing. Bars at "
         "the right, for the last stage: 95 % Student t intervals over the training seeds.",
         heading=TITLES[task],
         wide=True,

@@ -54,7 +54,7 @@ def _figure(found: dict[tuple[str, str, str], Row], places: list[tuple[str, str]
             points,
             Axis("share of episodes whose objects all stay until the end", percent=True),
         ),
-        "Apartments with a layout never seen in training. Unless named otherwise the world has no rolling resistance. "
+        "Apartments with a layout never seen in training. Unless named otherwise only drag slows rolling objects. "
         f"Filled: mean of {seeds}. Small open marks: each seed ({per_seed}). "
         "Bars: 95 % Student t intervals over the training seeds.",
     )

@@ -12,7 +12,7 @@ from perdure.studies.errors import StudyError
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
 DRAG, FRICTION = "drag", ""
-"""Worlds as `strategy_name` writes them: no rolling resistance but a drag; rolling friction, the package's default."""
+"""Worlds as `strategy_name` writes them: drag only; rolling friction, the package's default."""
 HULL, BASE, ZERO, JAWS = (
     "drag hull-apple",
     "drag base-velocity-removed",
@@ -28,7 +28,7 @@ FLAGS = {
 }
 """Word of a world to the flag of `perdure home run`, in the order in which a command has them."""
 PHASES = {
-    1: "three strategies on unseen layouts, no rolling resistance",
+    1: "three strategies on unseen layouts, drag only",
     2: "other worlds",
     3: "known layouts, as in the thesis",
     4: "jaws that touch again, policies trained for longer stays, a descent to contact",

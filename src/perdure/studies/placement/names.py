@@ -7,12 +7,12 @@ GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes
 STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
 """In the order of the tables."""
 WORLDS = {
-    "drag": "no rolling resistance",
+    "drag": "drag only",
     "drag hull-apple": "the same, apple a convex hull",
     "drag base-velocity-removed": "the same, base velocity removed at release",
     "drag released-at-zero-velocity": "the same, all velocity removed at release",
     "": "rolling friction",
-    "jaws-apart drag": "no rolling resistance, `--jaws apart`",
+    "jaws-apart drag": "drag only, `--jaws apart`",
 }
 """What a name of `strategy_name` adds to the strategy, and how the tables call that world."""
 TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}

@@ -26,7 +26,7 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
         f"{QUESTION}\n\nRows that have not been run again keep numbers of an earlier run, whose logs were not kept. "
         "Until then the tables of descent, noise and release speed are copies of published pages, rounded as there. "
         f"`perdure study placement --scale thesis` replaces them.\n\n## Result\n\n{result_text(results)}\n",
-        _part("Success on unseen layouts, no rolling resistance", headline(results.rows, results.pairs)),
+        _part("Success on unseen layouts, drag only", headline(results.rows, results.pairs)),
         _part("Paired differences on unseen layouts", difference_table(results.rows, results.pairs)),
         _part("Descent and speed of `ik`", hand_over_measured(tables.hand_over)) if len(tables.hand_over) else "",
         _part("Halting under exploration noise", noise_measured(tables.noise)) if len(tables.noise) else "",
@@ -52,7 +52,7 @@ def result_text(results: Results) -> str:
     )
     same = sum(pair["lower"] <= 0.0 <= pair["upper"] for pair in pairs)
     return (
-        f"Stopping before the release changes success {changes} (unseen layouts, no rolling resistance). "
+        f"Stopping before the release changes success {changes} (unseen layouts, drag only). "
         f"Lowering the object by inverse kinematics after the stop makes no measurable difference in {same} of "
         f"{len(pairs)} tasks (the 95 % interval of the paired difference includes 0)."
     )

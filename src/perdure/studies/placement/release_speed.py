@@ -104,7 +104,7 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
             Axis("share of placements that stay", percent=True),
         ),
         "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
-        f"no rolling resistance. Each point: an interval of speed with at least {FEWEST} placements, at their median "
+        f"drag only. Each point: an interval of speed with at least {FEWEST} placements, at their median "
         "speed; bars: 95 % Wilson score intervals over placements.",
     )
 
