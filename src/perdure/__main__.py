@@ -12,6 +12,9 @@ from typing import Any
 
 from perdure.schema import printable
 
+AGAIN_SECONDS = 1.2
+"""Until an interruption that was dropped is raised again; workers are ended in less."""
+
 
 def main() -> None:
     """Run the command line.
@@ -22,13 +25,16 @@ def main() -> None:
     from perdure.cli.terminal import prepare_terminal
 
     prepare_terminal()
-    signal.signal(signal.SIGTERM, _terminate)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:  # nohup and shells ignore SIGINT for commands in the background
+            signal.signal(number, _stop)
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
         run(sys.argv[1:])
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the pipe is gone, so nothing can be printed
     except KeyboardInterrupt as interrupt:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         print("perdure: interrupted; run the same command to continue", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
@@ -36,14 +42,19 @@ def main() -> None:
             raise
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 class _TerminatedError(KeyboardInterrupt):
     """SIGTERM."""
 
 
-def _terminate(number: int, frame: object) -> None:
-    raise _TerminatedError
+def _stop(number: int, frame: object) -> None:
+    """Raise, and again until it is heard: Python drops what is raised in a callback, as at the end of an import."""
+    signal.signal(signal.SIGALRM, lambda again, frame: _stop(number, frame))
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+    raise _TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
 
 
 def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:

@@ -50,3 +50,31 @@ def wait_until(condition, seconds):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+DROPS_THE_FIRST = """
+import time
+import perdure.cli
+from perdure.__main__ import main
+
+def run(arguments):
+    print("ready", flush=True)
+    try:
+        time.sleep(60)
+    except KeyboardInterrupt:  # as Python does in the callbacks of an import
+        time.sleep(60)
+
+perdure.cli.run = run
+main()
+"""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interruption_that_is_dropped_comes_again(number, code):
+    process = subprocess.Popen(
+        [sys.executable, "-c", DROPS_THE_FIRST], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (code, "perdure: interrupted; run the same command to continue\n")
