@@ -52,9 +52,11 @@ def _overview(results: Results) -> str:
     steps = wording.whole(float(results.grid.steps))
     names = " | ".join(words.condition(Condition(each, RULES.get(each, "none"))) for each in SHOWN)
     what = (
-        f"Mean return of {steps} steps on test start states (share of episodes that failed; training runs). C is the "
-        "constant number of steps to go given to the policy. To the linear embedding every C > 0 is the same input, so "
-        "there is nothing to choose."
+        f"Mean return of {steps} steps on test start states. In brackets: share of episodes that failed; number of "
+        "training runs. The table has no intervals, and the number of start states differs between columns "
+        "([Evaluated so far](#evaluated-so-far)); the claims below compare the methods. C is the constant number of "
+        "steps to go given to the policy. To the linear embedding every C > 0 is the same input, so there is nothing "
+        "to choose. \"Tuned discount\" is that of the preset: RL Baselines3 Zoo's for the task, 0.99 with CleanRL's."
     )
     return f"## Result\n\n{what}\n\n| task | {names} |\n|---{'|---' * len(SHOWN)}|\n{lines}\n"
 
@@ -80,9 +82,11 @@ def _claims(decided: Sequence[ClaimDecision]) -> str:
         for each in decided
     )
     what = (
-        "A sentence about every task is supported when it is on each of them, and contradicted when it is on one. "
-        "Undecided: the interval allows both, or a task is not evaluated. After Holm: what remains when all "
-        "comparisons of the table are counted. Details are in [claims.md](claims.md)."
+        "A claim about several tasks is *supported* if it is supported on each of them, and *contradicted* if it is "
+        "contradicted on at least one. It is *not evaluated* if the evaluations that it needs are missing. Otherwise "
+        "it is *undecided*. *After Holm* is the decision after Holm's correction for all comparisons. *The method* is "
+        "`geometric`: PPO without a discount, with random training horizons and a geometric time-to-go. Details are "
+        "in [claims.md](claims.md)."
     )
     head = f"## Claims\n\n{what}\n\n| sentence | source | decision | after Holm | by task |\n|---|---|---|---|---|\n"
     return f"{head}{lines}\n"
