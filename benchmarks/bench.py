@@ -47,13 +47,8 @@ SUMMARY = (
         ("extrapolate.HalfCheetah-v3.vs_sb3_fastest",),
     ),
     (
-        "a slice of the horizon study, training and evaluation, two cores (HalfCheetah)",
-        "Stable-Baselines3 and its `evaluate_policy`, two processes",
-        ("study.HalfCheetah-v3.vs_sb3",),
-    ),
-    (
-        "home: place environment, full scene, whole tasks (simulated seconds)",
-        "gymnasium-robotics' FetchPickAndPlace-v4",
+        "home, simulated seconds: place environment, full scene, whole tasks on two cores",
+        "gymnasium-robotics' FetchPickAndPlace-v4, one core, smaller physics step",
         tuple(f"home.{part}.vs_fetch_env" for part in ("place", "scene", "tasks")),
     ),
 )
