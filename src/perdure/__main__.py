@@ -34,7 +34,6 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the pipe is gone, so nothing can be printed
     except KeyboardInterrupt as interrupt:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
         print("perdure: interrupted; run the same command to continue", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:

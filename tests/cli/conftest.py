@@ -1,4 +1,4 @@
-"""The command line in this process and in one of its own, and policies that are quickly made."""
+"""The command line in this process and in a separate one, and policies that are quickly made."""
 
 import io
 import os
@@ -94,7 +94,7 @@ def command():
             redirect_stdout(out),
             redirect_stderr(err),
         ):
-            warnings.filterwarnings("ignore", category=DeprecationWarning)  # as in a process of its own
+            warnings.filterwarnings("ignore", category=DeprecationWarning)  # as in a separate process
             patch.chdir(cwd)
             patch.setenv("COLUMNS", "80")
             patch.setattr(sys, "argv", ["perdure", *map(str, arguments)])

@@ -70,7 +70,7 @@ MISTAKES = {
 
 
 WHOLE_PROCESSES = ("unknown command", "bad flag value", "cut policy", "unknown task")
-"""Mistakes made in a process of their own; the others are made in this one, which has its libraries loaded."""
+"""Mistakes made in a separate process; the others are made in this one, which has its libraries loaded."""
 
 
 def check_failure(code, stdout, stderr):

@@ -51,8 +51,8 @@ def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp
         (("--on", "local"), "--on local: an ONNX model is evaluated in this process, on one core"),
         (("--max_lanes", 48), "--max-lanes 48: an ONNX model is evaluated in this process, on one core"),
         (("--modules", "walls", "doors"), "--modules walls doors: an ONNX model imports nothing but the module that"),
-        (("--clocks", "default"), "--clocks default: an ONNX model has no clock of its own"),
-        (("--clocks", "constant:9", "default"), "--clocks default: an ONNX model has no clock of its own"),
+        (("--clocks", "default"), "--clocks default: an ONNX model stores no clock"),
+        (("--clocks", "constant:9", "default"), "--clocks default: an ONNX model stores no clock"),
     ],
 )
 def test_a_flag_that_means_nothing_to_an_onnx_model_is_refused(command, tmp_path, flags, message):

@@ -215,7 +215,7 @@ def test_a_discrete_action_out_of_range_is_refused():
     [
         ({"steps": 0}, "steps must be at least 1"),
         ({"training_horizon": 0}, "training_horizon must be at least 1"),
-        ({"clocks": "default"}, "no clock of its own"),
+        ({"clocks": "default"}, "stores no clock"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(options, message):

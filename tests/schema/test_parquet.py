@@ -6,7 +6,7 @@ import os
 import polars as pl
 import pytest
 
-from perdure.schema import SchemaError, parquet, read_columns, read_notes, read_parquet
+from perdure.schema import Parquet, SchemaError, parquet
 
 FRAME = pl.DataFrame({"a": [1, None, 3], "b": [None, "x", "y"], "c": [[1.0], [], None]})
 
@@ -19,10 +19,11 @@ def content():
 
 
 def test_what_is_read_is_what_polars_reads(content):
-    assert read_parquet(content).equals(FRAME)
-    assert read_parquet(content, ["b"]).equals(FRAME.select("b"))
-    assert read_columns(content) == dict(FRAME.schema)
-    assert read_notes(content) == {"note": "text"}
+    file = Parquet(content)
+    assert file.read().equals(FRAME)
+    assert file.read(["b"]).equals(FRAME.select("b"))
+    assert file.columns == dict(FRAME.schema)
+    assert file.notes == {"note": "text"}
 
 
 def test_every_single_byte_may_be_damaged(content):
@@ -32,31 +33,37 @@ def test_every_single_byte_may_be_damaged(content):
         changed = bytearray(buffer.getvalue())
         changed[at] = 127
         try:
-            read_parquet(bytes(changed))
+            Parquet(bytes(changed))
         except SchemaError as error:
-            ends.add("aborted" if "gave up its process" in str(error) else "refused")
+            ends.add("aborted" if "aborted its process" in str(error) else "refused")
         else:
             ends.add("read")
     assert ends == {"read", "refused", "aborted"}
-    assert read_parquet(content).equals(FRAME)
+    assert Parquet(content).read().equals(FRAME)
 
 
-def test_a_decoder_that_was_killed_is_started_again(content):
-    read_parquet(content)
-    parquet._decoder._process.kill()
-    parquet._decoder._process.wait()
-    assert read_parquet(content).equals(FRAME)
+def test_a_process_that_was_killed_is_started_again(content):
+    Parquet(content)
+    parquet._trial._process.kill()
+    parquet._trial._process.wait()
+    assert Parquet(content).read().equals(FRAME)
 
 
-def test_a_forked_process_has_a_decoder_of_its_own(content):
-    read_parquet(content)
+def test_a_fork_starts_another_process(content):
+    Parquet(content)
     child = os.fork()
     if child == 0:
-        os._exit(0 if read_notes(content) == {"note": "text"} else 1)  # Polars itself does not survive a fork
+        os._exit(0 if parquet._trial.run(content) is None else 1)
     assert os.waitpid(child, 0)[1] == 0
-    assert read_parquet(content).equals(FRAME)
+    assert Parquet(content).read().equals(FRAME)
 
 
-def test_a_missing_column_is_named(content):
-    with pytest.raises(SchemaError, match="nothing"):
-        read_parquet(content, ["nothing"])
+def test_no_process_is_kept_after_a_large_file(content, monkeypatch):
+    monkeypatch.setattr(parquet, "KEPT_BELOW", len(content) - 1)
+    assert Parquet(content).read().equals(FRAME)
+    assert parquet._trial._process is None
+
+
+def test_an_empty_file_is_refused():
+    with pytest.raises(SchemaError):
+        Parquet(b"")

@@ -118,7 +118,7 @@ def _check_one_model(flags: ExtrapolateFlags, given: set[str]) -> None:
             values = value if isinstance(value, tuple) else () if value is True else (value,)
             raise CommandError(f"{' '.join(map(str, (flag, *values)))}: {reason}")
     if "default" in flags.clocks and "--clocks" in given:
-        raise CommandError("--clocks default: an ONNX model has no clock of its own")
+        raise CommandError("--clocks default: an ONNX model stores no clock")
 
 
 def _one_model(flags: ExtrapolateFlags, command: str) -> None:

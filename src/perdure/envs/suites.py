@@ -102,7 +102,7 @@ class GymnasiumSuite:
 
 @dataclass(frozen=True)
 class VectorSuite:
-    """Gymnasium ids that a module registers together with a vector environment of its own.
+    """Gymnasium ids that a module registers together with its vector environment.
 
     A name may go on with options of the environment: `perdure/HomePlace-v0,task=set_table,delta=30`.
     """

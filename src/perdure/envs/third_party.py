@@ -50,7 +50,7 @@ def read_tuple(where: str, method: str, returned: Any, length: int) -> tuple[Any
 
 
 def read_observation(where: str, method: str, space: Any, observation: Any) -> FloatArray:
-    """Return an observation as a vector, shape (flatdim(space),), float64, in memory of its own.
+    """Return an observation as a vector, shape (flatdim(space),), float64, copied.
 
     Raises:
         WorldError: If it is not made of real numbers of the shape of its space.

@@ -140,7 +140,7 @@ def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
     return reset
 
 
-# JAX runs host callbacks on a thread of its own, where 64-bit numbers are off and a float64 would silently become a
+# JAX runs host callbacks on another thread, where 64-bit numbers are off and a float64 would silently become a
 # float32. So they cross as pairs of 32-bit words.
 
 

@@ -164,7 +164,7 @@ class VectorEnvWorld(TrackedWorld):
         return array
 
     def _rows(self, method: str, batch: Any) -> FloatArray:
-        """Return a batch of observations as vectors, shape (num_lanes, observation_size), in memory of its own."""
+        """Return a batch of observations as vectors, shape (num_lanes, observation_size), copied."""
         from gymnasium.spaces import Box
         from gymnasium.vector.utils import iterate
 

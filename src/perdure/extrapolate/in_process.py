@@ -115,7 +115,7 @@ class _Options:
     def check_times(self, model: OnnxModel) -> None:
         if model.times == ("elapsed",):
             raise ExtrapolationError(
-                f"{model.__name__} has a running clock of its own; export it with a constant clock, or with none"
+                f"{model.__name__} counts time itself; export it with a constant clock, or with none"
             )
         if bool(model.times) != (self.clocks is not None):
             has = "a time-to-go input, so name clocks" if model.times else "no time-to-go input, so it takes no clocks"
@@ -134,7 +134,7 @@ class _Options:
         if actor.has_clock:
             clocks = self.evaluation.deployment_clocks(actor.clock if isinstance(actor, Policy) else None)
             if not clocks:
-                raise ExtrapolationError("a function has no clock of its own: name one, such as constant:500")
+                raise ExtrapolationError("a function stores no clock: name one, such as constant:500")
         seeds = range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
         return [LaneSpec(0, clock, seed) for clock in clocks for seed in seeds]
 

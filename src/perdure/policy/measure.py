@@ -36,7 +36,7 @@ def measure_reference(
 
     Args:
         policy: Acts with its mean; if it has a time-to-go input, its clock counts down to T, as in training.
-        episodes: How many, each from a start state of its own.
+        episodes: How many, each from a different start state.
         world: Where to run, one lane for each episode; by default the policy's own task.
         observe: Called with each step.
 

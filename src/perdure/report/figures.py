@@ -19,7 +19,7 @@ from perdure.report.statistics import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Inter
 from perdure.report.theme import Style
 
 MOST_CURVES = 8
-"""Curves one figure shows without a color scale; sweeps of C get figures of their own."""
+"""Curves one figure shows without a color scale; sweeps of C get separate figures."""
 MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"

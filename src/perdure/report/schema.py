@@ -43,9 +43,8 @@ import hashlib
 import io
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 import polars as pl
 
@@ -53,9 +52,7 @@ from perdure.report.errors import ReportError
 from perdure.report.fields import NOTES, ROW
 from perdure.report.lanes import CURVES, Columns, Lanes, split_lanes
 from perdure.runs import write_atomic
-from perdure.schema import SchemaError, check_columns, read_columns, read_notes, read_parquet
-
-T = TypeVar("T")
+from perdure.schema import Parquet, SchemaError, check_columns
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "2"
@@ -230,16 +227,20 @@ class _File:
     """A Parquet file that holds a table, checked before a value of it is used."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         if not path.is_file():
             raise ReportError(f"{path} does not exist." if not path.exists() else f"{path} is not a file.")
-        self._content = path.read_bytes()
-        if self._content[:4] != b"PAR1":
+        content = path.read_bytes()
+        if content[:4] != b"PAR1":
             raise ReportError(f"{path} is not a Parquet file.")
-        sealed = _SEAL in self._content
-        if sealed and _sealed(self._content) != self._content:
+        sealed = _SEAL in content
+        if sealed and _sealed(content) != content:
             raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
-        notes = self._read(_checked_notes)
+        try:
+            self._parquet = Parquet(content)
+            notes = self._parquet.notes
+            NOTES.check(notes)
+        except SchemaError as error:
+            raise ReportError(f"{path} is a damaged Parquet file: {error}.") from None
         if notes.get("schema") != SCHEMA_NAME:
             raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
         version = notes.get("version")
@@ -249,7 +250,7 @@ class _File:
             )
         self.columns = _COLUMNS_1 if version == "1" else COLUMNS
         self.metadata = {name: text for name, text in notes.items() if name not in _RESERVED}
-        _check_columns(self._read(read_columns), self.columns, str(path))
+        _check_columns(self._parquet.columns, self.columns, str(path))
         notes.pop("seal", None)
         expected = notes.pop("sha256", None)
         # A seal that fits stands for the content.
@@ -258,23 +259,11 @@ class _File:
 
     def frame(self, names: list[str]) -> pl.DataFrame:
         """Return columns of the file."""
-        return self._read(lambda content: read_parquet(content, names))
+        return self._parquet.read(names)
 
     def column(self, name: str) -> pl.Series:
         """Return one column of the file."""
         return self.frame([name]).get_column(name)
-
-    def _read(self, read: Callable[[bytes], T]) -> T:
-        try:
-            return read(self._content)
-        except SchemaError as error:
-            raise ReportError(f"{self._path} is a damaged Parquet file: {error}.") from None
-
-
-def _checked_notes(content: bytes) -> dict[str, str]:
-    notes = read_notes(content)
-    NOTES.check(notes)
-    return notes
 
 
 def _sealed(content: bytes) -> bytes:

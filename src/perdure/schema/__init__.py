@@ -14,7 +14,7 @@ other part of perdure.
 from perdure.schema.columns import check_columns
 from perdure.schema.errors import SchemaError
 from perdure.schema.kinds import LARGEST, Anything, Choice, Flag, Items, Kind, Maybe, Real, Rule, Table, Text, Whole
-from perdure.schema.parquet import read_columns, read_notes, read_parquet
+from perdure.schema.parquet import Parquet
 from perdure.schema.strict import read_json
 from perdure.schema.text import printable
 
@@ -26,6 +26,7 @@ __all__ = [
     "Items",
     "Kind",
     "Maybe",
+    "Parquet",
     "Real",
     "Rule",
     "SchemaError",
@@ -34,8 +35,5 @@ __all__ = [
     "Whole",
     "check_columns",
     "printable",
-    "read_columns",
     "read_json",
-    "read_notes",
-    "read_parquet",
 ]

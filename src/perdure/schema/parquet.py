@@ -1,4 +1,4 @@
-"""Parquet of unknown origin, decoded by Polars in a process of its own: see `decoder.py`."""
+"""Parquet of unknown origin, decoded by Polars in a separate process first: see `trial.py`."""
 
 from __future__ import annotations
 
@@ -11,83 +11,84 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from perdure.schema.errors import SchemaError
 
 if TYPE_CHECKING:
     import polars as pl
 
-SERVE = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.schema.decoder import serve; serve()"
+SERVE = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.schema.trial import serve; serve()"
+KEPT_BELOW = 2**20
+"""Bytes. The process is kept for the next file, but not after a large one, whose memory it would keep too."""
 
 
-def read_parquet(content: bytes, columns: Sequence[str] | None = None) -> pl.DataFrame:
-    """Return the table in a Parquet file, or some of its columns.
+class Parquet:
+    """A Parquet file that Polars can decode.
 
     Raises:
-        SchemaError: Polars cannot decode it; one line says why.
+        SchemaError: It cannot; one line says why.
+        OSError: The separate process cannot be started.
     """
-    return _frame(_decoder.ask(content, "table", columns))
+
+    def __init__(self, content: bytes) -> None:
+        """Have the file decoded in the separate process."""
+        if (error := _trial.run(content)) is not None:
+            raise SchemaError(f"it is not a readable Parquet file: {error}")
+        self._content = content
+
+    @property
+    def columns(self) -> dict[str, object]:
+        """Name and type of each column."""
+        import polars as pl
+
+        return dict(pl.read_parquet_schema(io.BytesIO(self._content)))
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """The key-value metadata."""
+        import polars as pl
+
+        notes = pl.read_parquet_metadata(io.BytesIO(self._content))
+        return {name: value for name, value in notes.items() if name != "ARROW:schema"}
+
+    def read(self, columns: Sequence[str] | None = None) -> pl.DataFrame:
+        """Return the table, or some of its columns, which must exist."""
+        import polars as pl
+
+        return pl.read_parquet(io.BytesIO(self._content), columns=None if columns is None else list(columns))
 
 
-def read_columns(content: bytes) -> dict[str, object]:
-    """Return name and type of each column of a Parquet file; SchemaError where Polars cannot read it."""
-    return dict(_frame(_decoder.ask(content, "schema")).schema)
-
-
-def read_notes(content: bytes) -> dict[str, str]:
-    """Return the key-value metadata of a Parquet file; SchemaError where Polars cannot read it."""
-    return dict(json.loads(_decoder.ask(content, "notes")))
-
-
-def _frame(answer: bytes) -> pl.DataFrame:
-    import polars as pl
-
-    return pl.read_ipc(io.BytesIO(answer))
-
-
-class _Decoder:
-    """The decoding process: started when it is needed, and again when it has ended or this process is a fork."""
+class _Trial:
+    """The separate process: started when it is needed, and again when it has ended or this process is a fork."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
-        self._content: bytes | None = None
 
-    def ask(self, content: bytes, what: str, columns: Sequence[str] | None = None) -> bytes:
-        """Return the answer to a request; SchemaError if there is none."""
+    def run(self, content: bytes) -> str | None:
+        """Return why a file cannot be decoded; None if it can."""
         with self._lock:
+            process = self._running()
+            answered = False
             try:
-                error, answer = self._exchange(content, what, columns)
+                error: str | None = self._ask(process, content)
+                answered = True
             except (OSError, ValueError):  # no answer, or half of one
-                self.end()
-                error, answer = "Polars gave up its process over it", b""
-            except BaseException:  # an interrupt: the rest of the answer must not be taken for the next one
-                self.end()
-                raise
-        if error is not None:
-            raise SchemaError(f"it is not a readable Parquet file: {error}")
-        return answer
+                error = "Polars aborted its process over it"
+            finally:
+                if not answered or len(content) > KEPT_BELOW:  # also after an interrupt: its answer is still to come
+                    self.end()
+            return error
 
-    def _exchange(self, content: bytes, what: str, columns: Sequence[str] | None) -> tuple[str | None, bytes]:
-        process = self._running()
+    def _ask(self, process: subprocess.Popen[bytes], content: bytes) -> str | None:
         assert process.stdin is not None
         assert process.stdout is not None
-        known = content is self._content
-        request = {
-            "what": what,
-            "columns": None if columns is None else list(columns),
-            "size": 0 if known else len(content),
-        }
-        self._content = content
-        process.stdin.write(json.dumps(request).encode() + b"\n" + (b"" if known else content))
+        process.stdin.write(b"%d\n" % len(content) + content)
         process.stdin.flush()
-        head: dict[str, Any] = json.loads(process.stdout.readline())
-        answer = process.stdout.read(head["size"])
-        if len(answer) < head["size"]:
-            raise OSError
-        return head["error"], answer
+        answer: str | None = json.loads(process.stdout.readline())
+        return answer
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
@@ -110,8 +111,8 @@ class _Decoder:
             for pipe in (self._process.stdin, self._process.stdout):
                 with suppress(OSError):
                     pipe.close()  # type: ignore[union-attr]
-        self._process = self._content = None
+        self._process = None
 
 
-_decoder = _Decoder()
-atexit.register(_decoder.end)
+_trial = _Trial()
+atexit.register(_trial.end)

@@ -23,7 +23,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
     On that step exactly one flag is true: ``terminated`` if the task itself ended there or ``end="terminated"``
     (nothing follows: the learner must not bootstrap), else ``truncated`` (it bootstraps the last observation).
 
-    T comes from random numbers of its own, seeded through ``reset(seed=...)``: same seed, same horizons, and the
+    T comes from a separate random stream, seeded through ``reset(seed=...)``: same seed, same horizons, and the
     environment's own numbers stay what they are without the wrapper.
     """
 
@@ -33,7 +33,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
     """Steps since reset."""
 
     def __init__(self, env: gymnasium.Env[Obs, Act], distribution: HorizonDistribution, end: End) -> None:
-        """Wrap an environment that has no shorter limit of its own.
+        """Wrap an environment without a shorter step limit.
 
         Args:
             env: For one made by Gymnasium, ``gymnasium.make(name, max_episode_steps=-1)`` has no limit.

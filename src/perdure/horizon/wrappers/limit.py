@@ -14,7 +14,7 @@ from perdure.horizon.errors import HorizonError
 from perdure.horizon.protocol import check_end
 
 HORIZON_STREAM = 1
-"""Spawn key of the horizons' random numbers: seeded like the environment, but a stream of their own. From the same
+"""Spawn key of the horizons' random numbers: seeded like the environment, but a separate stream. From the same
 stream, long episodes would go with certain start states."""
 
 

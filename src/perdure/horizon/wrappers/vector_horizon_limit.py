@@ -47,7 +47,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
     """T of the episodes that the last step belonged to, shape (n,): before the resets of SAME_STEP."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], distribution: HorizonDistribution, end: End) -> None:
-        """Wrap a vector environment that has no shorter limit of its own.
+        """Wrap a vector environment without a shorter step limit.
 
         Args:
             env: The vector environment.

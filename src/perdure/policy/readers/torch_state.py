@@ -63,7 +63,7 @@ class TorchState:
         return list(self._tensors)
 
     def array(self, name: str) -> NDArray[np.float32]:
-        """Return a tensor as an array in memory of its own.
+        """Return a tensor as a new array.
 
         Raises:
             PolicyFileError: If there is no such tensor, it is damaged, or not all of its numbers are finite.

@@ -19,7 +19,7 @@ LANES = 2
 FIRST_STEPS = 500
 """Steps in the first round."""
 FIRST_EVAL_SEED = 4000
-"""Start states of their own: no split begins here."""
+"""Start states that no split uses."""
 
 
 def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps: int) -> RuleChoice:

@@ -46,7 +46,7 @@ class Rollout:
 
 
 def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int, first_seed: int = FIRST_SEED) -> Rollout:
-    """Run a policy in one lane for each clock, each from a start state of its own, without a horizon."""
+    """Run a policy in one lane for each clock, each from a different start state, without a horizon."""
     lanes = len(clocks)
     world = make_world(policy.task.name, [first_seed + lane for lane in range(lanes)])
     observations = np.full((steps, lanes, policy.task.observation_size), np.nan)

@@ -81,7 +81,7 @@ class Held(LaneView):
 
 @dataclass
 class HandOver(ABC):
-    """An agent for `place` that runs a motion of its own before the release."""
+    """An agent for `place` that adds a motion before the release."""
 
     inner: SkillAgent
     name: ClassVar[str]

@@ -21,7 +21,7 @@ from perdure.home.evaluate.outcomes.schema import (
     to_frame,
 )
 from perdure.runs import write_result
-from perdure.schema import SchemaError, Table, parquet, read_json
+from perdure.schema import Parquet, SchemaError, Table, read_json
 
 if TYPE_CHECKING:
     import polars as pl
@@ -143,11 +143,12 @@ def _read_parquet(path: Path) -> tuple[pl.DataFrame, dict[str, str]]:
     if content[:4] != b"PAR1":
         raise HomeError(f"{path} is not a Parquet file")
     try:
-        notes = parquet.read_notes(content)
+        file = Parquet(content)
+        notes = file.notes
         NOTES.check(notes)
         if BODY in notes and notes[BODY] != _body_digest(content):
             raise HomeError(f"{path} is damaged: its columns do not fit the SHA-256 they were written with")
-        return parquet.read_parquet(content), notes
+        return file.read(), notes
     except SchemaError as error:
         raise HomeError(f"{path} is a damaged Parquet file: {error}") from None
 

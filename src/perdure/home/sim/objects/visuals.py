@@ -47,16 +47,13 @@ def visuals(kind: Kind) -> tuple[Visual, ...]:
 
 
 def _labels(kind: Kind) -> list[Visual]:
-    radius, _, half = kind.half
+    """Return what is printed on an object or sticks out of it; an empty list for plain objects."""
+    return [*_box_labels(kind), *_can_labels(kind), *_apple_parts(kind)]
+
+
+def _box_labels(kind: Kind) -> list[Visual]:
+    """Return the labels of a box."""
     match kind.name:
-        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
-            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
-            return [
-                band(kind, 0.34, 0.62, _WHITE),
-                band(kind, 0.44, 0.52, _RED, out=2.0),
-                band(kind, 0.93, 1.001, _CREAM),
-                lid,
-            ]
         case "003_cracker_box":  # red, a white field with a yellow stripe above, crackers below
             squares = [
                 plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
@@ -78,12 +75,6 @@ def _labels(kind: Kind) -> list[Visual]:
                 plate(kind, 0, (0.0, -0.66), (0.32, 0.04), _RED),
                 plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
             ]
-        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
-            disc = ConvexPart("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
-            medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
-            return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
-        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
-            return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
         case "008_pudding_box":  # brown, a white name, a cream pudding
             return [
                 plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
@@ -99,6 +90,27 @@ def _labels(kind: Kind) -> list[Visual]:
                 plate(kind, 2, (-0.35, -0.45), (0.26, 0.30), _RED, "cylinder", out=2.0),
                 plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
             ]
+    return []
+
+
+def _can_labels(kind: Kind) -> list[Visual]:
+    """Return labels and bare ends of a can."""
+    radius, _, half = kind.half
+    match kind.name:
+        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
+            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
+            return [
+                band(kind, 0.34, 0.62, _WHITE),
+                band(kind, 0.44, 0.52, _RED, out=2.0),
+                band(kind, 0.93, 1.001, _CREAM),
+                lid,
+            ]
+        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
+            disc = ConvexPart("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
+            medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
+            return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
+        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
+            return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
         case "010_potted_meat_can":  # blue, a yellow name, bare ends
             flat = 1.0 - CORNER / radius
             return [
@@ -107,13 +119,19 @@ def _labels(kind: Kind) -> list[Visual]:
                 plate(kind, 1, (0.0, 0.18), (0.8 * flat, 0.16), _NAVY, out=2.0),
                 plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
             ]
-        case "013_apple":  # a stem in the dent of the shell, and a leaf
-            leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
-            return [
-                Visual(ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
-                Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
-            ]
     return []
+
+
+def _apple_parts(kind: Kind) -> list[Visual]:
+    """Return a stem in the dent of the shell, and a leaf."""
+    if kind.name != "013_apple":
+        return []
+    radius = kind.half[0]
+    leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
+    return [
+        Visual(ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
+        Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
+    ]
 
 
 def _tin_ends(kind: Kind) -> list[Visual]:
