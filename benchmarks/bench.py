@@ -184,8 +184,9 @@ def study(task: str) -> Figure:
 
     how = (
         f"a slice of the horizon study from nothing to the table: 2 training runs of {config['total_steps']:,} steps, "
-        f"2 clocks, 8 start states, {config['test_steps']:,} test steps; two cores, start-up and compilation included, "
-        "against two processes of Stable-Baselines3 with `evaluate_policy`, one environment each"
+        f"2 clocks, 8 start states, {config['test_steps']:,} test steps; two cores, worker start and compilation "
+        "included, imports not, against two processes of Stable-Baselines3 with `evaluate_policy` as documented, one "
+        "environment each, not its fastest form"
     )
     return Figure(*alternate(ours_now, peer_now), "steps/s", how)
 

@@ -120,14 +120,6 @@ def test_another_number_of_cores_gives_the_same_files(whole, tmp_path):
     assert files(out) == files(whole)
 
 
-def test_a_change_would_be_seen(whole):
-    page = whole / "claims.md"
-    before, text = files(whole), page.read_text()
-    page.write_text(text + " ")
-    assert files(whole) != before
-    page.write_text(text)
-
-
 @pytest.mark.verify
 def test_twenty_kills(whole, tmp_path):
     out = tmp_path / "study"

@@ -37,7 +37,7 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
     if not decided:
         return parts[0] + "No claim is registered.\n"
     parts.append(f"{wording.count(len(decided), 'claim')}: {summary}.\n\n")
-    parts.append("| claim | source | decision | after Holm | by task |\n|---|---|---|---|---|\n")
+    parts.append("| claim | source | decision | after Holm | tasks, after Holm |\n|---|---|---|---|---|\n")
     parts += [
         f"| [{each.claim.id}](#{each.claim.id}) | {each.claim.source} | {each.decision} | {each.after_holm} "
         f"| {by_task(each)} |\n"
@@ -48,7 +48,7 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
 
 
 def by_task(each: ClaimDecision) -> str:
-    """Return the tasks of each decision: "supported on Hopper-v3 (CleanRL); undecided on HalfCheetah-v3"."""
+    """Return the tasks of each decision after Holm: "supported on Hopper-v3 (CleanRL); undecided on HalfCheetah-v3"."""
     if each.by_decision.keys() == {"not evaluated"}:
         return ""
     return "; ".join(

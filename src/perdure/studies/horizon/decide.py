@@ -53,10 +53,10 @@ class ClaimDecision:
 
     @property
     def by_decision(self) -> dict[Decision, list[str]]:
-        """The tasks of each decision."""
+        """The tasks of each decision, after Holm."""
         found: dict[Decision, list[str]] = {}
         for task in self.tasks:
-            found.setdefault(task.decision, []).append(task.task)
+            found.setdefault(task.after_holm, []).append(task.task)
         return found
 
 

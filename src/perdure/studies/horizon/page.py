@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import polars as pl
 
@@ -13,7 +15,7 @@ from perdure.runs import write_atomic
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claim_table import by_task
-from perdure.studies.horizon.decide import ClaimDecision
+from perdure.studies.horizon.decide import ClaimDecision, Decision
 from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import DEFAULT_PHASES, Row
 from perdure.studies.horizon.results import TEST, Results
@@ -88,7 +90,11 @@ def _claims(decided: Sequence[ClaimDecision]) -> str:
         "`geometric`: PPO without a discount, with random training horizons and a geometric time-to-go. Details are "
         "in [claims.md](claims.md)."
     )
-    head = f"## Claims\n\n{what}\n\n| sentence | source | decision | after Holm | by task |\n|---|---|---|---|---|\n"
+    counts = Counter(each.decision for each in decided)
+    summary = ", ".join(f"{counts[name]} {name}" for name in get_args(Decision))
+    head = f"## Claims\n\n{wording.count(len(decided), 'claim')}: {summary}. {what}\n\n"
+    head += "| claim | source | decision | after Holm | tasks, after Holm |\n"
+    head += "|---|---|---|---|---|\n"
     return f"{head}{lines}\n"
 
 

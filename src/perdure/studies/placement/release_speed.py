@@ -7,15 +7,12 @@ release (`stop`, `ik`, `ik+`). A placement stays when it is goal-stabilizing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_assignment
 from perdure.home.evaluate.protocol import read_release, read_strategy
 from perdure.home.sim.objects import KINDS
 from perdure.report.axes import Axis
@@ -41,10 +38,9 @@ SCHEMA: dict[str, type[pl.DataType]] = {
 """Number of the interval between `EDGES`, whether released in motion, group of objects, count, share, [m/s]."""
 
 
-def release_speeds(logs: Iterable[Path]) -> pl.DataFrame:
+def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
     """Return how many placements of each group and interval there are, and which share stayed; columns: SCHEMA."""
-    records, _ = read_assignment(sorted(logs))
-    found = analyze(records).placements.filter(split="eval")
+    found = placements.filter(split="eval")
     moving = {}
     for label in found["strategy"].unique():
         place, options = read_strategy(label)
@@ -97,7 +93,7 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
     curves = [_curve(number, group, drawn.filter(objects=group)) for number, group in enumerate(SHAPES)]
     yield Figure(
         "release-speed",
-        "How fast may an object move when it is released?",
+        "Placements that stay, by release speed",
         curve_chart(
             [curve for curve in curves if len(curve.x)],
             Axis("release speed of the object [m/s]"),
@@ -105,7 +101,8 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
         ),
         "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
         f"drag only. Each point: an interval of speed with at least {FEWEST} placements, at their median "
-        "speed; bars: 95 % Wilson score intervals over placements.",
+        "speed; bars: 95 % Wilson score intervals that count placements as independent, although they share policies. "
+        "Policies were varied, not speeds.",
     )
 
 

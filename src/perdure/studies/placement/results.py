@@ -34,8 +34,11 @@ class Results:
         return cls(tuple(found["commands"]), tuple(found["rows"]), tuple(found["pairs"]))
 
     def merge(self, commands: Iterable[str], rows: Iterable[Row], pairs: Iterable[Row]) -> Results:
-        """Return the results with new rows in the place of old ones about the same."""
-        return Results(tuple(sorted({*self.commands, *commands})), _merged(self.rows, rows), _merged(self.pairs, pairs))
+        """Return the results with new rows in the place of old ones, and without old pairs of a replaced row."""
+        rows = list(rows)
+        replaced = {_subject(row) for row in rows}
+        still = [pair for pair in self.pairs if not _members(pair) & replaced]
+        return Results(tuple(sorted({*self.commands, *commands})), _merged(self.rows, rows), _merged(still, pairs))
 
     def write(self, path: Path) -> Path:
         """Write them as a file that `read` reads."""
@@ -50,6 +53,11 @@ def _merged(old: Iterable[Row], new: Iterable[Row]) -> tuple[Row, ...]:
 
 def _subject(row: Row) -> tuple[str, str, str]:
     return row["task"], row["split"], row["arm"]
+
+
+def _members(pair: Row) -> set[tuple[str, str, str]]:
+    names = (" ".join(filter(None, (pair[side], pair["world"]))) for side in ("first", "second"))
+    return {(pair["task"], pair["split"], name) for name in names}
 
 
 def strategy_and_world(row: Row) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from perdure.home.errors import HomeError
-from perdure.home.evaluate.protocol import episode_blocks, run_protocol
+from perdure.home.evaluate.protocol import LOGS, episode_blocks, run_protocol
 from perdure.runs import Store, StoreError
 from perdure.studies.errors import StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
@@ -57,9 +57,19 @@ class RunRow:
 
     def progress(self) -> StepProgress:
         """See `StudyStep`; units are blocks of episodes."""
+        return progress_of_keys(runs_folder(self.out), self._sizes())
+
+    def _sizes(self) -> dict[str, int]:
+        """Return the key and the number of episodes of each block."""
         protocol = self.row.protocol()
-        sizes = {block.key(protocol): block.last - block.first + 1 for block in episode_blocks(protocol)}
-        return progress_of_keys(runs_folder(self.out), sizes)
+        return {block.key(protocol): block.last - block.first + 1 for block in episode_blocks(protocol)}
+
+    def logs(self) -> list[Path]:
+        """Return the logs of all blocks; none while one is missing."""
+        folder, keys = runs_folder(self.out), self._sizes()
+        if not folder.is_dir() or not all(Store(folder).done(key) for key in keys):
+            return []
+        return [Store(folder).get(key) / LOGS for key in keys]
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`.

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from perdure.home.evaluate.outcomes import COUNTINGS, analyze, paired_difference
+from perdure.home.errors import HomeError
+from perdure.home.evaluate.outcomes import COUNTINGS, Analysis, paired_difference
 from perdure.home.evaluate.outcomes.differences import SAME_PLACEMENT
-from perdure.home.evaluate.page import PolicyAssignment, read_assignment
+from perdure.home.evaluate.page import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.studies.placement.names import WORLDS
 from perdure.studies.placement.results import Results, Row
@@ -25,10 +25,9 @@ RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "ti
 """Height and offset in [m], speeds in [m/s], tilt in [deg]."""
 
 
-def with_logs(results: Results, logs: Iterable[Path]) -> Results:
+def with_logs(results: Results, analysis: Analysis, assignment: PolicyAssignment) -> Results:
     """Return results with the rows of logs in the place of what they knew about the same; all others stay."""
-    records, assignment = read_assignment(sorted(logs))
-    compared = comparisons(analyze(records))
+    compared = comparisons(analysis)
     rows = [strategy_row(each, strategy, assignment) for each in compared for strategy in each.strategies]
     return results.merge(assignment.commands, rows, [pair for each in compared for pair in pairs(each)])
 
@@ -105,8 +104,13 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
             if not set(names) <= set(comparison.strategies):
                 continue
             before, after = names
-            found = paired_difference(comparison.episodes[before], comparison.episodes[after])
-            stayed = paired_difference(comparison.placements[before], comparison.placements[after], keys=SAME_PLACEMENT)
+            try:
+                found = paired_difference(comparison.episodes[before], comparison.episodes[after])
+                stayed = paired_difference(
+                    comparison.placements[before], comparison.placements[after], keys=SAME_PLACEMENT
+                )
+            except HomeError:  # they share no episode or no placement
+                continue
             yield {
                 "task": comparison.task,
                 "split": comparison.split,

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import polars as pl
 
-from perdure.home.evaluate.protocol import LOGS
+from perdure.home.evaluate.outcomes import analyze
+from perdure.home.evaluate.page import read_assignment
 from perdure.studies.placement import halt_in_noise, hand_over, release_speed
-from perdure.studies.placement.grid import Grid, runs_folder
+from perdure.studies.placement.grid import DRAG, Grid
 from perdure.studies.placement.results import Results
+from perdure.studies.placement.row_step import RunRow
 from perdure.studies.placement.summaries import with_logs
 
 STRATEGIES = Path("tables", "strategies.json")
@@ -42,13 +44,18 @@ def _read(path: Path, schema: dict[str, type[pl.DataType]]) -> pl.DataFrame:
 
 
 def update_tables(grid: Grid, out: Path) -> Tables:
-    """Return the tables with what logs and measurements under `out` add; rows without them keep their numbers."""
+    """Return the tables with what finished rows and measurements under `out` add; all others keep their numbers."""
     known = read_tables(out)
-    logs = sorted(runs_folder(out).rglob(LOGS))
+    logs = {row: RunRow(grid, row, out).logs() for row in grid.rows}
     measured = [step.table() for step in (hand_over.hand_over_step(grid, out), halt_in_noise.noise_step(grid, out))]
     handed, noise = (
         old if new is None else new for old, new in zip((known.hand_over, known.noise), measured, strict=True)
     )
-    if not logs:
+    if not any(logs.values()):
         return Tables(known.results, known.speeds, handed, noise)
-    return Tables(with_logs(known.results, logs), release_speed.release_speeds(logs), handed, noise)
+    records, assignment = read_assignment(sorted(path for paths in logs.values() for path in paths))
+    analysis = analyze(records)
+    # The speeds are of all these rows together: some of them alone would be another sample.
+    pooled = [bool(logs[row]) for row in grid.rows if (row.split, row.world) == ("eval", DRAG)]
+    speeds = release_speed.release_speeds(analysis.placements) if pooled and all(pooled) else known.speeds
+    return Tables(with_logs(known.results, analysis, assignment), speeds, handed, noise)

@@ -71,7 +71,7 @@ class Measurement:
         if not folder.is_dir():
             return None
         store = Store(folder)
-        if not all(store.done(unit.key) for unit in self.units):
+        if not all(store.done(unit.key, unit.config) for unit in self.units):
             return None
         rows = [json.loads((store.get(unit.key) / SUMMARY).read_text()) for unit in self.units]
         return pl.DataFrame(rows, schema=self.schema)
