@@ -12,8 +12,8 @@ from typing import Any
 
 from perdure.schema import printable
 
-AGAIN_SECONDS = 1.2
-"""Until an interruption that was dropped is raised again; workers are ended in less."""
+AGAIN_SECONDS = 0.05
+"""Until an interruption that Python dropped is raised again."""
 
 
 def main() -> None:
@@ -28,12 +28,15 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:  # nohup and shells ignore SIGINT for commands in the background
             signal.signal(number, _stop)
+    sys.unraisablehook = partial(_raise_again, sys.unraisablehook)
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
         run(sys.argv[1:])
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the pipe is gone, so nothing can be printed
     except KeyboardInterrupt as interrupt:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end is not to be interrupted
         print("perdure: interrupted; run the same command to continue", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
@@ -41,8 +44,6 @@ def main() -> None:
             raise
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 class _TerminatedError(KeyboardInterrupt):
@@ -50,14 +51,22 @@ class _TerminatedError(KeyboardInterrupt):
 
 
 def _stop(number: int, frame: object) -> None:
-    """Raise, and again until it is heard: Python drops what is raised in a callback, as at the end of an import."""
-    signal.signal(signal.SIGALRM, lambda again, frame: _stop(number, frame))
-    signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
     raise _TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
 
 
+def _raise_again(others: Callable[..., None], dropped: Any) -> None:
+    """Raise an interruption that Python dropped, because it came in a callback, as at the end of an import."""
+    kind = dropped.exc_type
+    if not issubclass(kind, KeyboardInterrupt):
+        others(dropped)
+        return
+    number = signal.SIGTERM if issubclass(kind, _TerminatedError) else signal.SIGINT
+    signal.signal(signal.SIGALRM, lambda alarm, frame: _stop(number, frame))
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+
+
 def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:
-    """Ours are one line for a user; where in the code they were raised is for everybody else's."""
+    """Print perdure's own warnings as one line; leave other warnings unchanged."""
     if category.__module__.startswith("perdure."):
         print(f"perdure: {printable(str(message))}", file=sys.stderr)
     else:
@@ -65,7 +74,7 @@ def _show_warning(others: Callable[..., None], message: Warning | str, category:
 
 
 def _is_users(error: ValueError | OSError) -> bool:
-    """Ours are subclasses of ValueError from this package; a plain ValueError is a fault of the program."""
+    """Return whether the user caused the error: an OSError, or an error class of perdure."""
     return isinstance(error, OSError) or type(error).__module__.startswith("perdure.")
 
 

@@ -52,17 +52,26 @@ def wait_until(condition, seconds):
         time.sleep(0.05)
 
 
-DROPS_THE_FIRST = """
-import time
+DROPPED = """
+import time, weakref
 import perdure.cli
 from perdure.__main__ import main
 
-def run(arguments):
+class Nothing: pass
+
+def wait(ended):
     print("ready", flush=True)
+    time.sleep(60)
+
+def run(arguments):
     try:
+        nothing = Nothing()
+        reference = weakref.ref(nothing, wait)
+        del nothing  # what a callback raises is dropped, as at the end of an import
         time.sleep(60)
-    except KeyboardInterrupt:  # as Python does in the callbacks of an import
-        time.sleep(60)
+    finally:
+        time.sleep(0.5)
+        print("cleaned", flush=True)
 
 perdure.cli.run = run
 main()
@@ -70,11 +79,12 @@ main()
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interruption_that_is_dropped_comes_again(number, code):
+def test_an_interruption_that_python_drops_comes_again_and_once(number, code):
     process = subprocess.Popen(
-        [sys.executable, "-c", DROPS_THE_FIRST], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", DROPPED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
-    _, errors = process.communicate(timeout=30)
+    output, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) == (code, "perdure: interrupted; run the same command to continue\n")
+    assert output == "cleaned\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from dataclasses import replace
 
 import polars as pl
 import pytest
@@ -15,9 +16,9 @@ from perdure.envs import make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
 from perdure.extrapolate.idle import read_idle
 from perdure.extrapolate.lanes import split
-from perdure.extrapolate.run import _versions, evaluate_group, finished_lanes
+from perdure.extrapolate.run import _versions, evaluate_group, finished_lanes, policy_labels
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
-from perdure.policy import TaskInfo, save_policy
+from perdure.policy import TaskInfo, load_policy, save_policy
 from perdure.report import SCHEMA_VERSION, read_table
 from perdure.runs import OtherSourceWarning, RunError, Store, StoreError, Work
 
@@ -149,6 +150,26 @@ def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
         pass
     with pytest.raises(StoreError, match="groups/a"):
         finished_lanes(tmp_path, 5)
+
+
+@pytest.mark.parametrize("at", [0.6, 0.9])
+def test_a_damaged_group_of_lanes_is_named(evaluation, tmp_path, at):
+    small = replace(evaluation, steps=50)
+    extrapolate(small, tmp_path, on="here")
+    path = next(tmp_path.glob("groups/*/lanes.parquet"))
+    content = bytearray(path.read_bytes())
+    place = int(at * len(content))
+    content[place : place + 40] = 40 * b"\xff"
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match="are damaged: remove its folder groups"):
+        extrapolate(small, tmp_path, on="here")
+
+
+def test_policies_of_one_run_in_two_folders_have_two_labels(policies, tmp_path):
+    paths = [tmp_path / name / "seed-0" / "policy.safetensors" for name in ("a", "b")]
+    labels = policy_labels(paths, [load_policy(policies[0])] * 2)
+    assert len(set(labels)) == 2
+    assert all(str(path) in label for path, label in zip(paths, labels, strict=True))
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "{}", '{"zero": NaN, "random": 0}', '{"zero": "0", "random": 0}'])

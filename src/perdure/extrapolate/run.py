@@ -35,7 +35,7 @@ from perdure.runs import (
     run_units,
     write_result,
 )
-from perdure.schema import Anything, Items, SchemaError, Table, Text, Whole, printable
+from perdure.schema import Anything, Items, Parquet, SchemaError, Table, Text, Whole, printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -149,11 +149,12 @@ def _table(
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
     """Return a short name for each policy: its method and preset, and what else distinguishes it."""
     labels = [_method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
-    seeds = [policy.provenance.get("seed") for policy in policies]
-    by_run = {(label, seed) for label, seed in zip(labels, seeds, strict=True)}
-    if len(by_run) == len(labels):
+    seeds = [int(policy.provenance.get("seed", 0)) for policy in policies]  # as in the table
+    if len(set(zip(labels, seeds, strict=True))) == len(labels):
         return labels
-    return [printable(f"{label} ({path.parent.name}/{path.stem})") for label, path in zip(labels, paths, strict=True)]
+    short = [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
+    whole = [f"{label} ({path})" for label, path in zip(labels, paths, strict=True)]
+    return [printable(name) for name in (short if len(set(short)) == len(short) else whole)]
 
 
 def _method_label(policy: Policy, default: str) -> str:
@@ -318,10 +319,11 @@ def _collect(
     label_column, identity = pl.Series("label", labels), ("policy", "clock", "eval_seed")
     wanted = pl.DataFrame([_identity(lane, digests) for lane in lanes], list(identity), orient="row")
     wanted = wanted.with_columns(label_column[[lane.policy for lane in lanes]]).with_row_index("lane")
-    files = [(store.get(key) / TABLE).read_bytes() for key in keys]  # Polars takes no path that is not UTF-8
     try:
-        found = pl.read_parquet(files, columns=[*identity, "step"])
-    except pl.exceptions.PolarsError as error:
+        files = [Parquet((store.get(key) / TABLE).read_bytes()) for key in keys]
+        names = [name for name in files[0].columns if name != "policy"]
+        found = pl.concat([file.read([*identity, "step"]) for file in files])
+    except (SchemaError, pl.exceptions.PolarsError) as error:
         raise StoreError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}") from error
     found = found.join(wanted, identity, "left", maintain_order="left")
     order = found.select(pl.arg_sort_by("lane", "step", nulls_last=True)).to_series()
@@ -331,5 +333,5 @@ def _collect(
     policies = found["label"].gather(order).alias("policy")
     del found
     # Column by column: a table of a million rows is never held twice.
-    names = [name for name in pl.read_parquet_schema(files[0]) if name != "policy"]
-    return pl.DataFrame([policies, *(pl.read_parquet(files, columns=[name])[name].gather(order) for name in names)])
+    columns = (pl.concat([file.read([name]) for file in files])[name].gather(order) for name in names)
+    return pl.DataFrame([policies, *columns])

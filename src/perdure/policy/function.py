@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A function as an `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
+    """A function as a `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
 
     | kind | call | returns |
     |---|---|---|

@@ -267,10 +267,7 @@ class _File:
 
 
 def _sealed(content: bytes) -> bytes:
-    """Write the SHA-256 of the file into its seal; the seal's own digits count as zeros.
-
-    It is checked before Polars sees the file: a flipped bit in a length can make Polars abort the process.
-    """
+    """Write the SHA-256 of the file into its seal; the seal's own digits count as zeros."""
     at = content.rfind(_SEAL)
     before, after = content[:at], content[at + len(_UNSEALED) :]
     digest = hashlib.sha256(before + _UNSEALED + after).hexdigest()

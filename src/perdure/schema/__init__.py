@@ -4,6 +4,7 @@
     columns.py    the same kinds checked over the columns of a Polars table
     strict.py     read JSON; any fault is a SchemaError
     parquet.py    read Parquet with Polars; any fault is a SchemaError
+    decoder.py    the separate process in which Parquet is decoded first
     text.py       text for a terminal: without control characters
     errors.py     SchemaError
 

@@ -1,4 +1,4 @@
-"""Parquet of unknown origin, decoded by Polars in a separate process first: see `trial.py`."""
+"""Parquet of unknown origin, decoded by Polars in a separate process first: see `decoder.py`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from perdure.schema.errors import SchemaError
@@ -18,7 +18,7 @@ from perdure.schema.errors import SchemaError
 if TYPE_CHECKING:
     import polars as pl
 
-SERVE = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.schema.trial import serve; serve()"
+SERVE = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.schema.decoder import serve; serve()"
 KEPT_BELOW = 2**20
 """Bytes. The process is kept for the next file, but not after a large one, whose memory it would keep too."""
 
@@ -33,7 +33,7 @@ class Parquet:
 
     def __init__(self, content: bytes) -> None:
         """Have the file decoded in the separate process."""
-        if (error := _trial.run(content)) is not None:
+        if (error := _decoder.run(content)) is not None:
             raise SchemaError(f"it is not a readable Parquet file: {error}")
         self._content = content
 
@@ -42,24 +42,37 @@ class Parquet:
         """Name and type of each column."""
         import polars as pl
 
-        return dict(pl.read_parquet_schema(io.BytesIO(self._content)))
+        with _decoding():
+            return dict(pl.read_parquet_schema(io.BytesIO(self._content)))
 
     @property
     def notes(self) -> dict[str, str]:
         """The key-value metadata."""
         import polars as pl
 
-        notes = pl.read_parquet_metadata(io.BytesIO(self._content))
+        with _decoding():
+            notes = pl.read_parquet_metadata(io.BytesIO(self._content))
         return {name: value for name, value in notes.items() if name != "ARROW:schema"}
 
     def read(self, columns: Sequence[str] | None = None) -> pl.DataFrame:
-        """Return the table, or some of its columns, which must exist."""
+        """Return the table, or some of its columns; SchemaError if a column is missing."""
         import polars as pl
 
-        return pl.read_parquet(io.BytesIO(self._content), columns=None if columns is None else list(columns))
+        with _decoding():
+            return pl.read_parquet(io.BytesIO(self._content), columns=None if columns is None else list(columns))
 
 
-class _Trial:
+@contextmanager
+def _decoding() -> Iterator[None]:
+    import polars as pl
+
+    try:
+        yield
+    except pl.exceptions.PolarsError as error:
+        raise SchemaError(f"it is not a readable Parquet file: {error}") from None
+
+
+class _Decoder:
     """The separate process: started when it is needed, and again when it has ended or this process is a fork."""
 
     def __init__(self) -> None:
@@ -76,7 +89,7 @@ class _Trial:
                 error: str | None = self._ask(process, content)
                 answered = True
             except (OSError, ValueError):  # no answer, or half of one
-                error = "Polars aborted its process over it"
+                error = "the process that decoded it ended (a damaged file, or out of memory)"
             finally:
                 if not answered or len(content) > KEPT_BELOW:  # also after an interrupt: its answer is still to come
                     self.end()
@@ -85,7 +98,8 @@ class _Trial:
     def _ask(self, process: subprocess.Popen[bytes], content: bytes) -> str | None:
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(b"%d\n" % len(content) + content)
+        process.stdin.write(b"%d\n" % len(content))
+        process.stdin.write(content)
         process.stdin.flush()
         answer: str | None = json.loads(process.stdout.readline())
         return answer
@@ -101,6 +115,10 @@ class _Trial:
                 start_new_session=True,  # Ctrl-C is for the user's process, whose end ends this one
             )
             self._owner = os.getpid()
+            assert self._process.stdout is not None
+            if self._process.stdout.readline() != b"ready\n":
+                self.end()
+                raise OSError("the process that decodes Parquet files does not start")
         return self._process
 
     def end(self) -> None:
@@ -114,5 +132,5 @@ class _Trial:
         self._process = None
 
 
-_trial = _Trial()
-atexit.register(_trial.end)
+_decoder = _Decoder()
+atexit.register(_decoder.end)

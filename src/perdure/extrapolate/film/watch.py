@@ -18,6 +18,7 @@ from perdure.extrapolate.film.render_env import RenderEnv, find_render_env
 from perdure.extrapolate.film.replay import Instant, replay
 from perdure.horizon import Clock
 from perdure.policy import Policy
+from perdure.report import wording
 
 BEFORE, AFTER = 5.0, 1.0
 """Seconds shown before a failure and after it."""
@@ -150,12 +151,7 @@ class _Scene:
 def _clock(lane: JudgedLane) -> str:
     if lane.clock is None:
         return "no time-to-go input"
-    words = {
-        "constant": "always {} steps to go",
-        "countdown": "countdown from {}",
-        "periodic": "countdown from {}, repeated",
-    }
-    return words.get(lane.clock.name, f"{lane.clock.name} {{}}").format(f"{lane.clock.steps:,.0f}")
+    return wording.clock(lane.clock.name, f"{lane.clock.steps:,.0f}")
 
 
 def _outcome(lane: JudgedLane) -> str:

@@ -162,8 +162,7 @@ def _parquet(frame: pl.DataFrame, notes: Mapping[str, str]) -> bytes:
 def _body_digest(content: bytes) -> str:
     """SHA-256 of a Parquet file's column data: what stands before its footer.
 
-    It is checked before the columns are decoded, because Polars can abort the process on damaged ones. A file ends
-    with its footer, the footer's length (4 bytes, little-endian) and "PAR1".
+    A file ends with its footer, the footer's length (4 bytes, little-endian) and "PAR1".
     """
     end = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
     return hashlib.sha256(content[: max(end, 0)]).hexdigest()
