@@ -12,7 +12,7 @@ from make_policy import random_policy
 
 from perdure.horizon import Constant, Countdown, LaneClocks, Periodic
 from perdure.policy import PolicyError, TaskInfo
-from perdure.policy.network import TILES
+from perdure.policy.fair_product import TILES
 
 ROWS = 3 * max(TILES) + 5
 RNG = np.random.default_rng(1)
@@ -20,6 +20,7 @@ OBSERVATIONS = RNG.normal(size=(ROWS, 11)) * 3
 CLOCKS = [(Constant(500.0), Periodic(200.0), Countdown(100_000.0), Constant(0.0))[i % 4] for i in range(ROWS)]
 ELAPSED = RNG.integers(0, 100_000, ROWS).astype(float)
 POLICIES = {kind: random_policy(activation=kind, hidden=(64, 64)) for kind in ("relu", "tanh")}
+POLICIES["film"] = random_policy(hidden=(64, 64), film=True)
 
 
 def act(policy, rows):
@@ -27,11 +28,11 @@ def act(policy, rows):
     return policy.act_at(OBSERVATIONS[rows], *times)
 
 
-@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("kind", POLICIES)
 @given(rows=st.lists(st.integers(0, ROWS - 1), min_size=1, max_size=ROWS))
 @settings(max_examples=100, deadline=None)
-def test_a_rows_action_does_not_depend_on_the_other_rows_their_number_or_their_order(activation, rows):
-    policy = POLICIES[activation]
+def test_a_rows_action_does_not_depend_on_the_other_rows_their_number_or_their_order(kind, rows):
+    policy = POLICIES[kind]
     np.testing.assert_array_equal(act(policy, rows), act(policy, list(range(ROWS)))[rows])
 
 
@@ -51,7 +52,9 @@ def test_a_row_gets_the_same_action_at_every_place_of_the_batch(hidden):
 
 
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
-@pytest.mark.parametrize("kind", [{"embedding": "geometric"}, {"embedding": None}, {"normalize_embedding": True}])
+@pytest.mark.parametrize(
+    "kind", [{"embedding": "geometric"}, {"embedding": None}, {"normalize_embedding": True}, {"film": True}]
+)
 def test_numpy_acting_and_values_agree_with_the_learners_forward_pass(activation, kind):
     import jax.numpy as jnp
 
@@ -66,6 +69,31 @@ def test_numpy_acting_and_values_agree_with_the_learners_forward_pass(activation
     assert (np.abs(mean) > 1).any(), "no action reaches the box: the test would not see a missing cut"
     np.testing.assert_allclose(policy.act_at(OBSERVATIONS, *times), np.clip(mean, -1, 1), rtol=0, atol=1e-5)
     np.testing.assert_allclose(policy.scaled_value(OBSERVATIONS, *times), values, rtol=0, atol=1e-5)
+
+
+def test_a_modulated_layer_is_the_equation_of_the_paper():
+    """One hidden layer by hand, from the policy's own weights: (1 + phi S) (h W + b) + phi T."""
+    policy = random_policy(hidden=(8,), film=True)
+    w, phi = policy.weights, policy.embed(ELAPSED, np.full(ROWS, 1000.0))
+    seen = policy.inputs(OBSERVATIONS, phi)[:, :11].astype(np.float64)
+    sums = seen @ w["policy.0.weight"] + w["policy.0.bias"]
+    hidden = np.tanh((1 + phi @ w["policy.0.scale"]) * sums + phi @ w["policy.0.shift"])
+    expected = np.clip(hidden @ w["policy.1.weight"] + w["policy.1.bias"], -1, 1)
+    found = policy.act_with(OBSERVATIONS, phi)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
+    unmodulated = np.clip(np.tanh(sums) @ w["policy.1.weight"] + w["policy.1.bias"], -1, 1)
+    assert np.abs(found - unmodulated).max() > 0.1, "the control: modulation matters here"
+
+
+def test_modulation_of_zero_is_none():
+    """As training begins: the policy acts as one that does not see phi."""
+    policy = random_policy(film=True)
+    zeros = {name: 0 * each if name.endswith(("scale", "shift")) else each for name, each in policy.weights.items()}
+    start = dataclasses.replace(policy, weights=zeros)
+    early, late = (start.act_at(OBSERVATIONS, np.full(ROWS, t), np.full(ROWS, 1000.0)) for t in (0.0, 999.0))
+    np.testing.assert_array_equal(early, late)
+    early, late = (policy.act_at(OBSERVATIONS, np.full(ROWS, t), np.full(ROWS, 1000.0)) for t in (0.0, 999.0))
+    assert np.abs(early - late).max() > 0.1
 
 
 @pytest.mark.parametrize("normalize_embedding", [False, True])

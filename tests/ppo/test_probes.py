@@ -121,8 +121,11 @@ def gain(policy):
     return total
 
 
-def test_a_task_whose_best_action_depends_on_the_time_to_go_is_solved_with_phi(tmp_path):
-    policy, _ = trained(Shares, Geometric(4, low=0.5), Fixed(Shares.HORIZON), tmp_path, total_steps=512 * 30)
+@pytest.mark.parametrize("conditioning", ["concatenate", "film"])
+def test_a_task_whose_best_action_depends_on_the_time_to_go_is_solved_with_phi(tmp_path, conditioning):
+    phi, law = Geometric(4, low=0.5), Fixed(Shares.HORIZON)
+    policy, _ = trained(Shares, phi, law, tmp_path, total_steps=512 * 30, conditioning=conditioning)
+    assert ("policy.0.scale" in policy.weights) == (conditioning == "film")
     assert gain(policy) > 0.9 * Shares.OPTIMUM
 
 

@@ -13,6 +13,7 @@ from perdure.ppo.estimators import make_estimator
 
 Activation = Literal["relu", "tanh"]
 Decay = Literal["none", "linear"]
+Conditioning = Literal["concatenate", "film"]
 
 
 def _default_protocol() -> HorizonProtocol:
@@ -74,6 +75,9 @@ class PPOConfig:
     estimator: str = "discounted"
     """How advantages are estimated: `discounted` (GAE), or `average-reward`, with options such as
     `average-reward:reset_cost=10`."""
+    conditioning: Conditioning = "concatenate"
+    """How phi enters the networks: `concatenate` appends it to the observation; `film` lets it scale and shift the
+    hidden layers, see `perdure.ppo.networks`."""
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
@@ -95,6 +99,21 @@ class PPOConfig:
             "log_std_end",
             self.log_std_end,
             f"None or at most log_std_init = {self.log_std_init}",
+        )
+        _require(
+            self.conditioning in ("concatenate", "film"), "conditioning", self.conditioning, "'concatenate' or 'film'"
+        )
+        _require(
+            self.conditioning != "film" or self.protocol.embedding is not None,
+            "conditioning",
+            self.conditioning,
+            "'concatenate' for a policy without an embedding",
+        )
+        _require(
+            self.conditioning != "film" or not self.protocol.normalize_embedding,
+            "conditioning",
+            self.conditioning,
+            "'concatenate' if protocol.normalize_embedding is set",
         )
         begin, end = self.log_std_fall
         _require(0 <= begin < end <= 1, "log_std_fall", self.log_std_fall, "two shares that grow, from 0 to 1")
@@ -165,6 +184,7 @@ _LATER: dict[str, Any] = {
     "log_std_end": None,
     "log_std_fall": (0.0, 0.6),
     "estimator": "discounted",
+    "conditioning": "concatenate",
 }
 """Settings that are missing in older runs and policy files, with their values there."""
 

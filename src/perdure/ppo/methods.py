@@ -13,6 +13,9 @@
 | ``geometric-fixed`` | 1 | 1000 | terminal | Geometric(d) | control: phi without random T |
 | ``ppo-average-reward`` | 1 | 1000 | bootstrap last observation | - | reward per step; a fall is a cost, not an end |
 | ``linear-random`` | 1 | U[200, 1000] | terminal | Linear | control: linear phi with random T |
+| ``geometric-5`` | 1 | U[200, 1000] | terminal | Geometric(5) | ``geometric`` with five numbers on every task |
+| ``geometric-10`` | 1 | U[200, 1000] | terminal | Geometric(10) | ``geometric`` with ten numbers on every task |
+| ``geometric-film`` | 1 | U[200, 1000] | terminal | Geometric(d) | ``geometric``; phi scales and shifts hidden layers |
 
 With gamma = 1 and a bootstrap at every time limit, values are determined only up to a constant and may drift. The
 baseline still learns, because advantages use differences of V.
@@ -43,7 +46,7 @@ from perdure.horizon import (
     Uniform,
     geometric_size,
 )
-from perdure.ppo.config import PPOConfig
+from perdure.ppo.config import Conditioning, PPOConfig
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.presets import ZOO, find_preset
 
@@ -64,6 +67,7 @@ class Method:
     embedding: Callable[[int, str], Embedding] | None = None
     n_envs: int | None = None
     estimator: str = "discounted"
+    conditioning: Conditioning = "concatenate"
 
 
 def _linear(observation_size: int, task: str) -> Embedding:
@@ -86,6 +90,11 @@ METHODS: dict[str, Method] = {
     "geometric-fixed": Method(EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
     "ppo-average-reward": Method(EPISODE, terminal=False, undiscounted=True, estimator="average-reward"),
     "linear-random": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_linear),
+    "geometric-5": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(5)),
+    "geometric-10": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(10)),
+    "geometric-film": Method(
+        RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_geometric, conditioning="film"
+    ),
 }
 
 
@@ -114,7 +123,9 @@ def method_config(method: str, task: str, observation_size: int, preset: str = Z
         gamma=gamma,
         normalizer_gamma=tuned.gamma,
     )
-    config = PPOConfig(protocol=protocol, estimator=chosen.estimator, **tuned.settings)
+    config = PPOConfig(
+        protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
+    )
     return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
 
 

@@ -2,6 +2,11 @@
 
 As in Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so that a file of them can be read by eye:
 ``policy.0.weight`` (in, out), ``policy.0.bias`` (out,), ..., ``value.2.weight``, ``log_std`` (action_size,).
+
+phi is appended to the observation. With ``conditioning="film"`` the first layer takes the observation only, and every
+hidden layer becomes act((1 + phi @ scale) * (h @ weight + bias) + phi @ shift), with ``policy.0.scale`` and
+``policy.0.shift`` of shape (embedding_size, out) (feature-wise linear modulation; Perez et al., 2018). Both start at
+zero, so the networks begin as those of a policy without phi.
 """
 
 from __future__ import annotations
@@ -26,16 +31,26 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
 
     Orthogonal with gain sqrt(2) in the hidden layers, 0.01 for the action mean and 1 for the value (Stable-Baselines3),
     or uniform in +-1/sqrt(fan in) for weights and biases (torch's ``Linear``) when ``config.ortho_init`` is off.
+
+    Args:
+        key: Randomness.
+        input_size: Of observation and phi together.
+        action_size: Of the task.
+        config: The learner's settings.
     """
+    modulating = config.protocol.embedding_size if config.conditioning == "film" else 0
     params: Params = {"log_std": jnp.full((action_size,), config.log_std_init, jnp.float32)}
     for name, out_size, out_gain in (("policy", action_size, 0.01), ("value", 1, 1.0)):
         key, net_key = jax.random.split(key)
-        sizes = (input_size, *config.hidden_sizes, out_size)
+        sizes = (input_size - modulating, *config.hidden_sizes, out_size)
         for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
             gain = out_gain if layer == len(sizes) - 2 else math.sqrt(2.0)
             layer_key = jax.random.fold_in(net_key, layer)
             weight, bias = _init_layer(layer_key, fan_in, fan_out, gain, config.ortho_init)
             params[f"{name}.{layer}.weight"], params[f"{name}.{layer}.bias"] = weight, bias
+            if modulating and layer < len(sizes) - 2:
+                for part in ("scale", "shift"):
+                    params[f"{name}.{layer}.{part}"] = jnp.zeros((modulating, fan_out), jnp.float32)
     return params
 
 
@@ -53,12 +68,16 @@ def _init_layer(
 
 def forward(params: Params, network: str, inputs: jax.Array, activation: str) -> jax.Array:
     """Return the output of ``network`` ("policy" or "value"), shape (n, outputs), for inputs (n, input_size)."""
-    layers = sum(name.startswith(f"{network}.") for name in params) // 2
+    layers = sum(name.startswith(f"{network}.") and name.endswith(".weight") for name in params)
     squash = {"relu": jax.nn.relu, "tanh": jnp.tanh}[activation]
-    hidden = inputs
+    first = len(params[f"{network}.0.weight"])
+    hidden, phi = inputs[:, :first], inputs[:, first:]
     for layer in range(layers):
         hidden = hidden @ params[f"{network}.{layer}.weight"] + params[f"{network}.{layer}.bias"]
         if layer < layers - 1:
+            if f"{network}.{layer}.scale" in params:
+                scale, shift = (params[f"{network}.{layer}.{part}"] for part in ("scale", "shift"))
+                hidden = (1.0 + phi @ scale) * hidden + phi @ shift
             hidden = squash(hidden)
     return hidden
 

@@ -44,6 +44,7 @@ POLICIES = {
     "plain": random_policy(embedding=None, activation="relu"),
     "linear": random_policy(embedding="linear"),
     "geometric": random_policy(embedding="geometric", hidden=(64, 64)),
+    "film": random_policy(film=True, hidden=(64, 64)),
     "normalized phi": random_policy(embedding="geometric", normalize_embedding=True),
     "time feature": with_embedding(TimeFeature(1000)),
     "squashed": random_policy(embedding=None, squash=TanhSquash()),

@@ -119,16 +119,35 @@ def _phi(graph: Graph, policy: Policy, clock: Clock | None) -> Value | None:
 
 def _act(graph: Graph, policy: Policy, phi: Value | None) -> Value:
     hidden = _inputs(graph, policy, Value(graph, "observation", 2), phi)
-    layers = sum(name.startswith("policy.") for name in policy.weights) // 2
+    layers = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
+    film = "policy.0.scale" in policy.weights
+    if film:
+        hidden, phi = _split(graph, hidden, policy.task.observation_size)
     for layer in range(layers):
-        weight, bias = (np.asarray(policy.weights[f"policy.{layer}.{part}"], np.float32) for part in ("weight", "bias"))
-        hidden = graph.node("Add", graph.node("MatMul", hidden, weight), bias)
+        hidden = graph.node(
+            "Add", graph.node("MatMul", hidden, _matrix(policy, layer, "weight")), _matrix(policy, layer, "bias")
+        )
         if layer < layers - 1:
+            if film:
+                scale, shift = (graph.node("MatMul", phi, _matrix(policy, layer, part)) for part in ("scale", "shift"))
+                factor = graph.node("Add", scale, np.float32(1))
+                hidden = graph.node("Add", graph.node("Mul", factor, hidden), shift)
             hidden = _ACTIVATIONS[policy.activation](graph, hidden)
     low, high = np.array(policy.task.action_low), np.array(policy.task.action_high)
     if policy.squash is not None:
         hidden = _squashed(graph, hidden, policy.squash.limit, low, high)
     return graph.node("Min", graph.node("Max", graph.cast(hidden, np.float64), low), high)
+
+
+def _matrix(policy: Policy, layer: int, part: str) -> NDArray[np.float32]:
+    return np.asarray(policy.weights[f"policy.{layer}.{part}"], np.float32)
+
+
+def _split(graph: Graph, inputs: Value, first: int) -> tuple[Value, Value]:
+    """Return the first columns and the others."""
+    axis, end = np.array([1]), np.array([np.iinfo(np.int64).max])
+    head = graph.node("Slice", inputs, np.array([0]), np.array([first]), axis)
+    return head, graph.node("Slice", inputs, np.array([first]), end, axis)
 
 
 def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None) -> Value:

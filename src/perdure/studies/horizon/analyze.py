@@ -12,7 +12,7 @@ from perdure.runs import write_atomic
 from perdure.studies.csv_files import write_csv
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
-from perdure.studies.horizon.claims import CLAIMS
+from perdure.studies.horizon.claims import CLAIMS, PILOT_CLAIMS
 from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.figure_curves import clock_figures, survival_figures, training_horizon_figures
 from perdure.studies.horizon.figure_mechanism import mechanism_figures
@@ -26,12 +26,14 @@ from perdure.studies.horizon.summaries import choice_table, condition_table, rul
 from perdure.studies.horizon.tables import failure_places
 
 FORMATS: tuple[Format, ...] = ("png", "svg")
+FAMILIES = (CLAIMS, PILOT_CLAIMS)
+"""Claims whose comparisons Holm's method counts together."""
 
 
 def analyze(grid: Grid, out: Path) -> list[Path]:
     """Write everything under `out` again and return the files, the page last. The same tables give the same bytes."""
     results = read_results(grid, out)
-    decided = decide_claims(registered_claims(grid), results)
+    decided = [each for family in FAMILIES for each in decide_claims(claims_of(grid, family), results)]
     frames = {name: frame for name, frame in _tables(results) if not frame.is_empty()}
     if decided:
         frames["claims"] = claims_frame(decided)
@@ -43,10 +45,10 @@ def analyze(grid: Grid, out: Path) -> list[Path]:
     return [*written, write_page(out / "README.md", results, decided, figures)]
 
 
-def registered_claims(grid: Grid) -> Sequence[Claim]:
-    """Return the claims of the thesis about settings of this grid."""
+def claims_of(grid: Grid, claims: Sequence[Claim]) -> Sequence[Claim]:
+    """Return the claims about settings of this grid."""
     settings = set(grid.settings)
-    return [claim for claim in CLAIMS if settings & {*claim.tasks, *claim.right_tasks}]
+    return [claim for claim in claims if settings & {*claim.tasks, *claim.right_tasks}]
 
 
 def _tables(results: Results) -> Iterator[tuple[str, pl.DataFrame]]:

@@ -20,9 +20,9 @@ Each claim compares two conditions, left and right. The 95 % interval of left mi
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
 otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
 at {level:g}. The table holds {comparisons} comparisons. "After Holm" is the decision that remains when all of them are
-counted (Holm's method at {level:g}). P(better): share of pairs of training runs in which the left side is greater, ties
-count half. An interval of a share may reach beyond 0 and 1. Tasks without a preset in brackets use the settings of RL
-Baselines3 Zoo.
+counted (Holm's method at {level:g}; claims of the pilots, which were registered later, are counted by themselves).
+P(better): share of pairs of training runs in which the left side is greater, ties count half. An interval of a share
+may reach beyond 0 and 1. Tasks without a preset in brackets use the settings of RL Baselines3 Zoo.
 
 """
 

@@ -20,18 +20,22 @@ PHASES = {
     3: "controls: random horizon, fixed horizon, linear with random horizon, average reward",
     4: "gamma, ten workers, short episodes on more tasks",
     5: "Humanoid, three methods, coarser C",
+    6: "pilots: size of the embedding, FiLM, a dm_control task, a Shadow hand that reaches for goals",
 }
 DEFAULT_PHASES = (1, 2, 3)
 GAMMAS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 
 FOUR = ("ppo", "ppo-undiscounted", "linear", "geometric")
 CONTROLS = ("random-horizon", "geometric-fixed", "linear-random", "ppo-average-reward")
-SWEPT = ("geometric", "geometric-fixed")
+VARIANTS = ("geometric-5", "geometric-10", "geometric-film")
+SWEPT = ("geometric", "geometric-fixed", *VARIANTS)
 """Methods whose input depends on C."""
 LINEAR = ("linear", "linear-random", "linear-10-workers")
 """Methods to which every constant C > 0 is the same input, phi = 1."""
 
 CONSTANTS = tuple(f"constant:{c}" for c in range(0, 1001, 100))
+SLOW = ("Humanoid", "Hand")
+"""Robots that take long to simulate: fewer clocks."""
 COARSE = ("constant:100", "constant:300", "constant:500", "constant:1000")
 
 
@@ -90,9 +94,9 @@ class Grid:
             return ("countdown", "constant:500")
         if row.method not in SWEPT:
             return ()
-        if row.task.startswith("Humanoid"):
+        if row.task.startswith(SLOW):
             return (*COARSE, "countdown")
-        if row.method == "geometric-fixed" and self.swept == ("sweep",):
+        if row.method != "geometric" and self.swept == ("sweep",):
             return (*CONSTANTS, "countdown")
         return self.swept
 
@@ -145,6 +149,10 @@ THESIS_ROWS = (
     *_gammas("Hopper-v3", CLEANRL),
     *_gammas("HalfCheetah-v3", ZOO),
     *_rows(("Humanoid-v3",), ZOO, ("ppo", "ppo-undiscounted", "geometric"), 3, 5),
+    *_rows(("Hopper-v3",), CLEANRL, ("geometric-10", "geometric-film"), 3, 6),
+    *_rows(("Walker2d-v3",), CLEANRL, ("geometric-5", "geometric-film"), 3, 6),
+    *_rows(("HalfCheetah-v3",), ZOO, ("geometric-5", "geometric-film"), 3, 6),
+    *_rows(("WalkerWalk-v1", "HandReachDense-v3"), CLEANRL, ("ppo", "geometric"), 3, 6),
 )
 LAPTOP_ROWS = (
     *_rows(("Hopper-v3",), CLEANRL, (*FOUR, "random-horizon", "geometric-fixed"), 5, 1),

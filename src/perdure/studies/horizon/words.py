@@ -17,6 +17,9 @@ METHODS = {
     "linear-random": "linear time-to-go, random horizon",
     "geometric": "geometric time-to-go",
     "geometric-fixed": "geometric time-to-go, fixed horizon",
+    "geometric-5": "geometric time-to-go, five numbers",
+    "geometric-10": "geometric time-to-go, ten numbers",
+    "geometric-film": "geometric time-to-go, FiLM",
     "random-horizon": "random horizon, no time-to-go",
 }
 RULES = {
