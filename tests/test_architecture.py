@@ -2,6 +2,7 @@
 
 cli -> studies -> extrapolate, home -> ppo -> policy -> envs -> horizon
 report, runs: nothing of ours but schema, and report writes files with runs.write_atomic
+render: nothing of ours; extrapolate and home draw with it
 schema: nothing of ours; everything may use it
 """
 
@@ -17,17 +18,18 @@ ROOT = Path(perdure.__file__).parent
 
 ALLOWED = {
     "schema": set(),
+    "render": set(),
     "horizon": {"schema"},
     "runs": {"schema"},
     "report": {"schema", "runs"},
     "envs": {"schema", "horizon"},
     "policy": {"schema", "horizon", "envs", "runs"},
     "ppo": {"schema", "horizon", "envs", "policy", "runs"},
-    "extrapolate": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
-    "home": {"schema", "horizon", "envs", "policy", "ppo", "report", "runs"},
+    "extrapolate": {"schema", "horizon", "envs", "policy", "ppo", "report", "render", "runs"},
+    "home": {"schema", "horizon", "envs", "policy", "ppo", "report", "render", "runs"},
     "studies": {"schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "report", "runs"},
     "cli": {
-        *("schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "studies", "report", "runs"),
+        *("schema", "horizon", "envs", "policy", "ppo", "extrapolate", "home", "studies", "report", "render", "runs"),
     },
     "__init__": {"horizon", "envs", "policy", "ppo", "extrapolate", "report"},  # its lazy names
     "__main__": {"cli", "schema"},

@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 from perdure.__main__ import main
-from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.outcomes import read_logs, write_logs
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
-from perdure.home.sim.camera.gl import open_context
 from perdure.home.skills import SKILLS
+from perdure.render import RenderError, open_context
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 from home_stories import good
@@ -58,7 +57,7 @@ def pictures(monkeypatch):
     monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
     try:
         open_context(16, 16).free()
-    except HomeError:
+    except RenderError:
         pytest.skip("this machine has neither EGL nor OSMesa")
 
 

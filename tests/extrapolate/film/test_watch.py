@@ -18,6 +18,7 @@ from perdure.extrapolate.film.render_env import find_render_env
 from perdure.extrapolate.film.replay import replay
 from perdure.horizon import Constant
 from perdure.policy import load_policy
+from perdure.render import RenderError
 
 pytest.importorskip("mujoco")
 NOTHING_LEFT, ALWAYS = Constant(0.0), Constant(500.0)
@@ -183,7 +184,7 @@ def test_a_film_that_breaks_off_leaves_no_file(tmp_path):
 
     with pytest.raises(RuntimeError, match="lost"):
         write_film(broken(), tmp_path / "film.mp4", 25.0)
-    with pytest.raises(FilmError, match="at least one picture"):
+    with pytest.raises(RenderError, match="at least one picture"):
         write_film([], tmp_path / "film.mp4", 25.0)
     assert list(tmp_path.iterdir()) == []
 

@@ -18,6 +18,7 @@ from perdure.home.skills import SKILLS
 from perdure.home.video import Replay, failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
 from perdure.home.video.failure_sheets import COLUMNS
 from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
+from perdure.render import RenderError
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "evaluate" / "outcomes"))
 from home_stories import NOTES, Story
@@ -200,7 +201,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
         states[:, scene.middles[0]] = positions
         try:
             sheets.append(failure_sheet(failure, replace(replay, states=states, label=found)))
-        except HomeError as error:
+        except RenderError as error:
             if "no picture can be drawn" in str(error):
                 pytest.skip("this machine has neither EGL nor OSMesa")
             raise

@@ -11,6 +11,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
 from perdure.home.video import Agent, FilmOptions, film_side_by_side, make_agent, side_by_side
 from perdure.home.video.frame_buffer import FrameBuffer
+from perdure.render import RenderError
 
 SIZE = (96, 64)
 
@@ -65,7 +66,7 @@ def test_two_strategies_are_filmed(episode, tmp_path):
     agents = [make_agent("set_table", place, policies={"place": "oracle"}) for place in ("rl", "ik")]
     try:
         logs = film_side_by_side(episode, tmp_path / "film.mp4", agents, FilmOptions(size=SIZE, speed=8.0, seconds=0.5))
-    except HomeError as error:
+    except RenderError as error:
         if "no picture can be drawn" in str(error):
             pytest.skip("this machine has neither EGL nor OSMesa")
         raise

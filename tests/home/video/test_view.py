@@ -9,6 +9,7 @@ from perdure.home.sim.world import SceneOptions, VectorSimulator
 from perdure.home.video import FilmOptions, film_episode, goal_marks, render_lane, save_picture
 from perdure.home.video.files import open_film
 from perdure.home.video.film import tile
+from perdure.render import RenderError
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def lane(episode):
 def picture(lane, *arguments, **options):
     try:
         return render_lane(lane, *arguments, **options)
-    except HomeError as error:
+    except RenderError as error:
         if "no picture can be drawn" in str(error):
             pytest.skip("this machine has neither EGL nor OSMesa")
         raise
@@ -61,7 +62,7 @@ def test_wrong_wishes_are_refused(lane, camera, size, message):
 def test_a_film_is_written_whole(episode, tmp_path, name):
     try:
         log = film_episode(episode, tmp_path / name, FilmOptions(size=(96, 64), speed=8.0, seconds=1.0))
-    except HomeError as error:
+    except RenderError as error:
         if "no picture can be drawn" in str(error):
             pytest.skip("this machine has neither EGL nor OSMesa")
         raise

@@ -38,7 +38,6 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """Run ``perdure home failures``."""
     flags = parse_home(HomeFailures, args, "failures")
-    from perdure.home.sim.camera.gl import open_context
     from perdure.home.video import (
         failure_sheet,
         logged_agent,
@@ -47,6 +46,7 @@ def main(args: list[str]) -> None:
         sample_failures,
         save_picture,
     )
+    from perdure.render import open_context
 
     chosen = policies(flags.policies)
     check_folder(flags.out)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from copy import copy
-from importlib import import_module
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.extrapolate.film.errors import FilmError
+from perdure.render import open_context
 
 Picture = NDArray[np.uint8]
 """Shape (height, width, 3)."""
@@ -34,7 +31,7 @@ class Camera:
             size: Width and height in pixels.
 
         Raises:
-            FilmError: If nothing can be rendered on this machine.
+            RenderError: If nothing can be rendered on this machine.
         """
         import mujoco
 
@@ -44,7 +41,7 @@ class Camera:
         visual = self._model.vis
         visual.global_.offwidth, visual.global_.offheight = size
         visual.quality.shadowsize = 1024
-        self._context = _open_context(*size)
+        self._context = open_context(*size)
         self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
         self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom + 200)
@@ -94,23 +91,3 @@ def _widen_floor(model: Any, plane: int) -> None:
     materials = model.geom_matid[floors]
     model.mat_texuniform[materials[materials >= 0]] = 1
     model.mat_texrepeat[materials[materials >= 0]] = 1.0
-
-
-def _open_context(width: int, height: int) -> Any:
-    """Return a current OpenGL context: of MUJOCO_GL if that is set, else on Linux of EGL or OSMesa."""
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    kinds = (asked,) if asked in ("egl", "osmesa", "glfw") else ("egl", "osmesa")
-    if asked not in ("egl", "osmesa") and not sys.platform.startswith("linux"):
-        kinds = ("glfw",)
-    failures = []
-    for kind in kinds:
-        try:
-            context = import_module(f"mujoco.{kind}").GLContext(width, height)
-            context.make_current()
-        except Exception as error:  # every driver fails in its own way
-            failures.append(f"{kind} ({type(error).__name__}: {' '.join(str(error).split())[:80]})")
-        else:
-            return context
-    raise FilmError(
-        f"nothing can be rendered on this machine: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6"
-    )

@@ -1,4 +1,4 @@
-"""Write a video as H.264 with the ffmpeg of imageio-ffmpeg; a failed write leaves no file."""
+"""Write a film whole: a failed write leaves no file."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from perdure.extrapolate.film.camera import Picture
 from perdure.extrapolate.film.errors import FilmError
+from perdure.render import Mp4Writer
 
 SUFFIX = ".mp4"
 
@@ -36,31 +37,21 @@ def write_film(pictures: Iterable[Picture], path: Path, rate: float) -> int:
         pictures: At least one.
         path: The file.
         rate: Pictures per second.
-    """
-    import imageio_ffmpeg
 
+    Raises:
+        RenderError: If there is no picture, or ffmpeg fails.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{SUFFIX}")
     temporary.touch()  # a folder that may not be written is found out before the first picture
-    writer, count = None, 0
+    writer, count = Mp4Writer(temporary, rate), 0
     try:
         for picture in pictures:
-            if writer is None:
-                height, width = picture.shape[:2]
-                options = {"quality": None, "macro_block_size": 2, "ffmpeg_log_level": "error"}
-                encoder = ["-crf", "20", "-movflags", "+faststart", "-threads", "1"]
-                writer = imageio_ffmpeg.write_frames(
-                    str(temporary), (width, height), fps=rate, output_params=encoder, **options
-                )
-                writer.send(None)
-            writer.send(picture)
+            writer.add(picture)
             count += 1
-        if writer is None:
-            raise FilmError("a film needs at least one picture")
         writer.close()
         os.replace(temporary, path)
     finally:
-        if writer is not None:
-            writer.close()
+        writer.abort()
         temporary.unlink(missing_ok=True)
     return count

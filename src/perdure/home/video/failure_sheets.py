@@ -47,7 +47,7 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
     The replay's own label is shown where it has one.
 
     Raises:
-        HomeError: If no picture can be drawn on this machine.
+        RenderError: If no picture can be drawn on this machine.
     """
     log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
     condition, episode = condition_of(log, found), failure.episode

@@ -10,10 +10,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import Picture
+from perdure.render import Mp4Writer, RenderError
 from perdure.runs import write_atomic
 
 GIF_PACE = 0.08
@@ -56,7 +55,8 @@ def open_film(path: Path) -> Generator[Film, None, None]:
     """A film to add pictures to; the file appears when the block ends well.
 
     Raises:
-        HomeError: For a name that ends neither in `.mp4` nor in `.gif`, or when a film can't be written.
+        HomeError: For a name that ends neither in `.mp4` nor in `.gif`.
+        RenderError: When a film can't be written.
     """
     kinds: dict[str, Callable[[Path], Film]] = {".mp4": _Mp4, ".gif": _Gif}
     if path.suffix.lower() not in kinds:
@@ -78,36 +78,21 @@ def open_film(path: Path) -> Generator[Film, None, None]:
 
 
 class _Mp4:
-    """H.264 by the ffmpeg that imageio-ffmpeg brings along."""
+    """H.264."""
 
     pace = MP4_PACE
 
     def __init__(self, path: Path) -> None:
-        self._path, self._stream = path, None
-
-    _stream: Any
+        self._writer = Mp4Writer(path, round(1.0 / self.pace), crf=23, preset="veryfast")
 
     def add(self, picture: Picture) -> None:
-        if self._stream is None:
-            import imageio_ffmpeg
-
-            height, width = picture.shape[:2]
-            self._stream = imageio_ffmpeg.write_frames(
-                str(self._path), (width, height), fps=round(1.0 / self.pace), quality=None, macro_block_size=2,
-                output_params=["-crf", "23", "-preset", "veryfast", "-movflags", "+faststart", "-threads", "1"],
-                ffmpeg_log_level="error",
-            )  # fmt: skip
-            self._stream.send(None)
-        self._stream.send(np.ascontiguousarray(picture))
+        self._writer.add(picture)
 
     def end(self) -> None:
-        if self._stream is None:
-            raise HomeError("a film needs at least one picture")
-        self.stop()
+        self._writer.close()
 
     def stop(self) -> None:
-        if self._stream is not None:
-            self._stream.close()
+        self._writer.abort()
 
 
 class _Gif:
@@ -126,7 +111,7 @@ class _Gif:
 
     def end(self) -> None:
         if not self._pictures:
-            raise HomeError("a film needs at least one picture")
+            raise RenderError("a film needs at least one picture")
         first, *rest = self._pictures
         first.save(
             self._path, save_all=True, append_images=rest, duration=round(1000 * self.pace), loop=0, optimize=False

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Picture
-from perdure.home.sim.camera.gl import open_context
 from perdure.home.sim.world import Simulator
 from perdure.home.video.cameras import FOVY, OWN, Shot, check_camera, whole_apartment
 from perdure.home.video.marks import Mark
 from perdure.home.video.words import write_labels
+from perdure.render import open_context
 
 LARGEST = 4096
 NEAR = 0.02
@@ -44,7 +44,8 @@ class Studio:
             size: Width and height of the pictures in pixels.
 
         Raises:
-            HomeError: If the size is none, or no picture can be drawn on this machine.
+            HomeError: If the size is none.
+            RenderError: If no picture can be drawn on this machine.
         """
         import mujoco
 

@@ -17,6 +17,7 @@ from perdure.home.sim.camera.depth import FAR, SIDE, HeadCamera
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.robot.data import JOINTS
 from perdure.home.skills.gym import HeadDepth, VectorHeadDepth
+from perdure.render import RenderError
 
 WALL, BASE = 2.5, (0.3, 0.1)
 """Where the wall's face is along x, and where the robot stands, in [m]."""
@@ -29,7 +30,7 @@ STEPS, SEEDS = 6, (5, 6, 7)
 def camera():
     try:
         made = HeadCamera()
-    except HomeError as error:
+    except RenderError as error:
         pytest.skip(f"this machine has neither EGL nor OSMesa: {error}")
     yield made
     made.close()
@@ -196,7 +197,7 @@ def test_what_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(HomeError, match="1 to"):
         HeadCamera(0)
     monkeypatch.setenv("MUJOCO_GL", "off")
-    with pytest.raises(HomeError, match="switches pictures off"):
+    with pytest.raises(RenderError, match="switches pictures off"):
         VectorHeadDepth(make("pick", "set_table"))
 
 

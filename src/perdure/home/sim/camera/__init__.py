@@ -2,5 +2,4 @@
 
 Contents:
     depth    HeadCamera: what the head camera measures
-    gl       a rendering context without a window
 """

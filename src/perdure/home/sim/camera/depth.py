@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.home.errors import HomeError
-from perdure.home.sim.camera.gl import open_context
 from perdure.home.sim.world import Simulator
+from perdure.render import open_context
 
 DepthImage = NDArray[np.float32]
 
@@ -44,7 +44,8 @@ class HeadCamera:
             side: Width and height of the images in pixels.
 
         Raises:
-            HomeError: If the size is none, or no picture can be drawn on this machine.
+            HomeError: If the size is none.
+            RenderError: If no picture can be drawn on this machine.
         """
         import mujoco
 

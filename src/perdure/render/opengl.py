@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from perdure.home.errors import HomeError
+from perdure.render.errors import RenderError
 
 OFF = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that switch rendering off."""
@@ -16,8 +16,10 @@ OFF = ("disable", "disabled", "off", "false", "0")
 def open_context(width: int, height: int) -> Any:
     """Return an OpenGL context that is current in this thread, for pictures up to a size in pixels.
 
-    MUJOCO_GL decides when it is `egl`, `osmesa` or `glfw`; else, on Linux, the first of EGL and OSMesa that works.
-    HomeError when none of them works here.
+    MUJOCO_GL decides if it is `egl`, `osmesa` or `glfw`; else, on Linux, the first of EGL and OSMesa that works.
+
+    Raises:
+        RenderError: If none of them works here, or MUJOCO_GL switches pictures off.
     """
     failures = []
     for name in _candidates():
@@ -29,13 +31,13 @@ def open_context(width: int, height: int) -> Any:
             _forget_opengl()
         else:
             return context
-    raise HomeError(f"no picture can be drawn here: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6")
+    raise RenderError(f"no picture can be drawn here: {'; '.join(failures)}; on Debian, install libegl1 or libosmesa6")
 
 
 def _candidates() -> tuple[str, ...]:
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in OFF:
-        raise HomeError(f"no picture can be drawn: MUJOCO_GL={wanted} switches pictures off")
+        raise RenderError(f"no picture can be drawn: MUJOCO_GL={wanted} switches pictures off")
     if wanted in ("egl", "osmesa", "glfw"):
         return (wanted,)
     return ("egl", "osmesa") if sys.platform.startswith("linux") else ("default",)
