@@ -7,7 +7,7 @@
 | `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and direct calls that bypass its Python wrapper |
 | `gymnasium_world.py`, `spaces.py` | one Gymnasium environment per lane; their spaces as vectors |
 | `third_party.py` | validation of what third-party environments return |
-| `blow_up.py` | detection of invalid MuJoCo simulations |
+| `divergence.py` | detection of invalid MuJoCo simulations |
 | `vector_env_world.py` | any Gymnasium `VectorEnv` |
 | `suites.py`, `registry.py` | task suites; `make_world`, `list_tasks` |
 | `opening.py` | `open_env`: build worlds from a name, a factory or a VectorEnv |

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from perdure.envs.blow_up import blow_ups
 from perdure.envs.checks import checked_actions, checked_seeds
+from perdure.envs.divergence import divergence_count
 from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
@@ -126,7 +126,7 @@ class GymnasiumWorld(TrackedWorld):
             observations[row] = read_observation(where, "step", self._space, observation)
             rewards[row] = read_reward(where, reward)
             terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
-            diverged[row] = blow_ups(self._envs[lane]) > 0
+            diverged[row] = divergence_count(self._envs[lane]) > 0
         elapsed = self._tracker.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, elapsed, diverged)
 

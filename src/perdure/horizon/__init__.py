@@ -6,7 +6,7 @@
 | `clock.py` | base class of clocks, `parse_clock`; `countdown.py`, `constant.py`, `periodic.py`, `lane_clocks.py` |
 | `distribution.py` | base class of horizon distributions; `fixed.py`, `uniform.py`, `infinite.py` |
 | `protocol.py` | `HorizonProtocol`: embedding, horizon, end and gamma in one record |
-| `registry.py` | look up embeddings, clocks and distributions by name; to JSON and back |
+| `registered.py` | base class: look up embeddings, clocks and distributions by name; to JSON and back |
 | `wrappers/` | random horizons and the time-to-go as Gymnasium wrappers, for any library |
 | `errors.py` | `HorizonError` |
 """

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from typing import Any
 
 from perdure.horizon.errors import HorizonError
-from perdure.horizon.registry import Registered, from_json
+from perdure.horizon.registered import Registered, from_json
 
 
 class Clock(Registered):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any
 
-from perdure.horizon.registry import Registered, from_json
+from perdure.horizon.registered import Registered, from_json
 
 
 class Embedding(Registered):

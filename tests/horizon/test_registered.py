@@ -1,0 +1,98 @@
+"""A stranger adds an embedding, a clock or a distribution by subclassing, without touching a list."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from perdure.horizon import (
+    Clock,
+    Embedding,
+    Fixed,
+    HorizonError,
+    HorizonProtocol,
+    clock_from_json,
+    distribution_from_json,
+    embedding_from_json,
+)
+from perdure.horizon.registered import Registered, from_json, known
+
+
+@dataclass(frozen=True)
+class Reciprocal(Embedding):
+    """phi(t, T) = 1 / (1 + T - t)."""
+
+    name: ClassVar[str] = "reciprocal-of-a-stranger"
+    offset: float = 1.0
+
+    @property
+    def size(self):
+        return 1
+
+    def __call__(self, elapsed, horizon):
+        return (1 / (self.offset + horizon - elapsed))[..., None]
+
+
+@dataclass(frozen=True)
+class Late(Clock):
+    """A clock that is one step behind."""
+
+    name: ClassVar[str] = "late-of-a-stranger"
+    steps: float
+
+    def time(self, elapsed):
+        return elapsed - 1, self.steps + 0 * elapsed
+
+
+def test_a_strangers_embedding_is_stored_and_found_by_name():
+    protocol = HorizonProtocol(Reciprocal(2.0), Fixed(5), "terminated", 1.0, 1.0)
+    again = HorizonProtocol.from_json(protocol.to_json())
+    assert again.embedding == Reciprocal(2.0)
+    assert again.embed(np.array([3.0]), np.array([5.0])).tolist() == [[0.25]]
+
+
+def test_a_strangers_clock_is_found_by_name():
+    assert clock_from_json({"name": "late-of-a-stranger", "steps": 4}) == Late(4)
+
+
+def test_the_same_field_values_of_another_kind_are_another_thing():
+    assert embedding_from_json({"name": "linear"}) != embedding_from_json({"name": "geometric"})
+    assert distribution_from_json({"name": "fixed", "steps": 3}) != distribution_from_json(
+        {"name": "uniform", "low": 3, "high": 3}
+    )
+
+
+class Shape(Registered):
+    """An abstract idea of our own, so that the clash below stays here."""
+
+    @property
+    @abstractmethod
+    def corners(self):
+        """Never asked."""
+
+
+@dataclass(frozen=True)
+class Square(Shape):
+    name: ClassVar[str] = "square"
+    side: float
+    corners = 4
+
+
+def test_infinity_and_numpy_numbers_become_plain_json_values():
+    assert Square(np.inf).to_json() == {"name": "square", "side": "inf"}
+    assert type(Square(np.float32(2)).to_json()["side"]) is float
+    assert from_json(Shape, {"name": "square", "side": "inf"}) == Square(np.inf)
+
+
+def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
+    assert set(known(Shape)) == {"square"}
+
+    @dataclass(frozen=True)
+    class CopiedAndForgotten(Shape):
+        name: ClassVar[str] = "square"
+        corners = 4
+
+    with pytest.raises(HorizonError, match=r"Square and .*CopiedAndForgotten are both named 'square'"):
+        known(Shape)
