@@ -65,4 +65,11 @@ def test_one_run_gives_no_interval():
 
 
 def test_holm():
-    assert holm([0.01, 0.04, math.nan, 0.03, 0.005]) == pytest.approx([0.03, 0.06, math.nan, 0.06, 0.02], nan_ok=True)
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_holm_counts_comparisons_that_are_not_there_yet():
+    now, later = [0.01, math.nan, 0.03, 0.005], [0.01, 0.04, 0.03, 0.005]
+    adjusted = holm(now)
+    assert adjusted == pytest.approx([0.03, math.nan, 0.06, 0.02], nan_ok=True)
+    assert all(a <= b or math.isnan(b) for a, b in zip(holm(later), adjusted, strict=True))

@@ -104,12 +104,15 @@ def compare_with(left: Sequence[float], value: float) -> Difference:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p values for their number by Holm's step-down method [Holm, 1979, Scand. J. Statist. 6]; nan stays nan."""
+    """Adjust p values for their number by Holm's step-down method [Holm, 1979, Scand. J. Statist. 6].
+
+    nan, a comparison that is not there yet, stays nan and counts: what is decided now stays decided when it comes.
+    """
     known = [k for k, p in enumerate(p_values) if math.isfinite(p)]
     adjusted = [math.nan] * len(p_values)
     running = 0.0
     for rank, k in enumerate(sorted(known, key=lambda k: p_values[k])):
-        running = max(running, min(1.0, (len(known) - rank) * p_values[k]))
+        running = max(running, min(1.0, (len(p_values) - rank) * p_values[k]))
         adjusted[k] = running
     return adjusted
 

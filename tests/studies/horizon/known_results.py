@@ -54,17 +54,18 @@ def lanes(row, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0):
     ]
 
 
-def make_results(out, test, validation=None):
+def make_results(out, test, validation=None, task="Hopper-v3"):
     """Write evaluations and read them back.
 
     Args:
         out: A folder.
         test: {(method, clock): {seed: return}}; a return of None is a fall that earns 1.
         validation: Likewise; the test ones by default.
+        task: Of all of them.
     """
     methods = dict.fromkeys(method for method, _ in test)
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
-    rows = tuple(Row("Hopper-v3", method, ZOO, tuple(seeds[method]), 1) for method in methods)
+    rows = tuple(Row(task, method, ZOO, tuple(seeds[method]), 1) for method in methods)
     grid = Grid("thesis", rows, SPLITS, HORIZON, ("sweep",))
     for split, row in product(SPLITS, rows):
         runs = test if split.name == "test" or validation is None else validation

@@ -1,6 +1,7 @@
 """Claims are decided as they must be on tables of known answer."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from known_results import make_results
@@ -9,6 +10,7 @@ from perdure.studies import StudyError
 from perdure.studies.horizon.claim import Claim, Condition
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
 from perdure.studies.horizon.decide import decide_claims
+from perdure.studies.horizon.grid import ZOO, Row
 
 TASK = "Hopper-v3"
 PPO, NONE = Condition("ppo"), {seed: 100.0 + seed for seed in range(5)}
@@ -52,7 +54,13 @@ def test_runs_without_spread_are_decided_by_their_number(tmp_path, runs, expecte
     """All runs fell: a sign test of five has p = 2 / 2^5 = 0.0625, of six 0.031."""
     fallen = dict.fromkeys(range(runs))
     claims = [claim(way, right=0.5, measure="failed share", margin=0.1) for way in ("greater", "less")]
-    assert decided(tmp_path, fallen, *claims, right=dict.fromkeys(range(runs), 1.0)) == expected
+    results = make_results(
+        tmp_path, {("ppo", "none"): dict.fromkeys(range(runs), 1.0), ("geometric", "constant:500"): fallen}
+    )
+    found = decide_claims(claims, results)
+    assert [each.decision for each in found] == expected
+    assert "(no spread)" in claims_text(found)
+    assert ("more training runs that agree; 5 cannot decide" in claims_text(found)) == (runs == 5)
 
 
 def test_clocks_of_one_training_run_are_paired(tmp_path):
@@ -69,6 +77,9 @@ def test_what_is_not_evaluated_decides_nothing(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE})
     (found,) = decide_claims([claim()], results)
     assert (found.decision, found.after_holm) == ("not evaluated", "not evaluated")
+    assert "nothing, it is not among the evaluated rows" in claims_text([found])
+    rows = (*results.grid.rows, Row(TASK, "geometric", ZOO, (0, 1), 1))
+    (found,) = decide_claims([claim()], replace(results, grid=replace(results.grid, rows=rows)))
     assert "its evaluation" in claims_text([found])
 
 
@@ -94,12 +105,18 @@ def test_holm_counts_all_comparisons(tmp_path):
 
 
 def test_the_page_says_how_many_runs_would_decide(tmp_path):
-    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): WIDE})
+    left = {0: 60.0, 1: 90.0, 2: 150.0, 3: 130.0, 4: 220.0}
+    results = make_results(tmp_path / "some", {("ppo", "none"): NONE, ("geometric", "constant:500"): left})
     found = decide_claims([claim()], results)
     difference = found[0].tasks[0].difference
     needed = math.ceil(5 * (difference.half / difference.estimate) ** 2)
-    assert f"about {needed:,} training runs a side" in claims_text(found)
+    assert f"about {needed} training runs, if" in claims_text(found)
     assert claims_frame(found)["decision"].to_list() == ["undecided"]
+
+
+def test_the_page_does_not_estimate_very_many_runs(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): WIDE})
+    assert "more than 50 training runs" in claims_text(decide_claims([claim()], results))
 
 
 def test_the_chosen_clock_is_used_for_each_run(tmp_path):

@@ -44,7 +44,24 @@ def test_a_page_without_markers_gets_them_at_its_end(results, tmp_path):
 
 def test_the_page_shows_means_of_training_runs(results, tmp_path):
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
-    assert "| Hopper-v3 | 200.0 (0 %; 3) | \u2013 | \u2013 | 500.0 (0 %; 3) |" in text
+    assert "| Hopper-v3 | 200.0 (0 %; 3 x 2) | \u2013 | \u2013 | \u2013 | \u2013 | 500.0 (0 %; 3 x 2) |" in text
+    # Seed 0 falls under constant:500 and earns 1: (1 + 10 + 20) / 3.
+    assert "| Hopper-v3 | 10.33 | 500.0 (100) | 2.00 | \u2013 | \u2013 |" in text
+
+
+def test_the_page_begins_with_what_was_found(tmp_path):
+    results = make_results(tmp_path / "results", RUNS, task="Swimmer-v3")
+    text = write_page(tmp_path / "README.md", results, (), ()).read_text()
+    assert "Swimmer-v3 0 % against 0 %." in text
+    assert "at most 98 % below that of the cross-validated constant" in text  # 10.3 beside 500
+
+
+def test_main_figures_come_first(results, tmp_path):
+    text = write_page(tmp_path / "README.md", results, (), list(make_figures(results))).read_text()
+    first, others = text.index("## Figures"), text.index("## More figures")
+    assert (
+        first < text.index("figures/return-by-c-hopper-v3.png") < others < text.index("figures/survival-hopper-v3.png")
+    )
 
 
 def test_conditions_hold_means_and_intervals(results):

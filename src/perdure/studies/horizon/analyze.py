@@ -17,6 +17,7 @@ from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.figure_curves import clock_figures, survival_figures, training_horizon_figures
 from perdure.studies.horizon.figure_mechanism import mechanism_figures
 from perdure.studies.horizon.figure_returns import bias_figure, return_figures
+from perdure.studies.horizon.figure_sweep import sweep_figures
 from perdure.studies.horizon.figure_training import training_figures
 from perdure.studies.horizon.figure_verdicts import verdict_figures
 from perdure.studies.horizon.grid import Grid
@@ -68,6 +69,7 @@ def make_figures(results: Results) -> Iterator[Figure]:
     yield from training_horizon_figures(results)
     yield from return_figures(results)
     yield from training_figures(results)
+    yield from sweep_figures(results)
     yield from clock_figures(results)
     yield from survival_figures(results)
     yield from verdict_figures(results)

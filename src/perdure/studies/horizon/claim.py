@@ -43,7 +43,7 @@ MEASURES: dict[str, str] = {
     "return": "return of the whole test horizon",
     "return within": "return of the first 1,000 steps",
     "reward late": "reward per step in the last tenth of the test horizon; 0 after a fall",
-    "failed share": "share of episodes that fell, diverged, decayed or failed silently",
+    "failed share": "share of episodes that fell, diverged, decayed, failed silently or never worked",
     "ended share": "share of episodes that ended before the test horizon (falls and divergence)",
     "hold share": "share of episodes that hold to the end",
     "hold": "hold score at the end; 0 for an ended episode",

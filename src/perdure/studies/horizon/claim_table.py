@@ -14,15 +14,21 @@ from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
 from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
 
+MOST_RUNS = 50
+"""Larger numbers of training runs are not estimated."""
 HEAD = """# Claims
 
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
 otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
-at {level:g}. The table holds {comparisons} comparisons. "After Holm" is the decision that remains when all of them are
-counted (Holm's method at {level:g}; claims of the pilots, which were registered later, are counted by themselves).
-P(better): share of pairs of training runs in which the left side is greater, ties count half. An interval of a share
-may reach beyond 0 and 1. Tasks without a preset in brackets use the settings of RL Baselines3 Zoo.
+at {level:g}. This rule was added when all runs of Swimmer had held: an interval of width 0 would have decided on five
+runs. Validation start states choose C for a run by the other runs, so runs under a chosen C are not quite independent.
+
+There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
+when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims of the pilots, which were
+registered later, are counted by themselves. P(left > right): share of pairs of training runs in which the left side is
+greater; ties count half. An interval of a share may reach beyond 0 and 1. Tasks without a preset in brackets use the
+settings of RL Baselines3 Zoo. Margins are our choice.
 
 """
 
@@ -30,10 +36,10 @@ may reach beyond 0 and 1. Tasks without a preset in brackets use the settings of
 def claims_text(decided: Sequence[ClaimDecision]) -> str:
     """Return the page, in Markdown: an overview, then every claim with its comparisons."""
     tests = [p for each in decided for p in p_values(each)]
-    comparisons = sum(1 for p in tests if math.isfinite(p))
+    evaluated = sum(1 for p in tests if math.isfinite(p))
     counts = Counter(each.decision for each in decided)
     summary = ", ".join(f"{number} {name}" for name, number in counts.most_common())
-    parts = [HEAD.format(comparisons=comparisons, level=LEVEL)]
+    parts = [HEAD.format(comparisons=len(tests), evaluated=evaluated, level=LEVEL)]
     if not decided:
         return parts[0] + "No claim is registered.\n"
     parts.append(f"{wording.count(len(decided), 'claim')}: {summary}.\n\n")
@@ -97,8 +103,8 @@ def _claim_text(each: ClaimDecision) -> str:
     )
     head += "" if each.after_holm == each.decision else f" (counting all comparisons: {each.after_holm})"
     rows = "".join(_task_line(claim, task) for task in each.tasks)
-    columns = "| task | left | right | difference (95 % interval) | runs | P(better) | p, by Holm | decision |"
-    table = f".\n\n{columns}\n|---|---|---|---|---|---|---|---|\n{rows}"
+    columns = "| task | left | right | difference (95 % interval) | runs | P(left > right) | p | p (Holm) | decision |"
+    table = f".\n\n{columns}\n|---|---|---|---|---|---|---|---|---|\n{rows}"
     pooled = "" if each.pooled is None else _pooled_text(each, each.pooled)
     return f"{head}{table}{pooled}\nWhat would change it: {_would_change(each)}\n"
 
@@ -112,15 +118,16 @@ def _pooled_text(each: ClaimDecision, pooled: Difference) -> str:
 def _task_line(claim: Claim, task: TaskDecision) -> str:
     found = task.difference
     if found is None:
-        return f"| {task.task} | | | | 0 | | | not evaluated |\n"
+        return f"| {task.task} | | | | 0 | | | | not {'evaluated' if task.planned else 'planned'} |\n"
     cells = [
         task.task,
         wording.quantity(found.left),
         wording.quantity(found.right),
         _interval(found),
-        f"{found.count} ({found.method})",
+        f"{found.count} ({found.method if found.error != 0.0 else 'no spread'})",
         wording.share(found.improvement),
-        f"{_p(task.p)}, {_p(task.adjusted_p)}",
+        _p(task.p),
+        _p(task.adjusted_p),
         task.decision,
     ]
     return f"| {' | '.join(cells)} |\n"
@@ -129,6 +136,8 @@ def _task_line(claim: Claim, task: TaskDecision) -> str:
 def _interval(found: Difference) -> str:
     if not math.isfinite(found.half):
         return f"{wording.quantity(found.estimate)} (no interval)"
+    if found.error == 0.0:
+        return f"{wording.quantity(found.estimate)} (no spread)"
     low, high = wording.quantity(found.lower), wording.quantity(found.upper)
     return f"{wording.quantity(found.estimate)} ({low} to {high})"
 
@@ -185,7 +194,7 @@ def _task_change(claim: Claim, task: TaskDecision) -> str:
     """Return the number of runs that would decide, or the distance of the interval from the threshold, as text."""
     found = task.difference
     if found is None:
-        return f"{task.task}: its evaluation."
+        return f"{task.task}: {'its evaluation' if task.planned else 'nothing, it is not among the evaluated rows'}."
     if not math.isfinite(found.half):
         return f"{task.task}: at least two training runs on each side."
     edge = threshold(claim, found, task.margin)
@@ -194,6 +203,9 @@ def _task_change(claim: Claim, task: TaskDecision) -> str:
         if away == 0.0:
             return f"{task.task}: a difference, of which there is none."
         runs = max(found.n_left, found.n_right)
+        if found.error == 0.0:
+            return f"{task.task}: more training runs that agree; {runs} cannot decide at {LEVEL:g}."
         needed = math.ceil(runs * (found.half / away) ** 2)
-        return f"{task.task}: about {needed:,} training runs a side, if difference and spread stay as they are."
+        number = f"more than {MOST_RUNS}" if needed > MOST_RUNS else f"about {needed}"
+        return f"{task.task}: {number} training runs, if difference and spread stay as they are."
     return f"{task.task}: undecided again if the difference shrank by {wording.quantity(away - found.half)}."

@@ -155,7 +155,7 @@ CLAIMS: tuple[Claim, ...] = (
         over="mean",
     ),
     Claim(
-        "random-horizons-explain-the-gain",
+        "the-embedding-matters",
         "section 3.3.2, control",
         "The embedding matters: with random training horizons but without a time-to-go input the return is lower.",
         tasks=OURS,
@@ -185,7 +185,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "linear-time-to-go-does-not-help-training",
         "section 3.2.4, figure A-1",
-        "A linear time-to-go input does not raise the training return: the published gain could not be reproduced.",
+        "A linear time-to-go input does not raise training returns: the thesis could not reproduce a published gain.",
         tasks=ZOO,
         left=PPO,
         right=Condition("linear"),
@@ -206,7 +206,7 @@ CLAIMS: tuple[Claim, ...] = (
         would_change="A critic is compared on its own policy's states; the two policies visit different ones.",
     ),
     Claim(
-        "policies-depend-on-the-time-to-go",
+        "actions-hardly-depend-on-the-time-to-go",
         "section 3.5.1",
         "Concatenating observation and embedding may not generalize over the time-to-go: the action hardly depends on "
         "it (mean change below 5 % of the action box).",

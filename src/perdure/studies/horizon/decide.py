@@ -30,6 +30,8 @@ class TaskDecision:
     """Two-sided p value of the threshold nearest to the decision; nan where there is none."""
     adjusted_p: float = math.nan
     """The same by Holm's method, over all comparisons of the claim table."""
+    planned: bool = True
+    """Whether the grid evaluates both sides."""
 
     @property
     def after_holm(self) -> Decision:
@@ -135,7 +137,11 @@ def threshold(claim: Claim, difference: Difference, margin: float) -> float:
 def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> TaskDecision:
     difference = _compare(claim, task, right_task, results)
     if difference is None:
-        return TaskDecision(task, None, math.nan, "not evaluated", math.nan)
+        rows = [results.grid.row(task, claim.left.method)]
+        if isinstance(claim.right, Condition):
+            rows.append(results.grid.row(right_task, claim.right.method))
+        planned = all(row is not None and row.evaluated for row in rows)
+        return TaskDecision(task, None, math.nan, "not evaluated", math.nan, planned=planned)
     margin = _margin(claim, difference.right)
     p = difference.p(threshold(claim, difference, margin))
     decision = by_interval(claim, difference, margin)

@@ -10,7 +10,7 @@ from perdure.report.curves import Curve, Marker, curve_chart
 from perdure.report.estimates import Estimate
 from perdure.report.render import Figure, slug
 from perdure.report.theme import Style
-from perdure.studies.horizon import words
+from perdure.studies.horizon import styles, words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.estimates import estimate_condition, interval_note, reward_curve, working_curve
 from perdure.studies.horizon.results import Results
@@ -36,11 +36,12 @@ def survival_figures(results: Results) -> Iterator[Figure]:
         found = _estimates(results, setting, COMPARED)
         if not found:
             continue
-        curves = [working_curve(words.condition(c), e, theme.style(k)) for k, (c, e) in enumerate(found)]
+        curves = [working_curve(words.condition(c), e, styles.style(c)) for c, e in found]
         y = Axis(f"share of episodes that have not failed ({_episodes(found)})", percent=True)
         note = (
-            "A failure: a fall, a divergence, or less than three quarters of the reward rate of training until the end "
-            "(Kaplan-Meier). A policy that never worked has failed from the start. "
+            "A failure: a fall, a divergence, or to the end less than three quarters of the gain over an idle robot of "
+            "the training episodes (Kaplan-Meier). A policy that never worked, or earns too little from its first "
+            "window on, has failed from the start. "
             f"{interval_note([e.working for _, e in found], 'Bars at the right')}"
         )
         chart = curve_chart(curves, _steps(found), y, markers=_markers(found), steps=True)
@@ -92,7 +93,7 @@ def _clock_figure(
 def _reward_figure(
     results: Results, setting: str, found: Sequence[tuple[Condition, Estimate]], name: str, title: str
 ) -> Figure:
-    curves: list[Curve] = [reward_curve(words.condition(c), e, theme.style(k)) for k, (c, e) in enumerate(found)]
+    curves: list[Curve] = [reward_curve(words.condition(c), e, styles.style(c)) for c, e in found]
     return Figure(
         slug(name, setting),
         title,
@@ -132,4 +133,4 @@ def _episodes(found: Sequence[tuple[Condition, Estimate]]) -> str:
 def _markers(found: Sequence[tuple[Condition, Estimate]]) -> tuple[Marker, ...]:
     low, high = float(found[0][1].steps[0]), float(found[0][1].steps[-1])
     horizons = sorted({e.group.train_horizon for _, e in found if low < e.group.train_horizon < high})
-    return tuple(Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons)
+    return tuple(Marker(at, f"longest training horizon, {wording.whole(at)} steps") for at in horizons)

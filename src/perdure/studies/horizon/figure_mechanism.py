@@ -14,7 +14,7 @@ from perdure.report.curves import Curve, curve_chart
 from perdure.report.render import Figure, slug
 from perdure.report.rows import Points, point_chart
 from perdure.report.statistics import TRAINING_SEEDS, Interval, Units, estimate_interval
-from perdure.studies.horizon import words
+from perdure.studies.horizon import styles, words
 from perdure.studies.horizon.claim import MEASURES, Condition
 from perdure.studies.horizon.estimates import SEED, bounds, interval_curve, interval_note, run_interval
 from perdure.studies.horizon.mechanism import ACTIONS, BINS, read_details
@@ -53,7 +53,7 @@ def _curves(
         places, interval = _over_runs(part, x, y)
         if axes[1].low is not None:
             interval = replace(interval, lower=np.maximum(interval.lower, axes[1].low))
-        curves.append(interval_curve(words.method(method), places, interval, theme.style(METHODS.index(method))))
+        curves.append(interval_curve(words.method(method), places, interval, styles.style(Condition(method))))
         intervals.append(interval)
     if curves:
         note = (
@@ -93,5 +93,5 @@ def _value_points(results: Results, measure: str) -> tuple[list[str], list[Point
         rows: Sequence[int] = [k for k, setting in enumerate(settings) if (setting, method) in found]
         columns = zip(*(bounds(found[settings[row], method]) for row in rows), strict=True)
         mean, lower, upper = (np.array(column) for column in columns)
-        points.append(Points(words.method(method), rows, mean, theme.style(METHODS.index(method)), lower, upper))
+        points.append(Points(words.method(method), rows, mean, styles.style(Condition(method)), lower, upper))
     return settings, points, list(found.values())

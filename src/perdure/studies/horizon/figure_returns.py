@@ -12,7 +12,8 @@ from perdure.report.axes import Axis
 from perdure.report.render import Figure
 from perdure.report.rows import Points, point_chart
 from perdure.report.statistics import Interval
-from perdure.studies.horizon import words
+from perdure.report.theme import Style
+from perdure.studies.horizon import styles, words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.estimates import bounds, interval_note, run_interval
 from perdure.studies.horizon.results import Results
@@ -41,12 +42,16 @@ def return_figures(results: Results) -> Iterator[Figure]:
     title, note = f"Return of {horizon} steps: the method and its controls", "C is cross-validated."
     yield from _figure(results, "controls", title, CONTROLS, lambda each: words.method(each.method), note)
     title, note = f"Return of {horizon} steps by how C was chosen", "Geometric time-to-go."
-    yield from _figure(results, "rules", title, RULES, lambda each: words.rule(each.clock), note)
+    yield from _figure(results, "rules", title, RULES, lambda each: words.rule(each.clock), note, style=_place(RULES))
     gammas = [Condition(row.method) for row in results.grid.rows if row.gamma is not None]
     if gammas:
         compared = (Condition("geometric", "chosen"), Condition("ppo"), *dict.fromkeys(gammas))
         title = f"Return of {horizon} steps by discount"
-        yield from _figure(results, "gamma", title, compared, needs=gammas[0].method)
+        yield from _figure(results, "gamma", title, compared, needs=gammas[0].method, style=_place(compared))
+
+
+def _place(conditions: Sequence[Condition]) -> Callable[[Condition], Style]:
+    return lambda condition: theme.style(conditions.index(condition))
 
 
 def _figure(
@@ -57,6 +62,7 @@ def _figure(
     label: Callable[[Condition], str] = words.condition,
     about: str = "",
     needs: str = "",
+    style: Callable[[Condition], Style] = styles.style,
 ) -> Iterator[Figure]:
     values = {
         (setting, condition): found
@@ -73,14 +79,14 @@ def _figure(
     scales = {setting: return_scale(results, setting) for setting in settings}
     intervals = {key: run_interval(_scaled(found, scales[key[0]])) for key, found in values.items()}
     points = [
-        _points(label(condition), condition, k, settings, values, scales, intervals)
-        for k, condition in enumerate(conditions)
+        _points(label(condition), condition, style(condition), settings, values, scales, intervals)
+        for condition in conditions
         if any(each == condition for _, each in values)
     ]
     known = all(scale != 1.0 for scale in scales.values())
     axis = Axis("share of a published policy's reward" if known else "return")
     note = f"{about} " if about else ""
-    note += f"Rings: training runs. {interval_note(list(intervals.values()), 'Bars')}"
+    note += f"Hollow: training runs. {interval_note(list(intervals.values()), 'Bars')}"
     note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if known else ""
     chart = point_chart([words.setting(setting) for setting in settings], points, axis, theme.WIDE)
     yield Figure(name, title, chart, note, wide=True)
@@ -89,7 +95,7 @@ def _figure(
 def _points(
     label: str,
     condition: Condition,
-    k: int,
+    style: Style,
     settings: Sequence[str],
     values: Mapping[tuple[str, Condition], Mapping[int, float]],
     scales: Mapping[str, float],
@@ -99,7 +105,7 @@ def _points(
     found = [bounds(intervals[settings[row], condition]) for row in rows]
     mean, lower, upper = (np.array(each) for each in zip(*found, strict=True))
     rings = [list(_scaled(values[settings[row], condition], scales[settings[row]]).values()) for row in rows]
-    return Points(label, rows, mean, theme.style(k), lower, upper, rings)
+    return Points(label, rows, mean, style, lower, upper, rings)
 
 
 def return_scale(results: Results, setting: str) -> float:

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 import polars as pl
 
-from perdure.report import theme, wording
+from perdure.report import wording
 from perdure.report.axes import Axis
 from perdure.report.curves import curve_chart
 from perdure.report.render import Figure, slug
 from perdure.report.statistics import TRAINING_SEEDS, FloatArray, Units, estimate_interval
-from perdure.studies.horizon import words
+from perdure.studies.horizon import styles, words
+from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.estimates import SEED, interval_curve, interval_note
 from perdure.studies.horizon.results import Results
 from perdure.studies.horizon.training import EPISODES, seed_folders
@@ -38,13 +39,14 @@ def training_figures(results: Results) -> Iterator[Figure]:
 def _figure(setting: str, found: dict[str, list[pl.DataFrame]]) -> Figure:
     last = max(float(frame["step"].max() or 1.0) for frames in found.values() for frame in frames)  # type: ignore[arg-type]
     curves, intervals = [], []
-    for k, (name, frames) in enumerate(found.items()):
+    for name, frames in found.items():
         edges = np.linspace(0.0, last, POINTS + 1)
         units = Units(np.stack([episode_means(frame, edges) for frame in frames]), TRAINING_SEEDS)
         interval = estimate_interval(units, np.random.default_rng(SEED))
         intervals.append(interval)
-        curves.append(interval_curve(words.method(name), edges[1:], interval, theme.style(k)))
-    note = f"Sampled actions, as in training. {interval_note(intervals, 'Bands')}"
+        curves.append(interval_curve(words.method(name), edges[1:], interval, styles.style(Condition(name))))
+    note = "Sampled actions, as in training. To the linear methods the horizon is also an end. "
+    note += interval_note(intervals, "Bands")
     runs = wording.sample([len(frames) for frames in found.values()], "training run")
     axes = Axis("training steps"), Axis(f"mean return of training episodes ({runs})")
     chart = curve_chart(curves, *axes)

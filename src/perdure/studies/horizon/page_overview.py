@@ -1,0 +1,141 @@
+"""The result on the page: sentences, the table of methods and the table of clocks, all from the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from statistics import fmean
+
+from perdure.report import wording
+from perdure.studies.horizon import words
+from perdure.studies.horizon.claim import Condition
+from perdure.studies.horizon.claims import OURS
+from perdure.studies.horizon.decide import ClaimDecision
+from perdure.studies.horizon.results import VALIDATION, Results
+
+METHODS = (
+    Condition("ppo"),
+    Condition("ppo-undiscounted"),
+    Condition("ppo-average-reward"),
+    Condition("linear", "constant:500"),
+    Condition("linear", "countdown"),
+    Condition("geometric", "chosen"),
+)
+CLOCKS = ("constant:500", "chosen", "countdown", "chosen periodic", "constant:0")
+"""Of the geometric method, with the chosen ones cross-validated."""
+NONE = "\u2013"
+
+
+def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
+    """Return the first part of the page."""
+    methods = [_method_line(results, setting) for setting in results.grid.settings]
+    if not any(methods):
+        return "## Result\n\nNothing is evaluated on the test start states yet.\n\n"
+    parts = [_sentences(results, decided), _method_head(results), *methods, "\n", _clock_table(results)]
+    return "## Result\n\n" + "".join(parts)
+
+
+def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
+    found = [*_failures(results), *_after_holm(decided), *_advice(results)]
+    return "".join(f"- {line}\n" for line in found) + "\n" if found else ""
+
+
+def _failures(results: Results) -> Iterator[str]:
+    """Yield how many episodes of plain PPO and of the method failed, as text."""
+    compared = (Condition("ppo"), Condition("geometric", "chosen"))
+    found = []
+    for setting in results.grid.settings:
+        shares = [results.values(setting, each, "failed share") for each in compared]
+        if setting in OURS and all(shares):
+            before, after = (wording.share(fmean(each.values())) for each in shares)
+            found.append(f"{words.setting(setting)} {before} against {after}")
+    steps = wording.whole(float(results.grid.steps))
+    if found:
+        yield (
+            f"Share of {steps}-step episodes that failed, discounted PPO against a geometric time-to-go held at a "
+            f"cross-validated constant: {'; '.join(found)}."
+        )
+
+
+def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
+    lines = [
+        f"  - {decision} on {', '.join(map(words.setting, tasks))}: {each.claim.statement}"
+        for each in decided
+        for decision, tasks in each.by_decision.items()
+        if decision in ("supported", "contradicted")
+    ]
+    if lines:
+        head = "Decided after Holm's correction for all registered comparisons; everything else is undecided so far:"
+        yield "\n".join([head, *lines])
+    elif decided:
+        yield "No comparison of the claims below is decided after Holm's correction."
+
+
+def _advice(results: Results) -> Iterator[str]:
+    """Yield how the default clock does beside the cross-validated one, as text."""
+    losses = []
+    for setting in (each for each in OURS if each in results.grid.settings):
+        usual, chosen = (results.values(setting, Condition("geometric", clock)) for clock in ("constant:500", "chosen"))
+        if usual and chosen and fmean(chosen.values()) > 0:
+            losses.append(1.0 - fmean(usual.values()) / fmean(chosen.values()))
+    if losses:
+        yield (
+            f"Clock: start with `constant:500`, the default, and check it. On {wording.count(len(losses), 'task')} its "
+            f"mean return is at most {wording.share(max(0.0, *losses))} below that of the cross-validated constant "
+            "(means, not a test). Do not repeat the countdown."
+        )
+
+
+def _method_head(results: Results) -> str:
+    steps = wording.whole(float(results.grid.steps))
+    names = " | ".join(words.condition(each) for each in METHODS)
+    what = (
+        f"Mean return of {steps} steps on test start states. In brackets: share of episodes that failed; training runs "
+        "x start states. *Failed*: fell, diverged, never worked, or ended with less than three quarters of the gain "
+        "over an idle robot that it had in training. Most runs either fail early or keep nearly full reward, so the "
+        "means have wide intervals, which the claims below use. C is the constant number of steps to go given to the "
+        f"policy. It is cross-validated: that of the highest mean return of the *other* training runs on "
+        f"{results.grid.split(VALIDATION).seeds} validation start states. To the linear embedding every C > 0 is the "
+        "same input. With the settings of RL Baselines3 Zoo, Hopper and Walker2d learn to stand still for the reward "
+        "of being alive: their returns are high and all their episodes failed."
+    )
+    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(METHODS)}|\n"
+
+
+def _method_line(results: Results, setting: str) -> str:
+    cells = [_cell(results, setting, condition) for condition in METHODS]
+    return f"| {words.setting(setting)} | {' | '.join(cells)} |\n" if set(cells) != {NONE} else ""
+
+
+def _cell(results: Results, setting: str, condition: Condition) -> str:
+    returns, failed = (results.values(setting, condition, name) for name in ("return", "failed share"))
+    if not returns:
+        return NONE
+    row = results.grid.row(setting, condition.method)
+    assert row is not None
+    states = int(results.of(row)["episodes"].min() or 0)  # type: ignore[arg-type]
+    share = wording.share(fmean(failed.values()))
+    return f"{wording.quantity(fmean(returns.values()))} ({share}; {len(returns)} x {states})"
+
+
+def _clock_table(results: Results) -> str:
+    lines = []
+    for setting in results.grid.settings:
+        cells = [_clock_cell(results, setting, clock) for clock in CLOCKS]
+        if set(cells) != {NONE}:
+            lines.append(f"| {words.setting(setting)} | {' | '.join(cells)} |\n")
+    if not lines:
+        return ""
+    names = " | ".join(words.rule(clock) for clock in CLOCKS)
+    what = "Mean return of the geometric method by clock. In brackets: the values of C that were chosen."
+    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(CLOCKS)}|\n{''.join(lines)}\n"
+
+
+def _clock_cell(results: Results, setting: str, clock: str) -> str:
+    returns, row = results.values(setting, Condition("geometric", clock)), results.grid.row(setting, "geometric")
+    if not returns or row is None:
+        return NONE
+    mean = wording.quantity(fmean(returns.values()))
+    if not clock.startswith("chosen"):
+        return mean
+    values = sorted({int(each.partition(":")[2]) for each in results.clocks(row, clock).values()})
+    return f"{mean} ({', '.join(map(wording.whole, map(float, values)))})"
