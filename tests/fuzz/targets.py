@@ -69,13 +69,14 @@ def policy_files():
         np.ones(11),
     )
     made = []
-    for embedding, activation, measured in (
-        ("geometric", "tanh", reference),
-        ("linear", "relu", None),
-        (None, "tanh", None),
+    for embedding, activation, film, measured in (
+        ("geometric", "tanh", False, reference),
+        ("linear", "relu", False, None),
+        (None, "tanh", False, None),
+        ("geometric", "relu", True, None),
     ):
-        policy = random_policy(embedding=embedding, activation=activation, hidden=(4,), reference=measured)
-        made.append(save_policy(policy, FOLDER / f"{embedding}.safetensors").read_bytes())
+        policy = random_policy(embedding=embedding, activation=activation, film=film, hidden=(4,), reference=measured)
+        made.append(save_policy(policy, FOLDER / f"{embedding}-{film}.safetensors").read_bytes())
     return made
 
 

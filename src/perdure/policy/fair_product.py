@@ -8,10 +8,10 @@ this machine's product gives a row the same result wherever in the tile it lies.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
-
-from perdure.policy.one_thread import one_thread
 
 TILES = (16, 8, 4, 2, 1)
 """Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
@@ -26,10 +26,12 @@ class FairProduct:
     """Rows times one matrix. Use it under `one_thread`."""
 
     def __init__(self, matrix: Float32Array) -> None:
-        """Choose the tile for a matrix of shape (in, out)."""
+        """Keep a matrix of shape (in, out); the tile is chosen at the first product."""
         self.matrix = matrix
-        with one_thread():
-            self._tile = next(tile for tile in TILES if _treats_rows_alike(tile, matrix))
+
+    @cached_property
+    def _tile(self) -> int:
+        return next(tile for tile in TILES if _treats_rows_alike(tile, self.matrix))
 
     def __call__(self, rows: Float32Array) -> Float32Array:
         """Return rows @ matrix, shape (n, out), of rows (n, in); n must be a multiple of the largest tile."""
