@@ -46,7 +46,7 @@ def test_the_page_shows_means_of_training_runs(results, tmp_path):
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
     assert "| Hopper-v3 | 200.0 (0 %; 3 x 2) | \u2013 | \u2013 | \u2013 | \u2013 | 500.0 (0 %; 3 x 2) |" in text
     # Seed 0 falls under constant:500 and earns 1: (1 + 10 + 20) / 3.
-    assert "| Hopper-v3 | 10.33 | 500.0 (100) | 2.00 | \u2013 | \u2013 |" in text
+    assert "| Hopper-v3 | 10.33 (33 %) | 500.0 (0 %; C = 100) | 2.00 (0 %) | \u2013 | \u2013 |" in text
 
 
 def test_the_page_begins_with_what_was_found(tmp_path):

@@ -140,7 +140,9 @@ def _clock_table(results: Results) -> str:
     if not lines:
         return ""
     names = " | ".join(words.rule(clock) for clock in CLOCKS)
-    what = "Mean return of the geometric method by clock. In brackets: the values of C that were chosen."
+    what = (
+        "Mean return of the geometric method by clock. In brackets: share of episodes that failed; values of C chosen."
+    )
     return f"{what}\n\n| task | {names} |\n|---{'|---' * len(CLOCKS)}|\n{''.join(lines)}\n"
 
 
@@ -148,8 +150,9 @@ def _clock_cell(results: Results, setting: str, clock: str) -> str:
     returns, row = results.values(setting, Condition("geometric", clock)), results.grid.row(setting, "geometric")
     if not returns or row is None:
         return NONE
-    mean = wording.quantity(fmean(returns.values()))
-    if not clock.startswith("chosen"):
-        return mean
-    values = sorted({int(each.partition(":")[2]) for each in results.clocks(row, clock).values()})
-    return f"{mean} ({', '.join(map(wording.whole, map(float, values)))})"
+    failed = results.values(setting, Condition("geometric", clock), "failed share")
+    notes = wording.share(fmean(failed.values()))
+    if clock.startswith("chosen"):
+        values = sorted({int(each.partition(":")[2]) for each in results.clocks(row, clock).values()})
+        notes += f"; C = {' or '.join(map(wording.whole, map(float, values)))}"
+    return f"{wording.quantity(fmean(returns.values()))} ({notes})"
