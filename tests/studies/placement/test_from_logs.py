@@ -12,6 +12,7 @@ from perdure.studies import RunOptions, StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
 from perdure.studies.placement.hand_over import SCHEMA, hand_over_step
 from perdure.studies.placement.release_speed import speed_figures, speed_table
+from perdure.studies.placement.results import Results
 from perdure.studies.placement.row_step import RunRow
 from perdure.studies.placement.tables import read_tables, update_tables
 
@@ -63,6 +64,12 @@ def test_logs_replace_their_row_and_no_other(out):
     assert {(pair["task"], pair["split"]) for pair in gone} == {("set_table", "eval")}
     assert set(map(str, after.pairs)) < set(map(str, before.pairs))
     assert set(after.commands) - set(before.commands) == {ROW.command}
+
+
+def test_results_of_one_seed_are_read_again(out, tmp_path):
+    written = update_tables(GRID, out).results.write(tmp_path / "strategies.json")
+    assert "NaN" in written.read_text()  # one episode has no interval
+    assert Results.read(written).write(tmp_path / "again.json").read_bytes() == written.read_bytes()
 
 
 def test_the_new_row_tells_what_the_episode_did(out):

@@ -10,7 +10,10 @@ from typing import Any, Self
 
 from perdure.home.evaluate.protocol import read_strategy
 from perdure.runs import write_atomic
+from perdure.schema import SchemaError, read_json
+from perdure.studies.errors import StudyError
 from perdure.studies.placement.names import STRATEGIES, TITLES, WORLDS
+from perdure.studies.placement.schema import RESULTS
 
 Row = dict[str, Any]
 """A row of the table: JSON values by name."""
@@ -27,10 +30,18 @@ class Results:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the results of a file; none where it does not exist."""
+        """Return the results of a file; none if it does not exist.
+
+        Raises:
+            StudyError: The file is damaged.
+        """
         if not path.is_file():
             return cls()
-        found = json.loads(path.read_text())
+        try:
+            found = read_json(path.read_bytes())
+            RESULTS.check(found)
+        except SchemaError as error:
+            raise StudyError(f"{path}: {error}") from None
         return cls(tuple(found["commands"]), tuple(found["rows"]), tuple(found["pairs"]))
 
     def merge(self, commands: Iterable[str], rows: Iterable[Row], pairs: Iterable[Row]) -> Results:

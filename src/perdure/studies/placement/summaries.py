@@ -15,14 +15,13 @@ from perdure.home.evaluate.page import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.studies.placement.names import WORLDS
 from perdure.studies.placement.results import Results, Row
+from perdure.studies.placement.schema import RELEASE
 
 BOUNDS = ("estimate", "lower", "upper")
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
 """Strategies that are compared over the same episodes: (first, second), second minus first."""
 SUCCEEDED = {"latched": "success", "stabilizing": "stabilizing"}
 """Way of counting to its column of the episodes' table."""
-RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
-"""Height and offset in [m], speeds in [m/s], tilt in [deg]."""
 
 
 def with_logs(results: Results, analysis: Analysis, assignment: PolicyAssignment) -> Results:
