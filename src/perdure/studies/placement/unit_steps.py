@@ -12,7 +12,8 @@ import polars as pl
 
 from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
 from perdure.studies.placement.grid import runs_folder
-from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, progress_of_keys
+from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK
+from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 SUMMARY = "summary.json"
@@ -54,7 +55,7 @@ class Measurement:
 
     def progress(self) -> StepProgress:
         """See `StudyStep`."""
-        return progress_of_keys(runs_folder(self.out), {unit.key: round(unit.size) for unit in self.units})
+        return count_units(runs_folder(self.out), {unit.key: unit.size for unit in self.units})
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
