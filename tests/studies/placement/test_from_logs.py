@@ -74,6 +74,7 @@ def test_results_of_one_seed_are_read_again(out, tmp_path):
 
 def test_the_new_row_tells_what_the_episode_did(out):
     row = next(row for row in update_tables(GRID, out).results.rows if subject(row) == ("set_table", "eval", "ik drag"))
+    assert "earlier_run" not in row
     assert (row["episodes"], row["seeds"]) == (1, {"train": 1, "eval": 1})
     placed = sum(kind["placements"] for kind in row["kinds"].values())
     assert placed == sum(row["hand_overs"].values()) > 0

@@ -16,7 +16,7 @@ from perdure.studies.placement.names import STRATEGIES, TITLES, WORLDS
 from perdure.studies.placement.schema import RESULTS
 
 Row = dict[str, Any]
-"""A row of the table: JSON values by name."""
+"""A row of the table: JSON values by name, see `schema.py`."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 from perdure.home.benchmark.tasks import get_task
 from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES
 from perdure.home.sim.objects import KINDS
-from perdure.schema import Choice, Items, Real, Rule, Table, Text, Whole
+from perdure.schema import Choice, Flag, Items, Real, Rule, Table, Text, Whole
 from perdure.studies.placement.names import SPLITS, STRATEGIES, TITLES, WORLDS
 
 RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
@@ -66,6 +66,7 @@ ROW = Table(
         "modes": Table({}, optional={f"{stage}, {cause}": COUNT for stage in STAGE_NAMES for cause in FAILURE_CAUSES}),
         "hand_overs": Table({}, others=COUNT),
     },
+    optional={"earlier_run": Flag()},  # true: numbers of a run whose logs were not kept
     rules=(
         Rule(
             "stages must be all stages of the task, in order",
