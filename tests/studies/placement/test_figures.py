@@ -1,11 +1,13 @@
 """What figures count, against the committed table worked out by hand."""
 
+import polars as pl
 import pytest
 
 from perdure.studies.placement.figure_cylinders import cylinder_figures, shape_counts
 from perdure.studies.placement.figure_outcomes import outcome_counts, outcome_figures
 from perdure.studies.placement.figure_stages import stage_figures
 from perdure.studies.placement.figure_strategies import strategy_figures
+from perdure.studies.placement.release_speed import SCHEMA, speed_figures
 from perdure.studies.placement.results import Results, chosen, strategy_and_world
 
 SUCCESS = {"mean": 0.25, "standard_error": 0.0, "lower": 0.0, "upper": 0.6, "method": "", "train_seeds": [0.2, 0.3]}
@@ -50,6 +52,16 @@ def test_figures_are_drawn_for_rows_that_are_there():
 @pytest.mark.parametrize("draw", [outcome_figures, stage_figures, cylinder_figures, strategy_figures])
 def test_no_rows_no_figure(draw):
     assert list(draw(Results())) == []
+
+
+def test_release_speed_draws_shares_of_enough_placements_released_in_motion():
+    rows = [(0, True, 20, 0.9), (2, True, 40, 0.25), (3, True, 19, 0.1), (4, False, 40, 0.8)]
+    values = [(number, moving, "apples", count, share, None) for number, moving, count, share in rows]
+    (figure,) = speed_figures(pl.DataFrame(values, schema=SCHEMA, orient="row"))
+    chart = figure.chart.to_dict()
+    points = {(row["x"], row["y"]) for data in chart["datasets"].values() for row in data if {"x", "y"} <= row.keys()}
+    assert points == {("0 to 0.02", 0.9), ("0.05 to 0.1", 0.25)}
+    assert "apples (n = 60)" in str(chart)
 
 
 def test_new_rows_replace_those_about_the_same():
