@@ -58,12 +58,12 @@ EDITS = {
         r"rows\[3\]\.task must be one of 'set_table', 'tidy_house', 'prepare_groceries', not 'set_tabel'",
     ),
     "unknown strategy": (
-        lambda row: row.update(arm="throw drag"),
-        r"the strategy in rows\[3\]\.arm must be one of 'rl', 'delta-10', .*, 'ik\+', not 'throw'",
+        lambda row: row.update(strategy="throw drag"),
+        r"the strategy in rows\[3\]\.strategy must be one of 'rl', 'delta-10', .*, 'ik\+', not 'throw'",
     ),
     "unknown world": (
-        lambda row: row.update(arm="ik mud"),
-        r"the world in rows\[3\]\.arm must be one of 'drag', .*, not 'mud'",
+        lambda row: row.update(strategy="ik mud"),
+        r"the world in rows\[3\]\.strategy must be one of 'drag', .*, not 'mud'",
     ),
     "unknown object": (
         lambda row: row["kinds"].update({"024_bowls": row["kinds"]["024_bowl"]}),

@@ -17,7 +17,7 @@ def row(strategy="rl drag", split="val", task="set_table", kinds=None):
     stages = ["open_0", "pick_0", "place_0", "close_0", "open_1", "pick_1", "place_1", "close_1"]
     counts = {name: {"placements": p, "not_stable": bad} for name, (p, bad) in (kinds or {}).items()}
     return {
-        **{"task": task, "split": split, "arm": strategy, "episodes": 20, "seeds": {"train": 2, "eval": 1}},
+        **{"task": task, "split": split, "strategy": strategy, "episodes": 20, "seeds": {"train": 2, "eval": 1}},
         **{"latched": SUCCESS, "stabilizing": SUCCESS, "stages": {"stabilizing": dict.fromkeys(stages, 0.25)}},
         **{"kinds": counts, "failed": 13, "failed_at": {"place_0": 4, "place_1": 6}, "did_not_last": 2},
     }
@@ -75,4 +75,4 @@ def test_a_name_is_a_strategy_in_a_world():
     assert strategy_and_world(row("ik+ drag hull-apple")) == ("ik+", "drag hull-apple")
     assert strategy_and_world(row("delta-50-in-200")) == ("delta-50-in-200", "")
     rows = [row("stop drag", "eval"), row("rl", "eval"), row("rl drag", "eval"), row()]
-    assert [found["arm"] for found in chosen(rows, "eval")] == ["rl drag", "stop drag", "rl"]
+    assert [found["strategy"] for found in chosen(rows, "eval")] == ["rl drag", "stop drag", "rl"]

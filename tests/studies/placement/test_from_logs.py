@@ -33,7 +33,7 @@ def out(tmp_path_factory):
 
 
 def subject(row):
-    return row["task"], row["split"], row["arm"]
+    return row["task"], row["split"], row["strategy"]
 
 
 def test_a_finished_step_has_nothing_left(out):
@@ -60,7 +60,7 @@ def test_logs_replace_their_row_and_no_other(out):
     assert changed == {("set_table", "eval", "ik drag")}
     assert len(after.rows) == len(before.rows)
     gone = [pair for pair in before.pairs if pair not in after.pairs]
-    assert {pair["arm"] for pair in gone} == {"ik - rl drag", "ik - stop drag", "ik+ - ik drag"}
+    assert {pair["strategy"] for pair in gone} == {"ik - rl drag", "ik - stop drag", "ik+ - ik drag"}
     assert {(pair["task"], pair["split"]) for pair in gone} == {("set_table", "eval")}
     assert set(map(str, after.pairs)) < set(map(str, before.pairs))
     assert set(after.commands) - set(before.commands) == {ROW.command}

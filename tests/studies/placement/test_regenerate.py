@@ -50,7 +50,7 @@ def test_the_same_files_with_the_same_bytes(again):
 def test_another_number_gives_another_result():
     results = read_tables(COMMITTED).results
     assert "from 18.6 % to 82.1 % in SetTable" in result_text(results)
-    row = next(row for row in chosen(results.rows, "eval", "drag", "set_table") if row["arm"] == "rl drag")
+    row = next(row for row in chosen(results.rows, "eval", "drag", "set_table") if row["strategy"] == "rl drag")
     changed = {**row, "stabilizing": {**row["stabilizing"], "mean": 0.5}}
     assert "from 50.0 % to 82.1 % in SetTable" in result_text(results.merge([], [changed], []))
 

@@ -12,7 +12,7 @@ from perdure.report import theme, wording
 from perdure.report.axes import Axis
 from perdure.report.curves import Curve, curve_chart
 from perdure.report.render import Figure
-from perdure.studies.placement.names import SPLITS, STRATEGIES, TITLES
+from perdure.studies.placement.names import RELEASE_STRATEGIES, SPLITS, TITLES
 from perdure.studies.placement.results import Results, Row, chosen, strategy_and_world
 
 SHOWN = ("rl", "delta-200", "stop", "ik")
@@ -54,6 +54,6 @@ def _curve(row: Row) -> Curve:
     bounds = np.full((2, len(means)), np.nan)
     if row["seeds"]["train"] > 1:
         bounds[:, -1] = success["lower"], success["upper"]
-    look = theme.style(STRATEGIES.index(strategy))
+    look = theme.style(RELEASE_STRATEGIES.index(strategy))
     x = np.arange(len(means), dtype=np.float64)
     return Curve(words.describe(strategy), x, means, look, bounds[0], bounds[1], marked=True, intervals="last")

@@ -102,9 +102,9 @@ def jaws_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 def layout_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
     """Return known and unseen layouts side by side."""
     lines = []
-    unseen = {(row["task"], row["arm"]): row for row in chosen(rows, "eval", "drag")}
+    unseen = {(row["task"], row["strategy"]): row for row in chosen(rows, "eval", "drag")}
     for row in chosen(rows, "val", "drag"):
-        other = unseen.get((row["task"], row["arm"]))
+        other = unseen.get((row["task"], row["strategy"]))
         if other is not None:
             cells = (f"{share(row['latched'])} ({size(row)})", f"{share(other['latched'])} ({size(other)})")
             drop = other["latched"]["mean"] - row["latched"]["mean"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
 """Collision shape to what tables call objects of that shape."""
-STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
-"""In the order of the tables."""
+RELEASE_STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
+"""In the order of tables and figures."""
 WORLDS = {
     "drag": "drag only",
     "drag hull-apple": "the same, apple a convex hull",

@@ -16,11 +16,11 @@ from perdure.studies.study import RunOptions, StepProgress
 
 STAGES = {"val": "known layouts", "eval": "unseen layouts"}
 """Split to the stage's name."""
-YARDSTICK = "Ant-v3"
+SPEED_TASK = "Ant-v3"
 """Task whose speed stands for the machine's. In home environments random actions end almost every episode at once, so
 that the time of resets would be measured."""
 EPISODE_COST = {"set_table": 2_800, "tidy_house": 4_000, "prepare_groceries": 1_700}
-"""What an episode costs beside one step of the yardstick (measured on one core)."""
+"""What an episode costs beside one step of SPEED_TASK (measured on one core)."""
 START_SECONDS = 10.0
 """Seconds for reading policies and building scenes."""
 
@@ -34,7 +34,7 @@ class RunRow:
     out: Path
 
     measure = "episodes"
-    task = YARDSTICK
+    task = SPEED_TASK
     after: tuple[str, ...] = ()
 
     @property

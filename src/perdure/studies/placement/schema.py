@@ -9,7 +9,7 @@ from perdure.home.benchmark.tasks import get_task
 from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES
 from perdure.home.sim.objects import KINDS
 from perdure.schema import Choice, Flag, Items, Real, Rule, Table, Text, Whole
-from perdure.studies.placement.names import SPLITS, STRATEGIES, TITLES, WORLDS
+from perdure.studies.placement.names import RELEASE_STRATEGIES, SPLITS, TITLES, WORLDS
 
 RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
 """Height and offset in [m], speeds in [m/s], tilt in [deg]."""
@@ -30,7 +30,7 @@ class StrategyInWorld:
 STAGES = {task: [stage.name for stage in get_task(task).stages] for task in TITLES}
 STAGE_NAMES = dict.fromkeys(stage for stages in STAGES.values() for stage in stages)
 NAME = Text(shortest=1)
-STRATEGY, WORLD = Choice(STRATEGIES), Choice(tuple(WORLDS))
+STRATEGY, WORLD = Choice(RELEASE_STRATEGIES), Choice(tuple(WORLDS))
 SUBJECT = {"task": Choice(tuple(TITLES)), "split": Choice(tuple(SPLITS))}
 COUNT = Whole(0)
 SHARE = Real(0.0, 1.0)
@@ -54,7 +54,7 @@ KIND = Table(
 ROW = Table(
     {
         **SUBJECT,
-        "arm": StrategyInWorld(),
+        "strategy": StrategyInWorld(),
         "episodes": Whole(1),
         "seeds": Table({"train": Whole(1), "eval": Whole(1)}),
         **dict.fromkeys(COUNTINGS, SUCCESS),
@@ -77,7 +77,7 @@ ROW = Table(
 PAIR = Table(
     {
         **SUBJECT,
-        "arm": NAME,
+        "strategy": NAME,
         "world": WORLD,
         "first": STRATEGY,
         "second": STRATEGY,

@@ -38,7 +38,7 @@ def strategy_row(comparison: Comparison, strategy: str, assignment: PolicyAssign
     return {
         "task": comparison.task,
         "split": comparison.split,
-        "arm": strategy,
+        "strategy": strategy,
         "episodes": len(episodes),
         "seeds": {name: episodes[f"{name}_seed"].n_unique() for name in ("train", "eval")},
         **{counting: _success(comparison, strategy, counting) for counting in COUNTINGS},
@@ -113,7 +113,7 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
             yield {
                 "task": comparison.task,
                 "split": comparison.split,
-                "arm": f"{second} - {first}" + (f" {world}" if world else ""),
+                "strategy": f"{second} - {first}" + (f" {world}" if world else ""),
                 "world": world,
                 "first": first,
                 "second": second,

@@ -12,7 +12,7 @@ import polars as pl
 
 from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
 from perdure.studies.placement.grid import runs_folder
-from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK
+from perdure.studies.placement.row_step import SPEED_TASK, START_SECONDS
 from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
@@ -30,14 +30,14 @@ class Measurement:
     units: tuple[Unit, ...]
     """Their `size` is the number of episodes."""
     episode_cost: int
-    """What an episode costs beside one step of the yardstick."""
+    """What an episode costs beside one step of SPEED_TASK."""
     out: Path
     schema: Mapping[str, type[pl.DataType]]
     """Of the table."""
 
     measure = "episodes"
     after: tuple[str, ...] = ()
-    task = YARDSTICK
+    task = SPEED_TASK
 
     @property
     def stage(self) -> str:
