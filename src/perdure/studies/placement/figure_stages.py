@@ -19,7 +19,7 @@ SHOWN = ("rl", "delta-200", "stop", "ik")
 
 
 def stage_figures(results: Results) -> Iterator[Figure]:
-    """Yield a figure for each task and split, without rolling resistance."""
+    """Yield a figure for each task and split, drag only."""
     for split in SPLITS:
         for task in TITLES:
             found = chosen(results.rows, split, "drag", task)
@@ -48,7 +48,7 @@ def _figure(rows: list[Row], split: str, task: str) -> Figure:
 
 
 def _curve(row: Row) -> Curve:
-    """Return the curve of a strategy; its interval is known for the last stage alone."""
+    """Return the curve of a strategy; only the last stage has an interval."""
     strategy, success = strategy_and_world(row)[0], row["stabilizing"]
     means = np.array(list(row["stages"]["stabilizing"].values()))
     bounds = np.full((2, len(means)), np.nan)

@@ -21,7 +21,7 @@ SHORT = {
     "drag released-at-zero-velocity": "released at zero velocity",
     "": "rolling friction",
 }
-"""World to its words beside "SetTable"."""
+"""World to its name after "SetTable"."""
 PLACES = {
     **{(task, "drag"): title for task, title in TITLES.items()},
     **{("set_table", world): f"SetTable, {SHORT[world]}" for world in WORLDS if world in SHORT},

@@ -14,7 +14,7 @@ WORLDS = {
     "": "rolling friction",
     "jaws-apart drag": "drag only, `--jaws apart`",
 }
-"""What a name of `strategy_name` adds to the strategy, and how the tables call that world."""
+"""World, as `strategy_name` writes it, to its name in tables."""
 TITLES = {"set_table": "SetTable", "tidy_house": "TidyHouse", "prepare_groceries": "PrepareGroceries"}
 SPLITS = {"val": "layouts known from training", "eval": "an unseen layout"}
 """Split to words."""

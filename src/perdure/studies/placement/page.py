@@ -1,4 +1,4 @@
-"""The page of the results: question, result in two sentences, tables, figures, commands."""
+"""The page of the results: question, result in words, tables, figures, commands."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _earlier_rows(rows: Sequence[Row]) -> str:
 
 
 def result_text(results: Results) -> str:
-    """Return the two sentences of the result, from the numbers; what is missing where they are not there yet."""
+    """Return the result in words, or that rows are missing."""
     found = {
         (row["task"], strategy_and_world(row)[0]): row["stabilizing"]["mean"]
         for row in chosen(results.rows, "eval", "drag")

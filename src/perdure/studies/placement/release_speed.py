@@ -1,6 +1,6 @@
 """Share of placements that stay, by release speed.
 
-Counted are all placements of eval episodes in the world without rolling resistance, of all tasks and training seeds.
+Counted are all placements of `eval` episodes of all tasks and training seeds, drag only.
 Placements of policies alone (`rl`, `delta-N`) are kept apart from those of strategies that come to rest before they
 release (`stop`, `ik`, `ik+`). A placement stays when it is goal-stabilizing.
 """
@@ -27,7 +27,7 @@ EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
 INTERVALS = tuple(f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}" for low, high in pairwise(EDGES))
 """Their names."""
 FEWEST = 20
-"""Placements; of fewer the figure draws no point and the table has no share."""
+"""Placements; with fewer, the figure draws no point and the table shows no share."""
 SHAPES = ("apples", "cans", "bowls", "boxes")
 SCHEMA: dict[str, type[pl.DataType]] = {
     "interval": pl.Int64,

@@ -17,10 +17,10 @@ from perdure.studies.study import RunOptions, StepProgress
 STAGES = {"val": "known layouts", "eval": "unseen layouts"}
 """Split to the stage's name."""
 SPEED_TASK = "Ant-v3"
-"""Task whose speed stands for the machine's. In home environments random actions end almost every episode at once, so
-that the time of resets would be measured."""
+"""Task whose measured speed gives estimates of time. In home environments random actions end almost every episode at
+once, so the time of resets would be measured."""
 EPISODE_COST = {"set_table": 2_800, "tidy_house": 4_000, "prepare_groceries": 1_700}
-"""What an episode costs beside one step of SPEED_TASK (measured on one core)."""
+"""Cost of an episode in steps of SPEED_TASK, measured on one core."""
 START_SECONDS = 10.0
 """Seconds for reading policies and building scenes."""
 

@@ -25,7 +25,7 @@ SUCCEEDED = {"latched": "success", "stabilizing": "stabilizing"}
 
 
 def with_logs(results: Results, analysis: Analysis, assignment: PolicyAssignment) -> Results:
-    """Return results with the rows of logs in the place of what they knew about the same; all others stay."""
+    """Return results in which rows of logs replace rows about the same; all others stay."""
     compared = comparisons(analysis)
     rows = [strategy_row(each, strategy, assignment) for each in compared for strategy in each.strategies]
     return results.merge(assignment.commands, rows, [pair for each in compared for pair in pairs(each)])

@@ -45,7 +45,7 @@ def read_tables(out: Path) -> Tables:
 
 
 def update_tables(grid: Grid, out: Path) -> Tables:
-    """Return the tables with what finished rows and measurements under `out` add; all others keep their numbers."""
+    """Return the tables with the numbers of finished rows and measurements; all others keep theirs."""
     known = read_tables(out)
     logs = {row: RunRow(grid, row, out).logs() for row in grid.rows}
     measured = [step.table() for step in (hand_over.hand_over_step(grid, out), halt_in_noise.noise_step(grid, out))]

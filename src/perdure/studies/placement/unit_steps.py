@@ -1,4 +1,4 @@
-"""A small measurement of the study: independent units, each of which leaves one JSON summary."""
+"""A small measurement of the study: independent units, each of which writes one JSON summary."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Measurement:
     units: tuple[Unit, ...]
     """Their `size` is the number of episodes."""
     episode_cost: int
-    """What an episode costs beside one step of SPEED_TASK."""
+    """In steps of SPEED_TASK."""
     out: Path
     schema: Mapping[str, type[pl.DataType]]
     """Of the table."""
