@@ -1,6 +1,7 @@
 """Write the tables and pictures of the placement study into README.md and docs/home: `python tools/home_tables.py`.
 
-It reads the committed tables of results/placement alone. `perdure study placement --scale thesis` makes those.
+It reads only the tables in results/placement/tables, which `perdure study placement --scale thesis` writes.
+docs/images/home-release-strategies.png is drawn from strategies.json, home-release-speed.png from release-speed.csv.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from perdure.runs import RunError
+from perdure.runs import RunError, Store, StoreError, Unit, attempt, run_units
 from perdure.studies import RunOptions, StepProgress, StudyError, find_study
 from perdure.studies.run import read_folder, run_steps
-from perdure.studies.status import cost_text, failed_steps, lines, read_step_progress, status_text
+from perdure.studies.status import cost_text, count_units, failed_steps, lines, read_step_progress, status_text
 
 
 @dataclass
@@ -77,6 +77,44 @@ def test_status_counts_units():
     counts = read_step_progress(steps)
     assert "2 of 4 units done, 1 running, 1 failed (50% of the work)" in status_text(lines(steps, counts))
     assert failed_steps(steps, counts) == ["b"]
+
+
+def note(work, done, total):
+    """Report progress and leave the unit unfinished."""
+    work.report(done, total)
+    return False
+
+
+def fail(work):
+    raise OSError("disk full")
+
+
+UNITS = (
+    Unit("row/a", {"seed": 0}, f"{__name__}:note", {"done": 3, "total": 4}, size=10.0),
+    Unit("row/b", {"seed": 1}, f"{__name__}:fail", {}, size=20.0),
+    Unit("row/c", {"seed": 2}, f"{__name__}:note", {}, size=30.0),
+)
+
+
+def test_units_of_a_store_are_counted_by_their_work(tmp_path):
+    sizes, store = {unit.key: unit.size for unit in UNITS}, Store(tmp_path / "store")
+    assert count_units(store.root, sizes) == StepProgress(3, 0)
+    attempt(store.root, UNITS[0])
+    with pytest.raises(OSError, match="disk full"):
+        run_units(UNITS[1:2], store.root)
+    with store.workspace("row/c", UNITS[2].config):
+        running = count_units(store.root, sizes)
+    assert running == StepProgress(3, 0, running=1, failed=1, share=10.0 * 3 / 4 / 60.0)
+    finished = count_units(store.root, sizes, {unit.key: unit.config for unit in UNITS})
+    assert finished == StepProgress(3, 1, running=0, failed=1, share=(10.0 * 3 / 4 + 30.0) / 60.0)
+
+
+def test_a_finished_unit_of_another_config_is_not_counted(tmp_path):
+    store = Store(tmp_path)
+    with store.workspace("row/c", {"seed": 2}):
+        pass
+    with pytest.raises(StoreError, match="row/c"):
+        count_units(tmp_path, {"row/c": 1.0}, {"row/c": {"seed": 3}})
 
 
 def test_an_unknown_study_or_scale_names_the_nearest():

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from perdure.runs import Store, UnitProgress
+from perdure.runs.unit import read_progress
 from perdure.studies.study import StepProgress, StudyStep
 
 
@@ -27,6 +31,36 @@ class Line:
 def read_step_progress(steps: Sequence[StudyStep]) -> dict[str, StepProgress]:
     """Return how far each step is, by its key."""
     return {step.key: step.progress() for step in steps}
+
+
+def count_units(
+    folder: Path, sizes: Mapping[str, float], configs: Mapping[str, Mapping[str, Any]] | None = None
+) -> StepProgress:
+    """Return the progress of a step whose units are in one store.
+
+    Args:
+        folder: Of the store, which need not exist.
+        sizes: Key of each unit to its amount of work.
+        configs: Key to the config of units that must have it.
+
+    Raises:
+        StoreError: A finished unit has another config.
+    """
+    if not folder.is_dir():
+        return StepProgress(len(sizes), 0)
+    store, configs = Store(folder), configs or {}
+    units = {
+        key: UnitProgress("finished" if store.done(key, configs.get(key)) else "waiting", *read_progress(store, key))
+        for key in sizes
+    }
+    open_keys = [key for key, unit in units.items() if unit.state != "finished"]
+    return StepProgress(
+        total=len(units),
+        done=len(units) - len(open_keys),
+        running=sum(store.is_busy(key) for key in open_keys),
+        failed=sum(store.note_path("failures", key).exists() for key in open_keys),
+        share=sum(sizes[key] * unit.share for key, unit in units.items()) / sum(sizes.values()),
+    )
 
 
 def lines(

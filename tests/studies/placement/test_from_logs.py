@@ -12,6 +12,7 @@ from perdure.studies import RunOptions, StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
 from perdure.studies.placement.hand_over import SCHEMA, hand_over_step
 from perdure.studies.placement.release_speed import speed_figures, speed_table
+from perdure.studies.placement.results import Results
 from perdure.studies.placement.row_step import RunRow
 from perdure.studies.placement.tables import read_tables, update_tables
 
@@ -32,7 +33,7 @@ def out(tmp_path_factory):
 
 
 def subject(row):
-    return row["task"], row["split"], row["arm"]
+    return row["task"], row["split"], row["strategy"]
 
 
 def test_a_finished_step_has_nothing_left(out):
@@ -59,14 +60,21 @@ def test_logs_replace_their_row_and_no_other(out):
     assert changed == {("set_table", "eval", "ik drag")}
     assert len(after.rows) == len(before.rows)
     gone = [pair for pair in before.pairs if pair not in after.pairs]
-    assert {pair["arm"] for pair in gone} == {"ik - rl drag", "ik - stop drag", "ik+ - ik drag"}
+    assert {pair["strategy"] for pair in gone} == {"ik - rl drag", "ik - stop drag", "ik+ - ik drag"}
     assert {(pair["task"], pair["split"]) for pair in gone} == {("set_table", "eval")}
     assert set(map(str, after.pairs)) < set(map(str, before.pairs))
     assert set(after.commands) - set(before.commands) == {ROW.command}
 
 
+def test_results_of_one_seed_are_read_again(out, tmp_path):
+    written = update_tables(GRID, out).results.write(tmp_path / "strategies.json")
+    assert "NaN" in written.read_text()  # one episode has no interval
+    assert Results.read(written).write(tmp_path / "again.json").read_bytes() == written.read_bytes()
+
+
 def test_the_new_row_tells_what_the_episode_did(out):
     row = next(row for row in update_tables(GRID, out).results.rows if subject(row) == ("set_table", "eval", "ik drag"))
+    assert "earlier_run" not in row
     assert (row["episodes"], row["seeds"]) == (1, {"train": 1, "eval": 1})
     placed = sum(kind["placements"] for kind in row["kinds"].values())
     assert placed == sum(row["hand_overs"].values()) > 0

@@ -19,12 +19,12 @@ THESIS = GRIDS["thesis"].rows
 def test_the_thesis_rows_are_those_of_the_committed_table():
     assert sorted(row.command for row in THESIS) == COMMITTED["commands"]
     assert {(row.task, row.split, row.strategy) for row in THESIS} == {
-        (row["task"], row["split"], row["arm"]) for row in COMMITTED["rows"]
+        (row["task"], row["split"], row["strategy"]) for row in COMMITTED["rows"]
     }
 
 
 def test_the_number_of_episodes_is_that_of_the_committed_table():
-    made = {(row["task"], row["split"], row["arm"]): row["episodes"] for row in COMMITTED["rows"]}
+    made = {(row["task"], row["split"], row["strategy"]): row["episodes"] for row in COMMITTED["rows"]}
     assert {(row.task, row.split, row.strategy): row.total for row in THESIS} == made
 
 

@@ -3,14 +3,16 @@
 import importlib.util
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from perdure.report.render import render
 from perdure.studies import find_study
-from perdure.studies.placement.page import result_text
-from perdure.studies.placement.results import chosen
+from perdure.studies.placement.grid import make_grid
+from perdure.studies.placement.page import result_text, write_page
+from perdure.studies.placement.results import Results, chosen
 from perdure.studies.placement.tables import read_tables
 
 ROOT = Path(__file__).parents[3]
@@ -48,9 +50,27 @@ def test_the_same_files_with_the_same_bytes(again):
 def test_another_number_gives_another_result():
     results = read_tables(COMMITTED).results
     assert "from 18.6 % to 82.1 % in SetTable" in result_text(results)
-    row = next(row for row in chosen(results.rows, "eval", "drag", "set_table") if row["arm"] == "rl drag")
+    row = next(row for row in chosen(results.rows, "eval", "drag", "set_table") if row["strategy"] == "rl drag")
     changed = {**row, "stabilizing": {**row["stabilizing"], "mean": 0.5}}
     assert "from 50.0 % to 82.1 % in SetTable" in result_text(results.merge([], [changed], []))
+
+
+def test_rows_of_an_earlier_run_are_counted_until_logs_replace_them(tmp_path):
+    tables = read_tables(COMMITTED)
+    new = [{name: value for name, value in row.items() if name != "earlier_run"} for row in tables.results.rows]
+    old = [{**row, "earlier_run": True} for row in new]
+    pages = [
+        write_page(
+            tmp_path / "README.md",
+            make_grid("thesis", (1,)),
+            replace(tables, results=Results(rows=tuple(old)).merge([], rows, [])),
+            [],
+        ).read_text()
+        for rows in ([], new[1:], new)
+    ]
+    assert f"{len(new)} of {len(new)} rows keep numbers of an earlier run" in pages[0]
+    assert f"1 of {len(new)} rows keep numbers of an earlier run" in pages[1]
+    assert "earlier run" not in pages[2]
 
 
 @pytest.fixture
@@ -69,13 +89,11 @@ def test_the_documentation_holds_the_tables(tool):
         assert tool.filled(text, tables) == text
 
 
-def test_the_documentation_holds_the_picture(tool):
+@pytest.mark.parametrize("name", ["home-release-strategies.png", "home-release-speed.png"])
+def test_the_documentation_holds_the_picture(tool, name):
     drawn = tool.pictures(read_tables(COMMITTED))
-    assert list(drawn) == ["home-release-strategies.png"]
-    assert (
-        render(drawn["home-release-strategies.png"])
-        == (ROOT / "docs" / "images" / "home-release-strategies.png").read_bytes()
-    )
+    assert set(drawn) == set(tool.PICTURES.values())
+    assert render(drawn[name]) == (ROOT / "docs" / "images" / name).read_bytes()
 
 
 def test_a_page_without_marks_is_refused(tool):

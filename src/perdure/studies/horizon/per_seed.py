@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from perdure.runs import Store, Unit, file_digest, make_workers, run_units
-from perdure.studies.horizon.row_step import RowStep, count_units
+from perdure.studies.horizon.row_step import RowStep
 from perdure.studies.horizon.training import policy_paths
+from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 VERSION = 1
@@ -50,11 +51,15 @@ class PerSeed(RowStep):
         digest = file_digest(path)
         config = {"version": VERSION, "stage": self.stage, "policy": digest, **self.settings}
         arguments = {"path": str(path.resolve()), **self.settings}
-        return Unit(f"{self.row.key}/seed-{seed}", config, self.function, arguments, size=self.lane_steps)
+        return Unit(self._key(seed), config, self.function, arguments, size=self.lane_steps)
+
+    def _key(self, seed: int) -> str:
+        return f"{self.row.key}/seed-{seed}"
 
     def progress(self) -> StepProgress:
         """See `StudyStep`."""
-        return count_units(self.units(), self.store, len(self.row.seeds))
+        sizes = {self._key(seed): self.lane_steps for seed in self.row.seeds}
+        return count_units(self.store, sizes, {unit.key: unit.config for unit in self.units()})
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
@@ -68,5 +73,5 @@ class PerSeed(RowStep):
         if not self.store.is_dir():
             return {}
         store = Store(self.store)
-        keys = {seed: f"{self.row.key}/seed-{seed}" for seed in self.row.seeds}
+        keys = {seed: self._key(seed) for seed in self.row.seeds}
         return {seed: store.get(key) for seed, key in keys.items() if store.done(key)}

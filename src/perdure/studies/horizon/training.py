@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from perdure.ppo import PPOConfig, method_config
 from perdure.runs import Unit
 from perdure.studies.horizon.grid import Grid, Row, training_folder
-from perdure.studies.horizon.row_step import RowStep, count_units
+from perdure.studies.horizon.row_step import RowStep
+from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ class TrainRow(RowStep):
 
     def progress(self) -> StepProgress:
         """See `StudyStep`."""
-        return count_units(self._units, training_folder(self.out), len(self._units))
+        sizes = {unit.key: unit.size for unit in self._units}
+        return count_units(training_folder(self.out), sizes, {unit.key: unit.config for unit in self._units})
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""

@@ -20,7 +20,7 @@ WORDS = {True: "cylinders", False: "other objects"}
 
 
 def cylinder_figures(results: Results) -> Iterator[Figure]:
-    """Yield a figure for each split: tasks in which cylinders are placed, without rolling resistance."""
+    """Yield a figure for each split: tasks in which cylinders are placed, drag only."""
     for split in SPLITS:
         found = chosen(results.rows, split, "drag")
         rows = [row for row in found if strategy_and_world(row)[0] in SHOWN and shape_counts(row)[True][1]]

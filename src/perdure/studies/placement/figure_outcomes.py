@@ -19,7 +19,7 @@ NUMBERS = {"rl": "2-1", "ik": "2-3"}
 
 
 def outcome_figures(results: Results) -> Iterator[Figure]:
-    """Yield a figure for each strategy and split, without rolling resistance."""
+    """Yield a figure for each strategy and split, drag only."""
     for split in SPLITS:
         for strategy, number in NUMBERS.items():
             rows = [row for row in chosen(results.rows, split, "drag") if strategy_and_world(row)[0] == strategy]

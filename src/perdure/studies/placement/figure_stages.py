@@ -12,14 +12,14 @@ from perdure.report import theme, wording
 from perdure.report.axes import Axis
 from perdure.report.curves import Curve, curve_chart
 from perdure.report.render import Figure
-from perdure.studies.placement.names import SPLITS, STRATEGIES, TITLES
+from perdure.studies.placement.names import RELEASE_STRATEGIES, SPLITS, TITLES
 from perdure.studies.placement.results import Results, Row, chosen, strategy_and_world
 
 SHOWN = ("rl", "delta-200", "stop", "ik")
 
 
 def stage_figures(results: Results) -> Iterator[Figure]:
-    """Yield a figure for each task and split, without rolling resistance."""
+    """Yield a figure for each task and split, drag only."""
     for split in SPLITS:
         for task in TITLES:
             found = chosen(results.rows, split, "drag", task)
@@ -48,12 +48,12 @@ def _figure(rows: list[Row], split: str, task: str) -> Figure:
 
 
 def _curve(row: Row) -> Curve:
-    """Return the curve of a strategy; its interval is known for the last stage alone."""
+    """Return the curve of a strategy; only the last stage has an interval."""
     strategy, success = strategy_and_world(row)[0], row["stabilizing"]
     means = np.array(list(row["stages"]["stabilizing"].values()))
     bounds = np.full((2, len(means)), np.nan)
     if row["seeds"]["train"] > 1:
         bounds[:, -1] = success["lower"], success["upper"]
-    look = theme.style(STRATEGIES.index(strategy))
+    look = theme.style(RELEASE_STRATEGIES.index(strategy))
     x = np.arange(len(means), dtype=np.float64)
     return Curve(words.describe(strategy), x, means, look, bounds[0], bounds[1], marked=True, intervals="last")

@@ -14,14 +14,14 @@ from perdure.report.theme import style
 from perdure.studies.placement.names import TITLES, WORLDS
 from perdure.studies.placement.results import Results, Row, chosen, strategy_and_world
 
-STRATEGIES = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
+LABELS = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
 SHORT = {
     "drag hull-apple": "apple a convex hull",
     "drag base-velocity-removed": "base velocity removed",
     "drag released-at-zero-velocity": "released at zero velocity",
     "": "rolling friction",
 }
-"""World to its words beside "SetTable"."""
+"""World to its name after "SetTable"."""
 PLACES = {
     **{(task, "drag"): title for task, title in TITLES.items()},
     **{("set_table", world): f"SetTable, {SHORT[world]}" for world in WORLDS if world in SHORT},
@@ -36,14 +36,14 @@ def strategy_figures(results: Results) -> Iterator[Figure]:
         for row in chosen(results.rows, "eval")
         if (row["task"], strategy_and_world(row)[1]) in PLACES
     }
-    found = {key: row for key, row in rows.items() if key[1] in STRATEGIES}
+    found = {key: row for key, row in rows.items() if key[1] in LABELS}
     places = [place for place in PLACES if any((task, world) == place for task, _, world in found)]
     if places:
         yield _figure(found, places)
 
 
 def _figure(found: dict[tuple[str, str, str], Row], places: list[tuple[str, str]]) -> Figure:
-    points = [_points(found, places, number, strategy) for number, strategy in enumerate(STRATEGIES)]
+    points = [_points(found, places, number, strategy) for number, strategy in enumerate(LABELS)]
     seeds = wording.sample([row["seeds"]["train"] for row in found.values()], "training seed").removesuffix(" each")
     per_seed = wording.sample([row["episodes"] // row["seeds"]["train"] for row in found.values()], "episode")
     return Figure(
@@ -70,4 +70,4 @@ def _points(
     mean, lower, upper = (np.array([each[key] for each in success]) for key in ("mean", "lower", "upper"))
     lower, upper = (np.where(several, bound, np.nan) for bound in (lower, upper))
     members = [each["train_seeds"] for each in success]
-    return Points(STRATEGIES[strategy], at, mean, style(number), lower, upper, members)
+    return Points(LABELS[strategy], at, mean, style(number), lower, upper, members)

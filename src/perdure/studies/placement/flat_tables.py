@@ -11,7 +11,7 @@ BOUNDS = ("mean", "lower", "upper")
 
 
 def success_frame(results: Results) -> pl.DataFrame:
-    """Return one row for each task, split, strategy and world: seeds, success in both counts with 95 % intervals."""
+    """Return one row for each task, split, strategy and world: seeds, success by both ways of counting."""
     return pl.DataFrame(
         [
             {

@@ -1,4 +1,4 @@
-"""The grid of release strategies, tasks, worlds and splits. Immutable; extend it by a line."""
+"""The grid of release strategies, tasks, worlds and splits. Immutable; add a line to extend it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FLAGS = {
     "released-at-zero-velocity": "--release-velocity zero",
     "jaws-apart": "--jaws apart",
 }
-"""Word of a world to the flag of `perdure home run`, in the order in which a command has them."""
+"""Word of a world to the flag of `perdure home run`, in the order of `Row.command`."""
 PHASES = {
     1: "three strategies on unseen layouts, drag only",
     2: "other worlds",
@@ -143,7 +143,7 @@ def make_grid(scale: str, phases: Sequence[int]) -> Grid:
     """Return the grid of a scale with the rows of some phases.
 
     Raises:
-        StudyError: Nothing belongs to these phases.
+        StudyError: The scale has no work in these phases.
     """
     grid = GRIDS[scale]
     rows = tuple(row for row in grid.rows if row.phase in phases)
@@ -151,7 +151,7 @@ def make_grid(scale: str, phases: Sequence[int]) -> Grid:
     made = Grid(grid.name, rows, measured * grid.hand_over_episodes, measured * grid.noise_episodes)
     if not rows and not made.hand_over_episodes:
         known = ", ".join(map(str, sorted({row.phase for row in grid.rows} | ({5} if grid.noise_episodes else set()))))
-        raise StudyError(f"phases {list(phases)} hold nothing of scale {scale}; its phases are {known}")
+        raise StudyError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}; its phases are {known}")
     return made
 
 

@@ -1,11 +1,10 @@
 """Measure placements under exploration noise: do apples stay if the robot stops before it releases them?
 
-SetTable's apples without rolling resistance, val starts without clutter. Place's shipped policy (training seed 0)
-carries the apple until it commands the hand to open while the apple is in its goal region. Then it either goes on, or
-the robot halts: a mean action of 0, for half a second before the hand opens and ever after. Noise is added to every
-action of base and arm (not of the hand) from the start. It is normal, as in training, and nobody corrects where it
-moves a robot that halts. Counted are apples that were within their goal for 200 steps on end after that, and those
-that were first released outside of it.
+SetTable's apples, drag only, `val` start states without clutter. The shipped place policy (training seed 0) carries
+the apple. When it commands the hand to open and the apple is in its goal region, it either goes on, or the robot halts:
+a mean action of 0, with the hand closed for half a second and then open. Normal noise, as in training, is added to
+every action of base and arm (not of the hand) from the start. A robot that halts does not correct for it. Counted are
+apples that then stayed in their goal for 200 consecutive steps, and apples that were first released outside it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from perdure.studies.placement.grid import Grid
 from perdure.studies.placement.unit_steps import TASK, Measurement, leave
 
 VERSION = 1
-"""Raised when the function of these units gives other numbers."""
+"""Increase it when `measure` gives other numbers."""
 APPLE = 1
 """Number of the target."""
 HALT = 15
@@ -40,7 +39,7 @@ EPISODE_COST = 400
 BASE = slice(0, ARM.start)
 NOISE = ("none", "exp(-4)", "exp(-3)", "exp(-2)", "exp(-1)")
 PARTS = {"base and arm": (1.0, 1.0), "base": (1.0, 0.0), "arm": (0.0, 1.0)}
-"""By how much the noise of base and arm is multiplied."""
+"""What is noisy, to factors of the noise of (base, arm)."""
 CASES = (
     *((False, name, "base and arm") for name in ("none", "exp(-2)", "exp(-1)")),
     *((True, name, "base and arm") for name in NOISE),
@@ -82,7 +81,7 @@ def measure(work: Work, *, halts: bool, noise: str, parts: str, episodes: int) -
 
 
 def outcomes(policy: Policy, episodes: int, halts: bool, noise: str, parts: str) -> Counter[str]:
-    """Return what became of the apples.
+    """Count what became of the apples.
 
     Args:
         policy: Carries them.
@@ -92,7 +91,7 @@ def outcomes(policy: Policy, episodes: int, halts: bool, noise: str, parts: str)
         parts: What is noisy, one of PARTS.
 
     Returns:
-        Counts of "stayed", "let go outside" and "left its goal"; starts in which no release was commanded are none.
+        Counts of "stayed", "let go outside" and "left its goal". Episodes without a release command do not count.
     """
     size = 0.0 if noise == "none" else float(np.exp(float(noise[4:-1])))
     env = _make_env()
@@ -117,7 +116,7 @@ def outcomes(policy: Policy, episodes: int, halts: bool, noise: str, parts: str)
 
 
 class _Halting:
-    """The policy, the halt and the noise."""
+    """The policy with halt and noise."""
 
     def __init__(self, policy: Policy, env: HomeSkillVectorEnv, halts: bool, noise: tuple[float, ...]) -> None:
         self._policy, self._env, self._halts = policy, env, halts
@@ -132,7 +131,7 @@ class _Halting:
         return np.asarray(self.since >= 0)
 
     def act(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the actions of all lanes; a policy of Delta = 1 does not know for how long the object has stayed."""
+        """Return the actions of all lanes. A policy with Delta = 1 does not observe how long the object has stayed."""
         env, policy = self._env, self._policy
         known = observations[:, : policy.task.observation_size]
         actions = np.array(policy.act(known, env.progress.elapsed), dtype=np.float64)

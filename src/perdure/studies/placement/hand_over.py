@@ -1,6 +1,6 @@
-"""Measure the effect of descent and speed of the hand-over by inverse kinematics: SetTable, no friction.
+"""Measure the effect of descent and speed of the hand-over by inverse kinematics: SetTable, drag only.
 
-Each row places the same episodes with the same policies (training seed 0). A descent of 0 stops and goes nowhere.
+Each row places the same episodes with the same policies (training seed 0). A descent of 0 stops without lowering.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from perdure.studies.placement.row_step import EPISODE_COST
 from perdure.studies.placement.unit_steps import TASK, Measurement, leave
 
 VERSION = 1
-"""Raised when the function of these units gives other numbers."""
+"""Increase it when `measure` gives other numbers."""
 PAIRS = (
     *((descent, SPEED) for descent in (0.0, 0.02, EPSILON, 0.1, 0.2)),
     *((EPSILON, speed) for speed in (0.05, 0.3, 0.6)),
 )
-"""Descent [m] and speed [m/s]."""
+"""Descent [m], speed [m/s]."""
 SCHEMA: dict[str, type[pl.DataType]] = {
     "descent": pl.Float64,
     "speed": pl.Float64,

@@ -51,7 +51,7 @@ def markdown(headings: tuple[str, ...], lines: Sequence[tuple[str, ...]]) -> str
 
 
 def headline(rows: Sequence[Row], differences: Sequence[Row]) -> str:
-    """Return success on unseen layouts without rolling resistance."""
+    """Return success on unseen layouts, drag only."""
     headings = ("task", "strategy", "seeds x episodes", "goal-stabilizing", "by training seed", "latched")
     lines = []
     for row in chosen(rows, "eval", "drag"):
@@ -61,7 +61,7 @@ def headline(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 
 
 def difference_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
-    """Return paired differences, worlds below each other."""
+    """Return paired differences in every world."""
     lines = []
     for each in differences:
         if each["split"] == "eval" and (each["world"] == "drag" or each["second"] != "ik+"):
@@ -102,9 +102,9 @@ def jaws_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 def layout_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
     """Return known and unseen layouts side by side."""
     lines = []
-    unseen = {(row["task"], row["arm"]): row for row in chosen(rows, "eval", "drag")}
+    unseen = {(row["task"], row["strategy"]): row for row in chosen(rows, "eval", "drag")}
     for row in chosen(rows, "val", "drag"):
-        other = unseen.get((row["task"], row["arm"]))
+        other = unseen.get((row["task"], row["strategy"]))
         if other is not None:
             cells = (f"{share(row['latched'])} ({size(row)})", f"{share(other['latched'])} ({size(other)})")
             drop = other["latched"]["mean"] - row["latched"]["mean"]
@@ -113,7 +113,7 @@ def layout_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 
 
 def thesis_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
-    """Return SetTable, val, latched: the thesis' own count, and the episodes that failed at a placement."""
+    """Return SetTable on known layouts beside the thesis: latched success, episodes that failed at a placement."""
     lines = []
     for row in chosen(rows, "val", "drag", "set_table"):
         strategy, _ = strategy_and_world(row)
@@ -134,7 +134,7 @@ def thesis_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 
 
 def mode_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
-    """Return what fails, in few groups."""
+    """Return the number of failures by stage and cause."""
     groups: dict[str, tuple[str, tuple[str, ...]]] = {
         "pick: not reached": ("pick", ("not reached", "time-out")),
         "pick: grasp missed or wrong object": ("pick", ("grasp missed", "wrong object grasped")),
@@ -159,7 +159,7 @@ def mode_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
 
 
 def hand_over_table(rows: Sequence[Row], differences: Sequence[Row]) -> str:
-    """Return how often a release strategy fell back."""
+    """Return the outcomes of hand-overs by release strategy."""
     picked = [row for row in chosen(rows, "eval", "drag") if row["hand_overs"]]
     outcomes = sorted({outcome for row in picked for outcome in row["hand_overs"]})
     lines = []

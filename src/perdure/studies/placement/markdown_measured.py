@@ -11,7 +11,7 @@ NOISE_WORDS = {"none": "none, as in evaluation", "exp(-2)": "exp(-2), as at the 
 
 
 def hand_over_measured(table: pl.DataFrame) -> str:
-    """Return descent and speed with what they changed."""
+    """Return placements by descent and speed."""
     headings = ("descent", "speed", "did not stay", "height at release", "object speed at release")
     lines = [
         (
@@ -28,7 +28,7 @@ def hand_over_measured(table: pl.DataFrame) -> str:
 
 
 def noise_measured(table: pl.DataFrame) -> str:
-    """Return which apples stayed under each noise: without the halt and with it."""
+    """Return apples that stayed by noise, without and with the halt."""
     headings = ("noise (standard deviation)", "policy releases by itself", "robot stops for 0.5 s, then releases")
     found = {(row["halts"], row["noise"], row["parts"]): row for row in table.iter_rows(named=True)}
     lines = []

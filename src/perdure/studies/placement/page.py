@@ -1,4 +1,4 @@
-"""The page of the results: question, result in two sentences, tables, figures, commands."""
+"""The page of the results: question, result in words, tables, figures, commands."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
     """Write the page; the same tables give the same bytes."""
     results = tables.results
     parts = [
-        "# Placement study\n\nWritten by `perdure study placement`. "
-        f"{QUESTION}\n\nRows that have not been run again keep numbers of an earlier run, whose logs were not kept. "
-        "Until then the tables of descent, noise and release speed are copies of published pages, rounded as there. "
-        f"`perdure study placement --scale thesis` replaces them.\n\n## Result\n\n{result_text(results)}\n",
+        f"# Placement study\n\nWritten by `perdure study placement`. {QUESTION}\n",
+        _earlier_rows(results.rows),
+        _part("Result", result_text(results)),
         _part("Success on unseen layouts, drag only", headline(results.rows, results.pairs)),
         _part("Paired differences on unseen layouts", difference_table(results.rows, results.pairs)),
         _part("Descent and speed of `ik`", hand_over_measured(tables.hand_over)) if len(tables.hand_over) else "",
@@ -37,8 +36,20 @@ def write_page(path: Path, grid: Grid, tables: Tables, figures: Sequence[Figure]
     return write_atomic(path, "\n".join(part for part in parts if part))
 
 
+def _earlier_rows(rows: Sequence[Row]) -> str:
+    """Return the note on rows that no logs of this study have replaced; "" if there are none."""
+    count = sum(row.get("earlier_run", False) for row in rows)
+    if not count:
+        return ""
+    return (
+        f"{count} of {len(rows)} rows keep numbers of an earlier run, whose logs were not kept. Until they are run "
+        "again, the tables of descent, noise and release speed are copies of published pages, rounded as there. "
+        "`perdure study placement --scale thesis` replaces them.\n"
+    )
+
+
 def result_text(results: Results) -> str:
-    """Return the two sentences of the result, from the numbers; what is missing where they are not there yet."""
+    """Return the result in words, or that rows are missing."""
     found = {
         (row["task"], strategy_and_world(row)[0]): row["stabilizing"]["mean"]
         for row in chosen(results.rows, "eval", "drag")

@@ -1,6 +1,6 @@
 """Share of placements that stay, by release speed.
 
-Counted are all placements of eval episodes in the world without rolling resistance, of all tasks and training seeds.
+Counted are all placements of `eval` episodes of all tasks and training seeds, drag only.
 Placements of policies alone (`rl`, `delta-N`) are kept apart from those of strategies that come to rest before they
 release (`stop`, `ik`, `ik+`). A placement stays when it is goal-stabilizing.
 """
@@ -23,9 +23,11 @@ from perdure.report.theme import style
 from perdure.studies.placement.names import GROUPS
 
 EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
-"""Speeds in [m/s]."""
+"""Bounds of the intervals of speed in [m/s]."""
+INTERVALS = tuple(f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}" for low, high in pairwise(EDGES))
+"""Their names."""
 FEWEST = 20
-"""Placements; of fewer the figure draws no point and the table has no share."""
+"""Placements; with fewer, the figure draws no point and the table shows no share."""
 SHAPES = ("apples", "cans", "bowls", "boxes")
 SCHEMA: dict[str, type[pl.DataType]] = {
     "interval": pl.Int64,
@@ -68,10 +70,9 @@ def speed_table(counts: pl.DataFrame) -> str:
     heads = [(moving, group) for moving in (True, False) for group in SHAPES]
     names = [f"{group}, {'in motion' if moving else 'stopped'}" for moving, group in heads]
     lines = [f"| release speed [m/s] | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
-    for number, (low, high) in enumerate(pairwise(EDGES)):
-        cells = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"]
-        cells += [_cell(counts.filter(interval=number, in_motion=moving, objects=group)) for moving, group in heads]
-        lines.append(f"| {' | '.join(cells)} |")
+    for number, name in enumerate(INTERVALS):
+        cells = (_cell(counts.filter(interval=number, in_motion=moving, objects=group)) for moving, group in heads)
+        lines.append(f"| {' | '.join((name, *cells))} |")
     return "\n".join(lines)
 
 
@@ -83,11 +84,8 @@ def _cell(part: pl.DataFrame) -> str:
 
 
 def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
-    """Yield the figure: released in motion, share that stays over the interval's median speed, Wilson's interval.
-
-    None where the median speeds are not known.
-    """
-    drawn = counts.filter(pl.col("placements") >= FEWEST, pl.col("median_speed").is_not_null(), in_motion=True)
+    """Yield the figure, if there are enough placements: released in motion, share that stays, Wilson's interval."""
+    drawn = counts.filter(pl.col("placements") >= FEWEST, in_motion=True)
     if drawn.is_empty():
         return
     curves = [_curve(number, group, drawn.filter(objects=group)) for number, group in enumerate(SHAPES)]
@@ -96,20 +94,20 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
         "Placements that stay, by release speed",
         curve_chart(
             [curve for curve in curves if len(curve.x)],
-            Axis("release speed of the object [m/s]"),
+            Axis("release speed of the object [m/s]", names=INTERVALS),
             Axis("share of placements that stay", percent=True),
         ),
         "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
-        f"drag only. Each point: an interval of speed with at least {FEWEST} placements, at their median "
-        "speed; bars: 95 % Wilson score intervals that count placements as independent, although they share policies. "
+        f"drag only. Each point: an interval of speed with at least {FEWEST} placements. "
+        "Bars: 95 % Wilson score intervals that count placements as independent, although they share policies. "
         "Policies were varied, not speeds.",
     )
 
 
 def _curve(number: int, group: str, part: pl.DataFrame) -> Curve:
     part = part.sort("interval")
-    share, speed = part["share_stayed"].to_numpy(), part["median_speed"].to_numpy()
+    share, interval = part["share_stayed"].to_numpy(), part["interval"].cast(pl.Float64).to_numpy()
     bounds = [wilson(p, n) for p, n in zip(share, part["placements"], strict=True)]
     lower, upper = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
     label = f"{group} (n = {part['placements'].sum():,})"
-    return Curve(label, speed, share, style(number), lower, upper, marked=True, intervals="bars")
+    return Curve(label, interval, share, style(number), lower, upper, marked=True, intervals="bars")

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from perdure.home.evaluate.protocol import read_strategy
 from perdure.runs import write_atomic
-from perdure.studies.placement.names import STRATEGIES, TITLES, WORLDS
+from perdure.schema import SchemaError, read_json
+from perdure.studies.errors import StudyError
+from perdure.studies.placement.names import RELEASE_STRATEGIES, TITLES, WORLDS
+from perdure.studies.placement.schema import RESULTS
 
 Row = dict[str, Any]
-"""A row of the table: JSON values by name."""
+"""A row of the table: JSON values by name, see `schema.py`."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +29,18 @@ class Results:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the results of a file; none where it does not exist."""
+        """Return the results of a file; none if it does not exist.
+
+        Raises:
+            StudyError: The file is damaged.
+        """
         if not path.is_file():
             return cls()
-        found = json.loads(path.read_text())
+        try:
+            found = read_json(path.read_bytes())
+            RESULTS.check(found)
+        except SchemaError as error:
+            raise StudyError(f"{path}: {error}") from None
         return cls(tuple(found["commands"]), tuple(found["rows"]), tuple(found["pairs"]))
 
     def merge(self, commands: Iterable[str], rows: Iterable[Row], pairs: Iterable[Row]) -> Results:
@@ -52,7 +62,7 @@ def _merged(old: Iterable[Row], new: Iterable[Row]) -> tuple[Row, ...]:
 
 
 def _subject(row: Row) -> tuple[str, str, str]:
-    return row["task"], row["split"], row["arm"]
+    return row["task"], row["split"], row["strategy"]
 
 
 def _members(pair: Row) -> set[tuple[str, str, str]]:
@@ -62,15 +72,17 @@ def _members(pair: Row) -> set[tuple[str, str, str]]:
 
 def strategy_and_world(row: Row) -> tuple[str, str]:
     """Return the two parts of a row's name: `ik drag hull-apple` -> ("ik", "drag hull-apple")."""
-    strategy = read_strategy(row["arm"])[0]
-    return strategy, row["arm"].removeprefix(strategy).strip()
+    strategy, _, world = row["strategy"].partition(" ")
+    return strategy, world
 
 
 def chosen(rows: Iterable[Row], split: str, world: str | None = None, task: str | None = None) -> list[Row]:
     """Return rows of a split, perhaps of one world and task, by task, world and strategy."""
-    found = []
-    for row in rows:
+    worlds = WORLDS if world is None else (world,)
+
+    def order(row: Row) -> tuple[int, int, int]:
         strategy, where = strategy_and_world(row)
-        if row["split"] == split and world in (None, where) and task in (None, row["task"]) and where in WORLDS:
-            found.append((list(TITLES).index(row["task"]), list(WORLDS).index(where), STRATEGIES.index(strategy), row))
-    return [row for *_, row in sorted(found, key=lambda each: each[:3])]
+        return list(TITLES).index(row["task"]), list(WORLDS).index(where), RELEASE_STRATEGIES.index(strategy)
+
+    found = [row for row in rows if row["split"] == split and task in (None, row["task"])]
+    return sorted((row for row in found if strategy_and_world(row)[1] in worlds), key=order)

@@ -11,15 +11,16 @@ from perdure.home.evaluate.protocol import LOGS, episode_blocks, run_protocol
 from perdure.runs import Store, StoreError
 from perdure.studies.errors import StudyError
 from perdure.studies.placement.grid import Grid, Row, runs_folder
+from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 STAGES = {"val": "known layouts", "eval": "unseen layouts"}
 """Split to the stage's name."""
-YARDSTICK = "Ant-v3"
-"""Task whose speed stands for the machine's. In home environments random actions end almost every episode at once, so
-that the time of resets would be measured."""
+SPEED_TASK = "Ant-v3"
+"""Task whose measured speed gives estimates of time. In home environments random actions end almost every episode at
+once, so the time of resets would be measured."""
 EPISODE_COST = {"set_table": 2_800, "tidy_house": 4_000, "prepare_groceries": 1_700}
-"""What an episode costs beside one step of the yardstick (measured on one core)."""
+"""Cost of an episode in steps of SPEED_TASK, measured on one core."""
 START_SECONDS = 10.0
 """Seconds for reading policies and building scenes."""
 
@@ -33,7 +34,7 @@ class RunRow:
     out: Path
 
     measure = "episodes"
-    task = YARDSTICK
+    task = SPEED_TASK
     after: tuple[str, ...] = ()
 
     @property
@@ -57,7 +58,7 @@ class RunRow:
 
     def progress(self) -> StepProgress:
         """See `StudyStep`; units are blocks of episodes."""
-        return progress_of_keys(runs_folder(self.out), self._sizes())
+        return count_units(runs_folder(self.out), self._sizes())
 
     def _sizes(self) -> dict[str, int]:
         """Return the key and the number of episodes of each block."""
@@ -88,24 +89,3 @@ class RunRow:
             run_protocol(self.row.protocol(), runs_folder(self.out), **settings)
         except (HomeError, StoreError) as error:
             raise StudyError(str(error)) from error
-
-
-def progress_of_keys(folder: Path, sizes: dict[str, int]) -> StepProgress:
-    """Return how far the units of some keys are, by the store in a folder.
-
-    Args:
-        folder: Of the store, which need not exist.
-        sizes: Key to how much work the unit is.
-    """
-    if not folder.is_dir():
-        return StepProgress(len(sizes), 0)
-    store = Store(folder)
-    done = [key for key in sizes if store.done(key)]
-    left = [key for key in sizes if key not in set(done)]
-    return StepProgress(
-        len(sizes),
-        len(done),
-        sum(store.is_busy(key) for key in left),
-        sum(store.note_path("failures", key).exists() for key in left),
-        sum(sizes[key] for key in done) / sum(sizes.values()),
-    )

@@ -15,18 +15,17 @@ from perdure.home.evaluate.page import PolicyAssignment
 from perdure.home.evaluate.page.comparison import Comparison, comparisons
 from perdure.studies.placement.names import WORLDS
 from perdure.studies.placement.results import Results, Row
+from perdure.studies.placement.schema import RELEASE
 
 BOUNDS = ("estimate", "lower", "upper")
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
 """Strategies that are compared over the same episodes: (first, second), second minus first."""
 SUCCEEDED = {"latched": "success", "stabilizing": "stabilizing"}
 """Way of counting to its column of the episodes' table."""
-RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
-"""Height and offset in [m], speeds in [m/s], tilt in [deg]."""
 
 
 def with_logs(results: Results, analysis: Analysis, assignment: PolicyAssignment) -> Results:
-    """Return results with the rows of logs in the place of what they knew about the same; all others stay."""
+    """Return results in which rows of logs replace rows about the same; all others stay."""
     compared = comparisons(analysis)
     rows = [strategy_row(each, strategy, assignment) for each in compared for strategy in each.strategies]
     return results.merge(assignment.commands, rows, [pair for each in compared for pair in pairs(each)])
@@ -39,7 +38,7 @@ def strategy_row(comparison: Comparison, strategy: str, assignment: PolicyAssign
     return {
         "task": comparison.task,
         "split": comparison.split,
-        "arm": strategy,
+        "strategy": strategy,
         "episodes": len(episodes),
         "seeds": {name: episodes[f"{name}_seed"].n_unique() for name in ("train", "eval")},
         **{counting: _success(comparison, strategy, counting) for counting in COUNTINGS},
@@ -114,7 +113,7 @@ def pairs(comparison: Comparison) -> Iterator[Row]:
             yield {
                 "task": comparison.task,
                 "split": comparison.split,
-                "arm": f"{second} - {first}" + (f" {world}" if world else ""),
+                "strategy": f"{second} - {first}" + (f" {world}" if world else ""),
                 "world": world,
                 "first": first,
                 "second": second,

@@ -9,6 +9,7 @@ import polars as pl
 
 from perdure.home.evaluate.outcomes import analyze
 from perdure.home.evaluate.page import read_assignment
+from perdure.studies.csv_files import read_csv
 from perdure.studies.placement import halt_in_noise, hand_over, release_speed
 from perdure.studies.placement.grid import DRAG, Grid
 from perdure.studies.placement.results import Results
@@ -30,21 +31,21 @@ class Tables:
 
 
 def read_tables(out: Path) -> Tables:
-    """Return the tables that are in a folder of results."""
+    """Return the tables that are in a folder of results.
+
+    Raises:
+        StudyError: A file is damaged.
+    """
     return Tables(
         Results.read(out / STRATEGIES),
-        _read(out / SPEEDS, release_speed.SCHEMA),
-        _read(out / HAND_OVER, hand_over.SCHEMA),
-        _read(out / NOISE, halt_in_noise.SCHEMA),
+        read_csv(out / SPEEDS, release_speed.SCHEMA, optional=("median_speed",)),
+        read_csv(out / HAND_OVER, hand_over.SCHEMA),
+        read_csv(out / NOISE, halt_in_noise.SCHEMA, optional=("let_go_outside",)),
     )
 
 
-def _read(path: Path, schema: dict[str, type[pl.DataType]]) -> pl.DataFrame:
-    return pl.read_csv(path, schema=schema) if path.is_file() else pl.DataFrame(schema=schema)
-
-
 def update_tables(grid: Grid, out: Path) -> Tables:
-    """Return the tables with what finished rows and measurements under `out` add; all others keep their numbers."""
+    """Return the tables with the numbers of finished rows and measurements; all others keep theirs."""
     known = read_tables(out)
     logs = {row: RunRow(grid, row, out).logs() for row in grid.rows}
     measured = [step.table() for step in (hand_over.hand_over_step(grid, out), halt_in_noise.noise_step(grid, out))]

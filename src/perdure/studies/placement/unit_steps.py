@@ -1,4 +1,4 @@
-"""A small measurement of the study: independent units, each of which leaves one JSON summary."""
+"""A small measurement of the study: independent units, each of which writes one JSON summary."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import polars as pl
 
 from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
 from perdure.studies.placement.grid import runs_folder
-from perdure.studies.placement.row_step import START_SECONDS, YARDSTICK, progress_of_keys
+from perdure.studies.placement.row_step import SPEED_TASK, START_SECONDS
+from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 SUMMARY = "summary.json"
@@ -29,14 +30,14 @@ class Measurement:
     units: tuple[Unit, ...]
     """Their `size` is the number of episodes."""
     episode_cost: int
-    """What an episode costs beside one step of the yardstick."""
+    """In steps of SPEED_TASK."""
     out: Path
     schema: Mapping[str, type[pl.DataType]]
     """Of the table."""
 
     measure = "episodes"
     after: tuple[str, ...] = ()
-    task = YARDSTICK
+    task = SPEED_TASK
 
     @property
     def stage(self) -> str:
@@ -54,7 +55,7 @@ class Measurement:
 
     def progress(self) -> StepProgress:
         """See `StudyStep`."""
-        return progress_of_keys(runs_folder(self.out), {unit.key: round(unit.size) for unit in self.units})
+        return count_units(runs_folder(self.out), {unit.key: unit.size for unit in self.units})
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
