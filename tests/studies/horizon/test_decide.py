@@ -77,7 +77,7 @@ def test_what_is_not_evaluated_decides_nothing(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE})
     (found,) = decide_claims([claim()], results)
     assert (found.decision, found.after_holm) == ("not evaluated", "not evaluated")
-    assert "nothing, it is not among the evaluated rows" in claims_text([found])
+    assert "nothing, one side is not measured" in claims_text([found])
     rows = (*results.grid.rows, Row(TASK, "geometric", ZOO, (0, 1), 1))
     (found,) = decide_claims([claim()], replace(results, grid=replace(results.grid, rows=rows)))
     assert "its evaluation" in claims_text([found])

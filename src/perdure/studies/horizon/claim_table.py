@@ -194,7 +194,7 @@ def _task_change(claim: Claim, task: TaskDecision) -> str:
     """Return the number of runs that would decide, or the distance of the interval from the threshold, as text."""
     found = task.difference
     if found is None:
-        return f"{task.task}: {'its evaluation' if task.planned else 'nothing, it is not among the evaluated rows'}."
+        return f"{task.task}: {'its evaluation' if task.planned else 'nothing, one side is not measured'}."
     if not math.isfinite(found.half):
         return f"{task.task}: at least two training runs on each side."
     edge = threshold(claim, found, task.margin)

@@ -203,7 +203,9 @@ CLAIMS: tuple[Claim, ...] = (
         right=UNDISCOUNTED,
         direction="less",
         measure="value variance",
-        would_change="A critic is compared on its own policy's states; the two policies visit different ones.",
+        would_change="A critic is compared on its own policy's states; the two policies visit different ones. On the "
+        "right side the returns to go have neither an end nor a discount: they are infinite, and nothing can be "
+        "measured. The figure on the critic shows `random-horizon`, whose episodes end, in its place.",
     ),
     Claim(
         "actions-hardly-depend-on-the-time-to-go",

@@ -31,7 +31,7 @@ class TaskDecision:
     adjusted_p: float = math.nan
     """The same by Holm's method, over all comparisons of the claim table."""
     planned: bool = True
-    """Whether the grid evaluates both sides."""
+    """Whether the study measures both sides."""
 
     @property
     def after_holm(self) -> Decision:
@@ -137,10 +137,10 @@ def threshold(claim: Claim, difference: Difference, margin: float) -> float:
 def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> TaskDecision:
     difference = _compare(claim, task, right_task, results)
     if difference is None:
-        rows = [results.grid.row(task, claim.left.method)]
+        sides = [(task, claim.left.method)]
         if isinstance(claim.right, Condition):
-            rows.append(results.grid.row(right_task, claim.right.method))
-        planned = all(row is not None and row.evaluated for row in rows)
+            sides.append((right_task, claim.right.method))
+        planned = all(results.is_planned(setting, method, claim.measure) for setting, method in sides)
         return TaskDecision(task, None, math.nan, "not evaluated", math.nan, planned=planned)
     margin = _margin(claim, difference.right)
     p = difference.p(threshold(claim, difference, margin))

@@ -72,6 +72,14 @@ class Results:
         clocks = self.clocks(row, condition.clock)
         return {seed: value for seed, value in under(test, clocks, measure).items() if value is not None}
 
+    def is_planned(self, setting: str, method: str, measure: str) -> bool:
+        """Return whether a measure of a method is there, or will be when every step has run."""
+        row = self.grid.row(setting, method)
+        if row is None or not row.evaluated:
+            return False
+        found = self.mechanism.filter((pl.col("setting") == setting) & (pl.col("method") == method))
+        return found.is_empty() or measure not in found.columns or found[measure].is_not_null().any()
+
     def clocks(self, row: Row, rule: str) -> dict[int, str]:
         """Return the clock that a rule gives each training run of a row; {} if the results do not decide it."""
         test, validation = self.of(row), self.of(row, VALIDATION)
