@@ -34,15 +34,18 @@ def bytes_of(rng, whole):
     return bytes(data)
 
 
-def nested(rng):
+DEPTHS = (5, 50, 500)
+
+
+def nested(rng, depths=DEPTHS):
     """A list that is nested deep."""
     value = 0
-    for _ in range(rng.choice((5, 50, 500))):
+    for _ in range(rng.choice(depths)):
         value = [value]
     return value
 
 
-def json_value(rng, value, times=None):
+def json_value(rng, value, times=None, depths=DEPTHS):
     """A JSON value changed in some places: replaced, removed, doubled, exchanged, added to."""
     value = copy.deepcopy(value)
     for _ in range(times or rng.choice((1, 1, 1, 2, 3))):
@@ -52,7 +55,7 @@ def json_value(rng, value, times=None):
         holder, key = rng.choice(spots)
         kind = rng.randrange(10)
         if kind < 6:
-            holder[key] = copy.deepcopy(rng.choice(ODD)) if rng.random() < 0.95 else nested(rng)
+            holder[key] = copy.deepcopy(rng.choice(ODD)) if rng.random() < 0.95 else nested(rng, depths)
         elif kind == 6:
             del holder[key]
         elif kind == 7 and isinstance(holder, list):
