@@ -85,6 +85,21 @@ def test_a_modulated_layer_is_the_equation_of_the_paper():
     assert np.abs(found - unmodulated).max() > 0.1, "the control: modulation matters here"
 
 
+def test_modulation_by_a_part_of_the_observation_is_refused():
+    """Ten numbers go through the first layer and six modulate: the sum fits eleven of the robot and five of phi."""
+    policy = random_policy(film=True)
+    changed = {
+        name: np.vstack([each, each[:1]])
+        if name.endswith(("scale", "shift"))
+        else each[:-1]
+        if ".0.weight" in name
+        else each
+        for name, each in policy.weights.items()
+    }
+    with pytest.raises(PolicyError, match="phi has 5 numbers, but hidden layers are modulated by 6"):
+        dataclasses.replace(policy, weights=changed)
+
+
 def test_modulation_of_zero_is_none():
     """As training begins: the policy acts as one that does not see phi."""
     policy = random_policy(film=True)

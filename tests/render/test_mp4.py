@@ -1,7 +1,5 @@
 """A film is complete or refused: what ffmpeg says is heard."""
 
-import shutil
-
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -67,8 +65,3 @@ def test_pictures_of_another_size_and_none_at_all_are_refused(tmp_path):
         write(tmp_path / "none.mp4", [])
     with pytest.raises(RenderError, match="96 x 48 pixels, the first one 64 x 48"):
         write(tmp_path / "two.mp4", [*pictures(1), *pictures(1, (96, 48))])
-
-
-def test_ffmpeg_is_there():
-    """Of the tests above: they use the one that comes with the package."""
-    assert shutil.which(imageio_ffmpeg.get_ffmpeg_exe())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from perdure.runs import LocalWorkers, RunError, Store, Unit, make_workers, read_status, run_units, workers
+from perdure.runs import LocalWorkers, RunError, Store, Unit, make_workers, read_unit_progress, run_units, workers
 from perdure.runs.progress import show_progress
 
 HERE = Path(__file__).parent
@@ -111,7 +111,7 @@ def test_progress_is_seen_by_other_processes_while_it_runs(tmp_path):
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
     assert {round(share, 2) for share in seen} >= {0.33, 0.67}
-    assert read_status(units, tmp_path / "store")["unit"].state == "finished"
+    assert read_unit_progress(Store(tmp_path / "store"), "unit").state == "finished"
 
 
 def test_two_commands_on_one_store_share_the_work(tmp_path):

@@ -54,9 +54,16 @@ TASK_RATES = {
     "Swimmer": 0.367,
     "Walker2d": 4.896,
 }
-"""Reward per step of level 1: returns of 1,000 steps / 1,000. PPO after 3,000,000 steps in Tianshou's benchmark (10
-seeds, v3, deterministic); Swimmer: croumegous/ppo-Swimmer-v3 on Hugging Face; Humanoid: ATRPO in nnabla-rl (3 seeds,
-v3)."""
+"""Reward per step of level 1: returns of 1,000 steps / 1,000."""
+TASK_RATE_SOURCES = {
+    **dict.fromkeys(
+        ("Ant", "HalfCheetah", "Hopper", "Walker2d"),
+        "PPO after 3,000,000 steps in Tianshou's benchmark (10 seeds, v3, deterministic)",
+    ),
+    "Swimmer": "croumegous/ppo-Swimmer-v3 on Hugging Face",
+    "Humanoid": "ATRPO in nnabla-rl (3 seeds, v3)",
+}
+"""Robot to the policy that its rate is of."""
 
 
 def task_rate(task: str) -> float:

@@ -26,14 +26,14 @@ class Film:
         """Return the modulation by these (scale, shift), each of shape (embedding_size, width).
 
         Args:
-            pairs: One for each hidden layer.
+            pairs: One for each hidden layer; at least one.
             widths: Of the hidden layers.
             name: Of the network, for messages.
 
         Raises:
             PolicyError: If shapes do not fit.
         """
-        size = len(pairs[0][0]) if pairs and pairs[0][0].ndim == 2 else 0
+        size = len(pairs[0][0]) if pairs[0][0].ndim == 2 else 0
         for layer, (pair, width) in enumerate(zip(pairs, widths, strict=True)):
             for part, matrix in zip(("scale", "shift"), pair, strict=True):
                 if not size or matrix.shape != (size, width):

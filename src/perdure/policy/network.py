@@ -78,7 +78,12 @@ class Perceptron:
     @property
     def input_size(self) -> int:
         """Length of one input."""
-        return len(self._layers[0][0]) + (0 if self._film is None else self._film.size)
+        return len(self._layers[0][0]) + self.modulation_size
+
+    @property
+    def modulation_size(self) -> int:
+        """Length of the part of an input that modulates hidden layers; 0 without modulation."""
+        return 0 if self._film is None else self._film.size
 
     @property
     def output_size(self) -> int:
@@ -87,11 +92,13 @@ class Perceptron:
 
     def __call__(self, inputs: Float32Array) -> Float32Array:
         """Return outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
-        first = len(self._layers[0][0])
         with one_thread():
-            return self._pass(pad(inputs[:, :first]), pad(inputs[:, first:]))[: len(inputs)]
+            return self._pass(pad(inputs))[: len(inputs)]
 
-    def _pass(self, hidden: Float32Array, phi: Float32Array) -> Float32Array:
+    def _pass(self, hidden: Float32Array) -> Float32Array:
+        if self._film is not None:
+            first = len(self._layers[0][0])
+            hidden, phi = (np.ascontiguousarray(part) for part in np.split(hidden, [first], axis=1))
         for layer, (product, (_, bias)) in enumerate(zip(self._products, self._layers, strict=True)):
             hidden = product(hidden)
             hidden += bias

@@ -101,6 +101,12 @@ class Policy:
                 f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
                 f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
             )
+        networks = (self._actor, self._critic) if self.has_critic else (self._actor,)
+        if any(each.modulation_size not in (0, self.protocol.embedding_size) for each in networks):
+            raise PolicyError(
+                f"{self.task.name}: phi has {self.protocol.embedding_size} numbers, but hidden layers are modulated by "
+                f"{self._actor.modulation_size}"
+            )
         sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
         critic = (self._critic.input_size, self._critic.output_size) if self.has_critic else (expected, 1)
         if len(set(sizes)) > 1 or critic != (expected, 1):

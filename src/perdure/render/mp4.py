@@ -15,7 +15,7 @@ from perdure.render.errors import RenderError
 
 
 class Mp4Writer:
-    """A film that is being written. `close` completes the file; after `abort` it is worthless."""
+    """A film that is being written. `close` completes the file; call `abort` at the end in any case."""
 
     def __init__(self, path: Path, rate: float, *, crf: int = 20, preset: str = "medium") -> None:
         """Prepare a film; ffmpeg starts with the first picture.
@@ -47,8 +47,9 @@ class Mp4Writer:
             raise RenderError(f"a picture has {width} x {height} pixels, the first one {expected}")
         try:
             self._input.write(np.ascontiguousarray(picture).data)
-        except OSError:  # ffmpeg has ended; its message says why
-            self.close()
+        except OSError:
+            self.close()  # says why ffmpeg has ended, unless it believes that all is well
+            raise RenderError(f"ffmpeg ended before the film {self._path.name} was complete") from None
 
     def _start(self, width: int, height: int) -> None:
         import imageio_ffmpeg
@@ -83,7 +84,7 @@ class Mp4Writer:
             raise RenderError(f"ffmpeg could not write the film {self._path.name}: {said[0][:200]}")
 
     def abort(self) -> None:
-        """Stop ffmpeg. Does nothing after `close`."""
+        """Stop ffmpeg, if it still runs, and release what the writer holds."""
         if self._process is not None:
             if self._process.poll() is None:
                 self._process.kill()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from perdure.runs.atomic_write import write_atomic
 from perdure.runs.errors import RunError
@@ -89,9 +89,23 @@ def run_units(
     run.raise_failures()
 
 
-def read_status(units: Sequence[Unit], root: str | Path) -> Status:
-    """Return how far units are, from the store alone: also for a run that another process is at work on."""
-    return {key: replace(each) for key, each in _Run(units, Store(root), lambda status: None).look().items()}
+def read_unit_progress(
+    store: Store, key: str, config: Mapping[str, Any] | None = None, size: float = 1.0
+) -> UnitProgress:
+    """Return how far a unit is, from the store alone, so also while another process runs it.
+
+    Args:
+        store: Where it is kept.
+        key: Of the unit.
+        config: That a finished unit must have; None: any.
+        size: Of the unit.
+
+    Raises:
+        StoreError: The finished unit has another config.
+    """
+    finished = store.done(key, config)
+    done, total, facts = read_progress(store, key)
+    return UnitProgress("finished" if finished else "waiting", done, total, facts, "", size)
 
 
 def _recorded_error(path: Path) -> str:
@@ -115,13 +129,7 @@ class _Run:
             for key in unit.after:
                 if key not in self._units:
                     raise RunError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
-        self._status: dict[str, UnitProgress] = {}
-        for unit in units:
-            finished = store.done(unit.key, unit.config)
-            done, total, facts = read_progress(store, unit.key)
-            self._status[unit.key] = UnitProgress(
-                "finished" if finished else "waiting", done, total, facts, "", unit.size
-            )
+        self._status = {unit.key: read_unit_progress(store, unit.key, unit.config, unit.size) for unit in units}
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from perdure.runs import Store, UnitProgress
-from perdure.runs.unit import read_progress
+from perdure.runs import Store, read_unit_progress
 from perdure.studies.study import StepProgress, StudyStep
 
 
@@ -49,17 +48,14 @@ def count_units(
     if not folder.is_dir():
         return StepProgress(len(sizes), 0)
     store, configs = Store(folder), configs or {}
-    units = {
-        key: UnitProgress("finished" if store.done(key, configs.get(key)) else "waiting", *read_progress(store, key))
-        for key in sizes
-    }
+    units = {key: read_unit_progress(store, key, configs.get(key), size) for key, size in sizes.items()}
     open_keys = [key for key, unit in units.items() if unit.state != "finished"]
     return StepProgress(
         total=len(units),
         done=len(units) - len(open_keys),
         running=sum(store.is_busy(key) for key in open_keys),
         failed=sum(store.note_path("failures", key).exists() for key in open_keys),
-        share=sum(sizes[key] * unit.share for key, unit in units.items()) / sum(sizes.values()),
+        share=sum(unit.size * unit.share for unit in units.values()) / sum(sizes.values()),
     )
 
 

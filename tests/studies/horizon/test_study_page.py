@@ -4,7 +4,7 @@ import polars as pl
 import pytest
 from known_results import HORIZON, make_results
 
-from perdure.studies.csv_files import write_csv
+from perdure.studies.files import write_csv
 from perdure.studies.horizon.analyze import make_figures
 from perdure.studies.horizon.page import BEGIN, END, write_page
 from perdure.studies.horizon.summaries import choice_table, condition_table

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from perdure.studies import StudyError
-from perdure.studies.csv_files import read_csv
+from perdure.studies.files import read_csv
 from perdure.studies.placement.release_speed import SCHEMA
 from perdure.studies.placement.tables import read_tables
 

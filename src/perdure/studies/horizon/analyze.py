@@ -9,7 +9,7 @@ import polars as pl
 
 from perdure.report.render import Figure, Format, save
 from perdure.runs import write_atomic
-from perdure.studies.csv_files import write_csv
+from perdure.studies.files import write_csv
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
 from perdure.studies.horizon.claims import CLAIMS, PILOT_CLAIMS

@@ -21,8 +21,7 @@ HEAD = """# Claims
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
 otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
-at {level:g}. This rule was added when all runs of Swimmer had held: an interval of width 0 would have decided on five
-runs. Validation start states choose C for a run by the other runs, so runs under a chosen C are not quite independent.
+at {level:g}. C for a run is chosen by the other runs, so runs under a chosen C are not quite independent.
 
 There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
 when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims of the pilots, which were

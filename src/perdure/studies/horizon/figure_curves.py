@@ -58,16 +58,11 @@ def clock_figures(results: Results) -> Iterator[Figure]:
 
 
 def _sweep(results: Results, setting: str, kind: str) -> list[tuple[float, Estimate]]:
-    row = results.grid.row(setting, "geometric")
-    if row is None or row.key not in results.test:
-        return []
-    runs = results.of(row)
-    clocks = runs.filter(runs["clock_kind"] == kind).select("clock", "clock_steps").unique().sort("clock_steps")
-    found = []
-    for clock, steps in clocks.iter_rows():
-        estimate = estimate_condition(results, setting, Condition("geometric", clock))
-        found += [] if estimate is None else [(float(steps), estimate)]
-    return found
+    found = [
+        (steps, estimate_condition(results, setting, Condition("geometric", clock)))
+        for steps, clock in results.swept(setting, "geometric", kind).items()
+    ]
+    return [(steps, estimate) for steps, estimate in found if estimate is not None]
 
 
 def _clock_figure(

@@ -87,6 +87,7 @@ def _figure(
     axis = Axis("share of a published policy's reward" if known else "return")
     note = f"{about} " if about else ""
     note += f"Hollow: training runs. {interval_note(list(intervals.values()), 'Bars')}"
+    note += " " + words.start_states({results.start_states(setting, each.method) for setting, each in values})
     note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if known else ""
     chart = point_chart([words.setting(setting) for setting in settings], points, axis, theme.WIDE)
     yield Figure(name, title, chart, note, wide=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from perdure.report import theme, wording
+from perdure.report import wording
 from perdure.report.axes import Axis
 from perdure.report.curves import Curve, Level, curve_chart
 from perdure.report.render import Figure, slug
@@ -33,32 +33,29 @@ def sweep_figures(results: Results) -> Iterator[Figure]:
         levels = [_level(condition, interval) for condition, interval in others.items()]
         horizon = wording.whole(float(results.grid.steps))
         shown = [interval for _, sweep in found for interval in sweep.values()]
-        note = f"{interval_note(shown, 'Bars')} An ended episode earns nothing more. Level lines: means."
+        states = {results.start_states(setting, each.method) for each in (Condition("geometric"), *others)}
+        note = f"{interval_note(shown, 'Bars')} Level lines: means. An ended episode earns nothing more. "
+        note += words.start_states(states)
         chart = curve_chart(curves, Axis("C: steps to go given to the policy"), Axis("mean return"), levels=levels)
         title = f"Return of {horizon} steps by C, geometric time-to-go"
         yield Figure(slug("return-by-c", setting), title, chart, note, words.setting(setting))
 
 
 def _sweep(results: Results, setting: str, kind: str) -> dict[float, Interval]:
-    row = results.grid.row(setting, "geometric")
-    if row is None or row.key not in results.test:
-        return {}
-    runs = results.of(row)
-    clocks = runs.filter(runs["clock_kind"] == kind).select("clock_steps", "clock").unique().sort("clock_steps")
     return {
-        float(steps): run_interval(results.values(setting, Condition("geometric", clock)))
-        for steps, clock in clocks.iter_rows()
+        steps: run_interval(results.values(setting, Condition("geometric", clock)))
+        for steps, clock in results.swept(setting, "geometric", kind).items()
     }
 
 
 def _curve(kind: str, sweep: dict[float, Interval]) -> Curve:
     mean, lower, upper = (np.array(each) for each in zip(*map(bounds, sweep.values()), strict=True))
-    style = theme.style(list(SWEEPS).index(kind) + 2)
+    style = styles.style(Condition("geometric"), list(SWEEPS).index(kind))
     return Curve(SWEEPS[kind], np.array(list(sweep)), mean, style, lower, upper, marked=True, intervals="bars")
 
 
 def _level(condition: Condition, interval: Interval) -> Level:
     counted = condition.clock == "countdown"
     label = words.rule("countdown") if counted else words.method(condition.method)
-    style = theme.style(len(SWEEPS) + 2) if counted else styles.style(condition)
+    style = styles.style(condition, len(SWEEPS) if counted else 0)
     return Level(label, float(interval.estimate), math.nan, math.nan, style)

@@ -12,6 +12,7 @@ from perdure.report.axes import Axis
 from perdure.report.curves import curve_chart
 from perdure.report.render import Figure, slug
 from perdure.report.statistics import TRAINING_SEEDS, FloatArray, Units, estimate_interval
+from perdure.studies.files import read_parquet_file
 from perdure.studies.horizon import styles, words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.estimates import SEED, interval_curve, interval_note
@@ -31,7 +32,7 @@ def training_figures(results: Results) -> Iterator[Figure]:
             row = results.grid.row(setting, name)
             folders = {} if row is None else seed_folders(results.out, row)
             if folders:
-                found[name] = [pl.read_parquet(folder / EPISODES) for folder in folders.values()]
+                found[name] = [read_parquet_file(folder / EPISODES) for folder in folders.values()]
         if {"ppo", "linear"} <= set(found):
             yield _figure(setting, found)
 

@@ -16,6 +16,8 @@ import polars as pl
 from perdure.horizon import Countdown
 from perdure.policy import load_policy
 from perdure.runs import Work, write_atomic
+from perdure.schema import Real, Table
+from perdure.studies.files import read_json_file, read_parquet_file
 from perdure.studies.horizon.grid import Grid, Row
 from perdure.studies.horizon.mechanism_actions import OWN, action_changes
 from perdure.studies.horizon.mechanism_rewards import fall_rate, rewards_to_go
@@ -28,6 +30,7 @@ BINS, ACTIONS, SUMMARY = "steps-to-go.parquet", "actions.parquet", "summary.json
 FIRST_SEED = 3_500_000
 """World seed of the first lane."""
 MEASURES = ("fall rate", "value error", "value variance", "action dependence")
+KNOWN = Table({}, optional=dict.fromkeys(MEASURES, Real()))
 SCHEMA: dict[str, type[pl.DataType]] = {
     "setting": pl.String,
     "method": pl.String,
@@ -73,7 +76,7 @@ def read_mechanism(grid: Grid, out: Path) -> pl.DataFrame:
             "setting": step.row.setting,
             "method": step.row.method,
             "train_seed": seed,
-            **json.loads((folder / SUMMARY).read_text()),
+            **read_json_file(folder / SUMMARY, KNOWN),
         }
         for step in mechanism_steps(grid, out)
         for seed, folder in step.folders().items()
@@ -84,7 +87,7 @@ def read_mechanism(grid: Grid, out: Path) -> pl.DataFrame:
 def read_details(grid: Grid, out: Path, name: str) -> pl.DataFrame:
     """Return one of the stage's tables (`BINS`, `ACTIONS`), all training runs one below the other."""
     frames = [
-        pl.read_parquet(folder / name).select(
+        read_parquet_file(folder / name).select(
             pl.lit(step.row.setting).alias("setting"),
             pl.lit(step.row.method).alias("method"),
             pl.lit(seed).alias("train_seed"),

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
+import polars as pl
+
 from perdure.report import wording
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
 from perdure.studies.horizon.decide import ClaimDecision
-from perdure.studies.horizon.results import VALIDATION, Results
+from perdure.studies.horizon.results import Results
 
 METHODS = (
     Condition("ppo"),
@@ -23,6 +25,7 @@ METHODS = (
 CLOCKS = ("constant:500", "chosen", "countdown", "chosen periodic", "constant:0")
 """Of the geometric method, with the chosen ones cross-validated."""
 NEVER = 0.5
+"""Share of training runs above which a method counts as not learned."""
 NONE = "\u2013"
 
 
@@ -60,15 +63,19 @@ def _failures(results: Results) -> Iterator[str]:
 def _never_worked(results: Results) -> Iterator[str]:
     """Yield where more than half of the training runs gained nothing over an idle robot in training, as text."""
     found: dict[str, list[str]] = {}
-    for condition in METHODS:
+    for method in dict.fromkeys(each.method for each in METHODS):
         for setting in results.grid.settings:
-            row = results.grid.row(setting, condition.method)
-            runs = None if row is None else results.of(row)
-            if runs is not None and len(runs) and fmean(runs["never worked"]) > NEVER:
-                found.setdefault(words.method(condition.method), []).append(words.setting(setting))
+            if _mostly_never_worked(results, setting, method):
+                found.setdefault(words.method(method), []).append(words.setting(setting))
     if found:
-        where = "; ".join(f"{method}: {', '.join(dict.fromkeys(settings))}" for method, settings in found.items())
+        where = "; ".join(f"{method}: {', '.join(settings)}" for method, settings in found.items())
         yield f"More than half of these training runs gained little over an idle robot even in training. {where}."
+
+
+def _mostly_never_worked(results: Results, setting: str, method: str) -> bool:
+    row = results.grid.row(setting, method)
+    runs = pl.DataFrame() if row is None else results.of(row)
+    return not runs.is_empty() and fmean(runs["never worked"]) > NEVER
 
 
 def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
@@ -86,18 +93,26 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
 
 
 def _advice(results: Results) -> Iterator[str]:
-    """Yield how the default clock does beside the cross-validated one, as text."""
-    losses = []
+    """Yield how the default clock does beside others, as text."""
+    losses, failing = [], []
     for setting in (each for each in OURS if each in results.grid.settings):
+        if _mostly_never_worked(results, setting, "geometric"):
+            continue
+        repeated = results.values(setting, Condition("geometric", "chosen periodic"), "failed share")
+        if repeated and min(repeated.values()) == 1.0:
+            failing.append(words.setting(setting))
         usual, chosen = (results.values(setting, Condition("geometric", clock)) for clock in ("constant:500", "chosen"))
         if usual and chosen and fmean(chosen.values()) > 0:
             losses.append(1.0 - fmean(usual.values()) / fmean(chosen.values()))
     if losses:
         yield (
-            f"Clock: start with `constant:500`, the default, and check it. On {wording.count(len(losses), 'task')} its "
-            f"mean return is at most {wording.share(max(0.0, *losses))} below that of the cross-validated constant "
-            "(means, not a test). Do not repeat the countdown."
+            f"Clock: `constant:500` is the default; check it. On the {wording.count(len(losses), 'task')} on which the "
+            f"geometric method worked, its mean return is at most {wording.share(max(0.0, *losses))} below that of the "
+            "cross-validated constant (means, not a test)."
         )
+    if failing:
+        where = ", ".join(failing)
+        yield f"Under a repeated countdown (cross-validated C) all episodes of the geometric method failed on {where}."
 
 
 def _method_head(results: Results) -> str:
@@ -108,11 +123,17 @@ def _method_head(results: Results) -> str:
         "x start states. *Failed*: fell, diverged, never worked, or ended with less than three quarters of the gain "
         "over an idle robot that it had in training. Most runs either fail early or keep nearly full reward, so the "
         "means have wide intervals, which the claims below use. C is the constant number of steps to go given to the "
-        f"policy. It is cross-validated: that of the highest mean return of the *other* training runs on "
-        f"{results.grid.split(VALIDATION).seeds} validation start states. To the linear embedding every C > 0 is the "
+        f"policy. It is cross-validated: that of the highest mean return of the *other* training runs on validation "
+        f"start states ({_validation_states(results)} each). To the linear embedding every C > 0 is the "
         "same input. A robot that stands still for the reward of being alive can have a high return and fail."
     )
     return f"{what}\n\n| task | {names} |\n|---{'|---' * len(METHODS)}|\n"
+
+
+def _validation_states(results: Results) -> str:
+    runs = results.validation_runs
+    counts: list[int] = [] if runs.is_empty() else runs["episodes"].unique().sort().to_list()
+    return " or ".join(map(str, counts)) or "none evaluated"
 
 
 def _method_line(results: Results, setting: str) -> str:
@@ -124,9 +145,7 @@ def _cell(results: Results, setting: str, condition: Condition) -> str:
     returns, failed = (results.values(setting, condition, name) for name in ("return", "failed share"))
     if not returns:
         return NONE
-    row = results.grid.row(setting, condition.method)
-    assert row is not None
-    states = int(results.of(row)["episodes"].min() or 0)  # type: ignore[arg-type]
+    states = results.start_states(setting, condition.method)
     share = wording.share(fmean(failed.values()))
     return f"{wording.quantity(fmean(returns.values()))} ({share}; {len(returns)} x {states})"
 

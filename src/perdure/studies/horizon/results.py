@@ -9,6 +9,7 @@ from pathlib import Path
 
 import polars as pl
 
+from perdure.studies.files import read_parquet_file
 from perdure.studies.horizon.choose_clock import cross_validated, optimistic, under
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.grid import Grid, Row
@@ -72,6 +73,21 @@ class Results:
         clocks = self.clocks(row, condition.clock)
         return {seed: value for seed, value in under(test, clocks, measure).items() if value is not None}
 
+    def start_states(self, setting: str, method: str) -> int:
+        """Return the number of test start states of each training run; 0 where none is evaluated."""
+        row = self.grid.row(setting, method)
+        runs = pl.DataFrame() if row is None else self.of(row)
+        return 0 if runs.is_empty() else int(runs["episodes"].min())  # type: ignore[arg-type]
+
+    def swept(self, setting: str, method: str, kind: str) -> dict[float, str]:
+        """Return C to clock, by rising C, of the test lanes under clocks of one kind."""
+        row = self.grid.row(setting, method)
+        runs = pl.DataFrame() if row is None else self.of(row)
+        if runs.is_empty():
+            return {}
+        clocks = runs.filter(pl.col("clock_kind") == kind).select("clock_steps", "clock").unique().sort("clock_steps")
+        return dict(clocks.iter_rows())
+
     def is_planned(self, setting: str, method: str, measure: str) -> bool:
         """Return whether a measure of a method is there, or will be when every step has run."""
         row = self.grid.row(setting, method)
@@ -116,7 +132,7 @@ def read_results(grid: Grid, out: Path) -> Results:
 
 
 def _last_return(folder: Path) -> float:
-    episodes = pl.read_parquet(folder / EPISODES)
+    episodes = read_parquet_file(folder / EPISODES)
     last = float(episodes["step"].max() or 0.0)  # type: ignore[arg-type]
     late = episodes.filter(pl.col("step") >= (1.0 - LAST_OF_TRAINING) * last)
     return float(late["return"].mean() or 0.0)  # type: ignore[arg-type]

@@ -12,12 +12,17 @@ from perdure.extrapolate import Extrapolation
 from perdure.horizon import Constant
 from perdure.policy import load_policy
 from perdure.runs import Work, write_atomic
+from perdure.schema import Items, Real, Table, Text, Whole
+from perdure.studies.files import read_json_file
 from perdure.studies.horizon.choose_clock_bandit import choose_by_halving
 from perdure.studies.horizon.choose_clock_value import choose_by_value
 from perdure.studies.horizon.grid import SWEPT, Grid, Row
 from perdure.studies.horizon.per_seed import PerSeed
 
 FILE = "choices.json"
+CHOICES = Items(
+    Table({"rule": Text(), "clock": Text(), "lane_steps": Whole(0), "scores": Table({}, others=Real(infinite=True))})
+)
 SCHEMA = {
     "setting": pl.String,
     "method": pl.String,
@@ -62,6 +67,6 @@ def read_rules(grid: Grid, out: Path) -> pl.DataFrame:
         {"setting": step.row.setting, "method": step.row.method, "train_seed": seed, **choice}
         for step in rule_steps(grid, out)
         for seed, folder in step.folders().items()
-        for choice in json.loads((folder / FILE).read_text())
+        for choice in read_json_file(folder / FILE, CHOICES)
     ]
     return pl.DataFrame([{name: row[name] for name in SCHEMA} for row in rows], schema=SCHEMA)

@@ -18,17 +18,20 @@ ORDER = (
     "geometric-fixed",
     "ppo-short",
 )
-"""Methods to the styles of the theme; others share the last one's color."""
+"""Methods in the order of the theme's styles; others share the last one's."""
 SIBLINGS = {"linear-random": "linear", "linear-10-workers": "linear"}
 """Methods of one color, told apart by shape and dash."""
 
 
-def style(condition: Condition) -> Style:
-    """Return the style of a method; the optimistic choice of C has another shape and dash than the other clocks."""
+def style(condition: Condition, variant: int = 0) -> Style:
+    """Return the style of a method.
+
+    Args:
+        condition: The method; the optimistic choice of C is a variant of its own.
+        variant: Of the same color, with another dash and shape.
+    """
     name = SIBLINGS.get(condition.method, condition.method)
     place = ORDER.index(name) if name in ORDER else len(ORDER) - 1
-    found = theme.style(place)
-    if name != condition.method or condition.clock == "best":
-        other = theme.style(place + 4)
-        return replace(found, dash=other.dash, shape=other.shape)
-    return found
+    variant += name != condition.method or condition.clock == "best"
+    other = theme.style(place + 3 + variant if variant else place)
+    return replace(theme.style(place), dash=other.dash, shape=other.shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from perdure.report import wording
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.grid import CLEANRL
@@ -50,6 +52,13 @@ def rule(name: str) -> str:
     """Return a rule for the clock in words."""
     kind, colon, steps = name.partition(":")
     return wording.clock(kind, steps) if colon else RULES[name]
+
+
+def start_states(counts: Collection[int]) -> str:
+    """Return how many start states training runs have, as a sentence."""
+    least, most = min(counts), max(counts)
+    number = wording.count(most, "start state") if least == most else f"{least} to {wording.count(most, 'start state')}"
+    return f"Each training run: {number}."
 
 
 def setting(name: str) -> str:

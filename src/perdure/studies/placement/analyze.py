@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from perdure.report.render import Figure, Format, save
-from perdure.studies.csv_files import write_csv
+from perdure.studies.files import write_csv
 from perdure.studies.placement.figure_cylinders import cylinder_figures
 from perdure.studies.placement.figure_outcomes import outcome_figures
 from perdure.studies.placement.figure_stages import stage_figures

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from perdure.runs import write_atomic
-from perdure.schema import SchemaError, read_json
-from perdure.studies.errors import StudyError
+from perdure.studies.files import read_json_file
 from perdure.studies.placement.names import RELEASE_STRATEGIES, TITLES, WORLDS
 from perdure.studies.placement.schema import RESULTS
 
@@ -36,11 +35,7 @@ class Results:
         """
         if not path.is_file():
             return cls()
-        try:
-            found = read_json(path.read_bytes())
-            RESULTS.check(found)
-        except SchemaError as error:
-            raise StudyError(f"{path}: {error}") from None
+        found = read_json_file(path, RESULTS)
         return cls(tuple(found["commands"]), tuple(found["rows"]), tuple(found["pairs"]))
 
     def merge(self, commands: Iterable[str], rows: Iterable[Row], pairs: Iterable[Row]) -> Results:

@@ -9,7 +9,7 @@ import polars as pl
 
 from perdure.home.evaluate.outcomes import analyze
 from perdure.home.evaluate.page import read_assignment
-from perdure.studies.csv_files import read_csv
+from perdure.studies.files import read_csv
 from perdure.studies.placement import halt_in_noise, hand_over, release_speed
 from perdure.studies.placement.grid import DRAG, Grid
 from perdure.studies.placement.results import Results

@@ -11,12 +11,21 @@ from typing import Any
 import polars as pl
 
 from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
+from perdure.schema import Flag, Kind, Real, Table, Text, Whole
+from perdure.studies.files import read_json_file
 from perdure.studies.placement.grid import runs_folder
 from perdure.studies.placement.row_step import SPEED_TASK, START_SECONDS
 from perdure.studies.status import count_units
 from perdure.studies.study import RunOptions, StepProgress
 
 SUMMARY = "summary.json"
+KINDS: Mapping[type[pl.DataType], Kind] = {
+    pl.Boolean: Flag(),
+    pl.String: Text(),
+    pl.Int64: Whole(0),
+    pl.Float64: Real(unknown=True),
+}
+"""Type of a column to what a summary may hold."""
 TASK = "set_table"
 """The home task of these measurements."""
 
@@ -66,6 +75,10 @@ class Measurement:
                 self.units, runs_folder(self.out), make_workers(options.on, missing, options.cores), options.observe
             )
 
+    @property
+    def _row(self) -> Table:
+        return Table({name: KINDS[kind] for name, kind in self.schema.items()})
+
     def table(self) -> pl.DataFrame | None:
         """Return the summaries in the units' order; None unless all are there."""
         folder = runs_folder(self.out)
@@ -74,7 +87,7 @@ class Measurement:
         store = Store(folder)
         if not all(store.done(unit.key, unit.config) for unit in self.units):
             return None
-        rows = [json.loads((store.get(unit.key) / SUMMARY).read_text()) for unit in self.units]
+        rows = [read_json_file(store.get(unit.key) / SUMMARY, self._row) for unit in self.units]
         return pl.DataFrame(rows, schema=self.schema)
 
 
