@@ -121,7 +121,7 @@ def test_an_unknown_study_or_scale_names_the_nearest():
     with pytest.raises(StudyError, match="did you mean 'horizon'"):
         find_study("horizont")
     with pytest.raises(StudyError, match="did you mean 'smoke'"):
-        find_study("horizon").check_scale("smok")
+        find_study("horizon").folder("smok")
 
 
 def test_results_that_are_not_there_are_an_error(tmp_path):

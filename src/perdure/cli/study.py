@@ -23,10 +23,11 @@ class StudyFlags:
 
     name: tyro.conf.Positional[str]
     """A study: horizon or placement."""
-    scale: Literal["smoke", "laptop", "thesis"] = "smoke"
-    """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""
+    scale: Literal["smoke", "laptop", "thesis", "replication"] = "smoke"
+    """Size of the study: smoke (minutes), laptop (a night), thesis (days) or, of horizon, replication (a day)."""
     out: Path | None = None
-    """Folder of the results; by default results/NAME for the scale thesis, runs/NAME-SCALE for the others."""
+    """Folder of the results; by default results/NAME for thesis, results/NAME-replication for replication and
+    runs/NAME-SCALE for the others."""
     on: On = "local"
     cores: Cores = None
     phases: tuple[int, ...] | None = None
@@ -45,9 +46,8 @@ def main(args: list[str]) -> None:
     from perdure.studies.run import read_folder
 
     study = find_study(flags.name)
-    scale, phases = study.check_scale(flags.scale), flags.phases or study.phases
-    usual = Path("results", study.name) if scale == "thesis" else Path("runs", f"{study.name}-{scale}")
-    out = flags.out or usual
+    scale, phases = flags.scale, flags.phases or study.phases
+    out = flags.out or study.folder(scale)
     check_folder(out)
     if flags.analyze_only:
         read_folder(out)

@@ -90,6 +90,8 @@ class Scale:
     name: str
     about: str
     """In a sentence: rows, seeds, steps, and how long it takes."""
+    folder: Path | None = None
+    """Folder of its results in a clone of the repository, if they are kept there."""
 
 
 @dataclass(frozen=True)
@@ -106,18 +108,18 @@ class Study:
     analyze: Callable[[str, Path], Sequence[Path]]
     """From (scale, folder) to the files written; reads what steps of any phase left, simulates nothing."""
 
-    def check_scale(self, name: str) -> str:
-        """Return the name of a scale.
+    def folder(self, scale: str) -> Path:
+        """Return the folder of a scale's results, where the user names no other.
 
         Raises:
-            StudyError: There is none of that name.
+            StudyError: There is no scale of that name.
         """
-        names = [scale.name for scale in self.scales]
-        if name not in names:
-            near = get_close_matches(name, names, n=1)
+        names = [each.name for each in self.scales]
+        if scale not in names:
+            near = get_close_matches(scale, names, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise StudyError(f"study {self.name} has no scale {name!r}; its scales are {', '.join(names)}{hint}")
-        return name
+            raise StudyError(f"study {self.name} has no scale {scale!r}; its scales are {', '.join(names)}{hint}")
+        return self.scales[names.index(scale)].folder or Path("runs", f"{self.name}-{scale}")
 
 
 def list_studies() -> tuple[str, ...]:

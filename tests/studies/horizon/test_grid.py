@@ -53,6 +53,14 @@ def test_rows_are_known_methods_and_none_stands_twice(grid):
     assert {row.method for row in grid.rows if row.gamma is None} <= set(METHODS)
 
 
+def test_the_replication_trains_and_tests_on_nothing_that_suggested_it():
+    rows = {row.key: set(row.seeds) for row in EVERYTHING.rows}
+    fresh = GRIDS["replication"]
+    assert all(not rows[row.key] & set(row.seeds) for row in fresh.rows)
+    seen = {split.first_seed + number for split in EVERYTHING.splits for number in range(split.seeds)}
+    assert all(not seen & set(range(each.first_seed, each.first_seed + each.seeds)) for each in fresh.splits)
+
+
 def test_a_gamma_row_changes_gamma_alone():
     grid = make_grid("thesis", (4,))
     row = next(row for row in grid.rows if row.gamma == 0.95)

@@ -8,7 +8,7 @@ A *row* is a setting, a method and training seeds.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from perdure.studies.errors import StudyError
@@ -80,13 +80,15 @@ class Grid:
     name: str
     rows: tuple[Row, ...]
     splits: tuple[Split, ...]
-    """Validation, on which C is chosen, and test, on which everything is reported."""
+    """Test, on which everything is reported, and validation, on which C is chosen; without it, C is given."""
     steps: int
     """Test horizon."""
     swept: tuple[str, ...]
     """Clocks of the geometric method, see `Extrapolation.clocks`."""
     training_steps: int | None = None
     """Replaces the preset's number."""
+    short_rollouts: bool = True
+    """Whether C is also chosen without a sweep, and rewards, critic and actions are measured against steps to go."""
 
     def clocks(self, row: Row) -> tuple[str, ...]:
         """Return the clocks under which a row is evaluated; () for a method without time-to-go input."""
@@ -114,9 +116,9 @@ class Grid:
         return next(split for split in self.splits if split.name == name)
 
 
-def seeds(count: int) -> tuple[int, ...]:
-    """Return the seeds 0, 1, ..., count - 1."""
-    return tuple(range(count))
+def seeds(count: int, first: int = 0) -> tuple[int, ...]:
+    """Return so many seeds, the first one on."""
+    return tuple(range(first, first + count))
 
 
 def _rows(
@@ -159,6 +161,13 @@ LAPTOP_ROWS = (
     *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 5, 1),
     *_rows(("Walker2d-v3",), CLEANRL, ("ppo", "ppo-undiscounted", "geometric"), 3, 1),
 )
+FRESH = seeds(20, first=10)
+"""Training seeds that `THESIS_ROWS` does not use."""
+REPLICATION_ROWS = tuple(
+    Row(task, method, CLEANRL, FRESH, 1)
+    for task in ("Hopper-v3", "Walker2d-v3")
+    for method in ("ppo", "geometric", "ppo-average-reward")
+)
 SMOKE_ROWS = (*_rows(("InvertedPendulum-v4",), ZOO, (*FOUR, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),)
 
 GRIDS = {
@@ -180,6 +189,14 @@ GRIDS = {
             (*CONSTANTS, "periodic:500", "countdown"),
         ),
         Grid("thesis", THESIS_ROWS, (Split("validation", 1000, 2), Split("test", 2000, 10)), 100_000, ("sweep",)),
+        Grid(
+            "replication",
+            REPLICATION_ROWS,
+            (Split("test", 3000, 5),),
+            100_000,
+            ("constant:500", "countdown"),
+            short_rollouts=False,
+        ),
     )
 }
 
@@ -195,7 +212,7 @@ def make_grid(scale: str, phases: Sequence[int]) -> Grid:
     if not rows:
         known = ", ".join(str(phase) for phase in sorted({row.phase for row in grid.rows}))
         raise StudyError(f"phases {list(phases)} hold no row of scale {scale}; its phases are {known}")
-    return Grid(grid.name, rows, grid.splits, grid.steps, grid.swept, grid.training_steps)
+    return replace(grid, rows=rows)
 
 
 def training_folder(out: Path) -> Path:

@@ -12,7 +12,7 @@ from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
 from perdure.studies.horizon.decide import ClaimDecision
-from perdure.studies.horizon.results import Results
+from perdure.studies.horizon.results import VALIDATION, Results
 
 METHODS = (
     Condition("ppo"),
@@ -20,8 +20,8 @@ METHODS = (
     Condition("ppo-average-reward"),
     Condition("linear", "constant:500"),
     Condition("linear", "countdown"),
-    Condition("geometric", "chosen"),
 )
+"""Columns of the first table, before that of the method; one without a number is left out."""
 CLOCKS = ("constant:500", "chosen", "countdown", "chosen periodic", "constant:0")
 """Of the geometric method, with the chosen ones cross-validated."""
 NEVER = 0.5
@@ -31,11 +31,22 @@ NONE = "\u2013"
 
 def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
     """Return the first part of the page."""
-    methods = [_method_line(results, setting) for setting in results.grid.settings]
-    if not any(methods):
+    columns = [
+        each
+        for each in (*METHODS, _constant(results))
+        if any(results.values(setting, each) for setting in results.grid.settings)
+    ]
+    if not columns:
         return "## Result\n\nNothing is evaluated on the test start states yet.\n\n"
-    parts = [_sentences(results, decided), _method_head(results), *methods, "\n", _clock_table(results)]
+    lines = [_method_line(results, setting, columns) for setting in results.grid.settings]
+    parts = [_sentences(results, decided), _method_head(results, columns), *lines, "\n", _clock_table(results)]
     return "## Result\n\n" + "".join(parts)
+
+
+def _constant(results: Results) -> Condition:
+    """Return the method under a constant C: the cross-validated one, or the default where C is not chosen."""
+    chosen = any(split.name == VALIDATION for split in results.grid.splits)
+    return Condition("geometric", "chosen" if chosen else "constant:500")
 
 
 def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
@@ -45,7 +56,7 @@ def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
 
 def _failures(results: Results) -> Iterator[str]:
     """Yield how many episodes of plain PPO and of the method failed, as text."""
-    compared = (Condition("ppo"), Condition("geometric", "chosen"))
+    compared = (Condition("ppo"), _constant(results))
     found = []
     for setting in results.grid.settings:
         shares = [results.values(setting, each, "failed share") for each in compared]
@@ -55,15 +66,15 @@ def _failures(results: Results) -> Iterator[str]:
     steps = wording.whole(float(results.grid.steps))
     if found:
         yield (
-            f"Share of {steps}-step episodes that failed, discounted PPO against a geometric time-to-go held at a "
-            f"cross-validated constant: {'; '.join(found)}."
+            f"Share of {steps}-step episodes that failed, discounted PPO against geometric time-to-go "
+            f"({words.rule(compared[1].clock)}): {'; '.join(found)}."
         )
 
 
 def _never_worked(results: Results) -> Iterator[str]:
     """Yield where more than half of the training runs gained nothing over an idle robot in training, as text."""
     found: dict[str, list[str]] = {}
-    for method in dict.fromkeys(each.method for each in METHODS):
+    for method in dict.fromkeys(each.method for each in (*METHODS, _constant(results))):
         for setting in results.grid.settings:
             if _mostly_never_worked(results, setting, method):
                 found.setdefault(words.method(method), []).append(words.setting(setting))
@@ -115,19 +126,28 @@ def _advice(results: Results) -> Iterator[str]:
         yield f"Under a repeated countdown (cross-validated C) all episodes of the geometric method failed on {where}."
 
 
-def _method_head(results: Results) -> str:
+def _method_head(results: Results, columns: Sequence[Condition]) -> str:
     steps = wording.whole(float(results.grid.steps))
-    names = " | ".join(words.condition(each) for each in METHODS)
+    names = " | ".join(words.condition(each) for each in columns)
     what = (
         f"Mean return of {steps} steps on test start states. In brackets: share of episodes that failed; training runs "
         "x start states. *Failed*: fell, diverged, never worked, or ended with less than three quarters of the gain "
         "over an idle robot that it had in training. Most runs either fail early or keep nearly full reward, so the "
         "means have wide intervals, which the claims below use. C is the constant number of steps to go given to the "
-        f"policy. It is cross-validated: that of the highest mean return of the *other* training runs on validation "
-        f"start states ({_validation_states(results)} each). To the linear embedding every C > 0 is the "
-        "same input. A robot that stands still for the reward of being alive can have a high return and fail."
+        f"policy. {_choice(results)}A robot that stands still for the reward of being alive can have a high return and "
+        "fail."
     )
-    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(METHODS)}|\n"
+    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(columns)}|\n"
+
+
+def _choice(results: Results) -> str:
+    """Return how C was chosen, as sentences."""
+    if _constant(results).clock != "chosen":
+        return ""
+    return (
+        "It is cross-validated: that of the highest mean return of the *other* training runs on validation "
+        f"start states ({_validation_states(results)} each). To the linear embedding every C > 0 is the same input. "
+    )
 
 
 def _validation_states(results: Results) -> str:
@@ -136,8 +156,8 @@ def _validation_states(results: Results) -> str:
     return " or ".join(map(str, counts)) or "none evaluated"
 
 
-def _method_line(results: Results, setting: str) -> str:
-    cells = [_cell(results, setting, condition) for condition in METHODS]
+def _method_line(results: Results, setting: str, columns: Sequence[Condition]) -> str:
+    cells = [_cell(results, setting, condition) for condition in columns]
     return f"| {words.setting(setting)} | {' | '.join(cells)} |\n" if set(cells) != {NONE} else ""
 
 
@@ -151,18 +171,23 @@ def _cell(results: Results, setting: str, condition: Condition) -> str:
 
 
 def _clock_table(results: Results) -> str:
+    shown = [
+        clock
+        for clock in CLOCKS
+        if any(results.values(setting, Condition("geometric", clock)) for setting in results.grid.settings)
+    ]
+    if not shown:
+        return ""
     lines = []
     for setting in results.grid.settings:
-        cells = [_clock_cell(results, setting, clock) for clock in CLOCKS]
+        cells = [_clock_cell(results, setting, clock) for clock in shown]
         if set(cells) != {NONE}:
             lines.append(f"| {words.setting(setting)} | {' | '.join(cells)} |\n")
-    if not lines:
-        return ""
-    names = " | ".join(words.rule(clock) for clock in CLOCKS)
+    names = " | ".join(words.rule(clock) for clock in shown)
     what = (
         "Mean return of the geometric method by clock. In brackets: share of episodes that failed; values of C chosen."
     )
-    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(CLOCKS)}|\n{''.join(lines)}\n"
+    return f"{what}\n\n| task | {names} |\n|---{'|---' * len(shown)}|\n{''.join(lines)}\n"
 
 
 def _clock_cell(results: Results, setting: str, clock: str) -> str:

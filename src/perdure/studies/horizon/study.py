@@ -22,7 +22,7 @@ def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
     evaluated = [row for row in grid.rows if row.evaluated]
     for split in grid.splits:
         steps += [evaluate_row(grid, row, split, out) for row in evaluated]
-    return [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)]
+    return [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)] if grid.short_rollouts else steps
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -42,7 +42,15 @@ STUDY = Study(
             "Hopper (CleanRL's settings; six methods, 5 seeds), HalfCheetah (three methods, 5 seeds) and Walker2d "
             "(three methods, 3 seeds), 1,000,000 training steps, 100,000 test steps; a night on four cores",
         ),
-        Scale("thesis", "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days"),
+        Scale(
+            "thesis", "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days", Path("results", "horizon")
+        ),
+        Scale(
+            "replication",
+            "what `thesis` suggests, tested on fresh training runs: Hopper and Walker2d (CleanRL's settings), three "
+            "methods, 20 seeds, 100,000 test steps; nine hours on two cores",
+            Path("results", "horizon-replication"),
+        ),
     ),
     DEFAULT_PHASES,
     plan,

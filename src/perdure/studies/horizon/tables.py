@@ -59,7 +59,7 @@ class RowTable:
 
 
 def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str, RowTable]:
-    """Return the evaluation of every row that is there, by its key.
+    """Return the evaluation of every row that is there, by its key; none where the grid lacks the split.
 
     Args:
         grid: Whose rows.
@@ -67,7 +67,9 @@ def read_rows(grid: Grid, out: Path, split: str, whole: bool = True) -> dict[str
         split: Name of the start states.
         whole: Keep all recorded steps, for curves; otherwise those that the measures need.
     """
-    found = {}
+    found: dict[str, RowTable] = {}
+    if split not in {each.name for each in grid.splits}:
+        return found
     for row in grid.rows:
         if row.evaluated and (frame := _read_row(grid, row, out, split)) is not None:
             kept = frame if whole else frame.filter(pl.col("step").is_in(list(_marks(frame))))

@@ -35,7 +35,11 @@ STUDY = Study(
     (
         Scale("smoke", "SetTable and TidyHouse, policy alone and inverse kinematics, 2 episodes each; a few minutes"),
         Scale("laptop", "all rows with one training seed, 30 episodes each; a quarter of an hour on two cores"),
-        Scale("thesis", "three tasks, eight release strategies, six worlds, 3 training seeds; two hours on two cores"),
+        Scale(
+            "thesis",
+            "three tasks, eight release strategies, six worlds, 3 training seeds; two hours on two cores",
+            Path("results", "placement"),
+        ),
     ),
     DEFAULT_PHASES,
     plan,
