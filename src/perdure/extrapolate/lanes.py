@@ -84,6 +84,7 @@ class LaneSpec:
 
 
 def split(lanes: Sequence[LaneSpec], size: int, parts: int) -> list[list[LaneSpec]]:
-    """Return groups of at most ``size`` lanes, of even length, and at least ``parts`` of them if possible."""
-    count = max(-(-len(lanes) // size), min(parts, len(lanes)))
+    """Return groups of at most ``size`` lanes, of even length, as many for each of ``parts`` workers if possible."""
+    rounds = -(-len(lanes) // (size * parts))
+    count = min(rounds * parts, len(lanes))
     return [list(lanes[len(lanes) * i // count : len(lanes) * (i + 1) // count]) for i in range(count)]
