@@ -16,7 +16,7 @@ from perdure.studies.horizon.estimates import estimate_condition, interval_note,
 from perdure.studies.horizon.results import Results
 
 BASELINES = (Condition("ppo"), Condition("ppo-undiscounted"))
-COMPARED = (*BASELINES, Condition("linear", "constant:500"), Condition("geometric", "chosen"))
+OTHERS = (Condition("ppo-average-reward"), Condition("linear", "constant:500"))
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
 
 
@@ -31,9 +31,9 @@ def training_horizon_figures(results: Results) -> Iterator[Figure]:
 
 
 def survival_figures(results: Results) -> Iterator[Figure]:
-    """Draw the share of episodes that have not failed, for the thesis' four methods."""
+    """Draw the share of episodes that have not failed, for the thesis' four methods and the average reward."""
     for setting in results.grid.settings:
-        found = _estimates(results, setting, COMPARED)
+        found = _estimates(results, setting, (*BASELINES, *OTHERS, results.constant))
         if not found:
             continue
         curves = [working_curve(words.condition(c), e, styles.style(c)) for c, e in found]

@@ -25,7 +25,6 @@ FIGURE_3_2 = (
     Condition("geometric", "chosen"),
 )
 CONTROLS = (
-    Condition("geometric", "chosen"),
     Condition("geometric-fixed", "chosen"),
     Condition("random-horizon"),
     Condition("linear-random", "constant:500"),
@@ -37,17 +36,29 @@ RULES = tuple(Condition("geometric", rule) for rule in ("best", "chosen", "value
 
 def return_figures(results: Results) -> Iterator[Figure]:
     """Draw figure 3-2, the controls and the rules that choose C: return of the whole test horizon by setting."""
-    horizon = wording.whole(float(results.grid.steps))
-    yield from _figure(results, "figure-3-2", f"Return of {horizon} steps", FIGURE_3_2)
-    title, note = f"Return of {horizon} steps: the method and its controls", "C is cross-validated."
-    yield from _figure(results, "controls", title, CONTROLS, lambda each: words.method(each.method), note)
-    title, note = f"Return of {horizon} steps by how C was chosen", "Geometric time-to-go."
-    yield from _figure(results, "rules", title, RULES, lambda each: words.rule(each.clock), note, style=_place(RULES))
+    title = f"Return of {wording.whole(float(results.grid.steps))} steps"
+    chosen = results.constant.clock == "chosen"
+    if chosen:
+        yield from _figure(results, "figure-3-2", title, FIGURE_3_2)
+    about = f"C {'is cross-validated' if chosen else '= 500'}."
+    controls = (results.constant, *CONTROLS)
+    yield from _figure(results, "controls", f"{title}: the method and its controls", controls, _method, about)
+    if chosen:
+        about, by_rule = "Geometric time-to-go.", f"{title} by how C was chosen"
+        yield from _figure(results, "rules", by_rule, RULES, _rule, about, style=_place(RULES))
     gammas = [Condition(row.method) for row in results.grid.rows if row.gamma is not None]
     if gammas:
         compared = (Condition("geometric", "chosen"), Condition("ppo"), *dict.fromkeys(gammas))
-        title = f"Return of {horizon} steps by discount"
-        yield from _figure(results, "gamma", title, compared, needs=gammas[0].method, style=_place(compared))
+        by_discount = f"{title} by discount"
+        yield from _figure(results, "gamma", by_discount, compared, needs=gammas[0].method, style=_place(compared))
+
+
+def _method(condition: Condition) -> str:
+    return words.method(condition.method)
+
+
+def _rule(condition: Condition) -> str:
+    return words.rule(condition.clock)
 
 
 def _place(conditions: Sequence[Condition]) -> Callable[[Condition], Style]:

@@ -25,6 +25,7 @@ SHOWN = (
     Condition("random-horizon"),
     Condition("linear", "constant:500"),
     Condition("linear-random", "constant:500"),
+    Condition("geometric", "constant:500"),
     Condition("geometric", "chosen"),
     Condition("geometric", "countdown"),
     Condition("geometric-fixed", "chosen"),

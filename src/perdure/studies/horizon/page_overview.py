@@ -12,7 +12,7 @@ from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
 from perdure.studies.horizon.decide import ClaimDecision
-from perdure.studies.horizon.results import VALIDATION, Results
+from perdure.studies.horizon.results import Results
 
 METHODS = (
     Condition("ppo"),
@@ -33,7 +33,7 @@ def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
     """Return the first part of the page."""
     columns = [
         each
-        for each in (*METHODS, _constant(results))
+        for each in (*METHODS, results.constant)
         if any(results.values(setting, each) for setting in results.grid.settings)
     ]
     if not columns:
@@ -43,12 +43,6 @@ def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
     return "## Result\n\n" + "".join(parts)
 
 
-def _constant(results: Results) -> Condition:
-    """Return the method under a constant C: the cross-validated one, or the default where C is not chosen."""
-    chosen = any(split.name == VALIDATION for split in results.grid.splits)
-    return Condition("geometric", "chosen" if chosen else "constant:500")
-
-
 def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
     found = [*_failures(results), *_never_worked(results), *_after_holm(decided), *_advice(results)]
     return "".join(f"- {line}\n" for line in found) + "\n" if found else ""
@@ -56,7 +50,7 @@ def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
 
 def _failures(results: Results) -> Iterator[str]:
     """Yield how many episodes of plain PPO and of the method failed, as text."""
-    compared = (Condition("ppo"), _constant(results))
+    compared = (Condition("ppo"), results.constant)
     found = []
     for setting in results.grid.settings:
         shares = [results.values(setting, each, "failed share") for each in compared]
@@ -74,7 +68,7 @@ def _failures(results: Results) -> Iterator[str]:
 def _never_worked(results: Results) -> Iterator[str]:
     """Yield where more than half of the training runs gained nothing over an idle robot in training, as text."""
     found: dict[str, list[str]] = {}
-    for method in dict.fromkeys(each.method for each in (*METHODS, _constant(results))):
+    for method in dict.fromkeys(each.method for each in (*METHODS, results.constant)):
         for setting in results.grid.settings:
             if _mostly_never_worked(results, setting, method):
                 found.setdefault(words.method(method), []).append(words.setting(setting))
@@ -142,7 +136,7 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
 
 def _choice(results: Results) -> str:
     """Return how C was chosen, as sentences."""
-    if _constant(results).clock != "chosen":
+    if results.constant.clock != "chosen":
         return ""
     return (
         "It is cross-validated: that of the highest mean return of the *other* training runs on validation "
