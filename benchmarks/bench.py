@@ -48,7 +48,7 @@ SUMMARY = (
     ),
     (
         "home, simulated seconds: place environment, full scene, whole tasks on two cores",
-        "gymnasium-robotics' FetchPickAndPlace-v4, one core, smaller physics step",
+        "gymnasium-robotics' FetchPickAndPlace-v4, one core, physics step a quarter of ours",
         tuple(f"home.{part}.vs_fetch_env" for part in ("place", "scene", "tasks")),
     ),
 )

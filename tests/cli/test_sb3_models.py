@@ -59,6 +59,15 @@ def test_import_writes_a_policy_file_that_extrapolate_and_inspect_take(command, 
     assert done.returncode == 0, done.stderr
 
 
+def test_a_training_horizon_is_that_of_the_policy_file(command, tmp_path):
+    made = command("import", MODEL, *FLAGS, "--training-horizon", 50, "--out", "made.safetensors", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert "Fixed(steps=50)" in command("inspect", "made.safetensors", cwd=tmp_path).stdout
+    refused = command("extrapolate", "made.safetensors", "--training-horizon", 50, *SHORT, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--training-horizon: only for Stable-Baselines3 models" in refused.stderr
+
+
 def test_several_models_share_the_flags_and_a_time_feature_takes_clocks(command, tmp_path):
     model, copy = FIXTURES / "sac-time.zip", tmp_path / "second.zip"
     copy.write_bytes(model.read_bytes())

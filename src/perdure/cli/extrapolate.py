@@ -33,7 +33,9 @@ class ExtrapolateFlags:
     """For these models: the file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
     time_feature: str | None = None
     """For these models: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
-    environment's own step limit."""
+    training horizon."""
+    training_horizon: int | None = None
+    """For these models and ONNX models: steps of a training episode; the environment's own step limit if left out."""
     trust: bool = False
     """For these models: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000
@@ -68,7 +70,7 @@ def main(args: list[str]) -> None:
     from perdure.extrapolate import extrapolate as evaluate
     from perdure.runs.progress import show_progress
 
-    options = Sb3Options(flags.env, flags.normalizer, flags.time_feature, flags.trust)
+    options = Sb3Options(flags.env, flags.normalizer, flags.time_feature, flags.training_horizon, flags.trust)
     evaluation = Extrapolation(
         policy_files(flags.policies, options, flags.out / IMPORTED),
         flags.steps,
@@ -132,6 +134,7 @@ def _one_model(flags: ExtrapolateFlags, command: str) -> None:
         clocks=None if flags.clocks == ("default",) else flags.clocks,
         eval_seeds=flags.eval_seeds,
         first_eval_seed=flags.first_eval_seed,
+        training_horizon=flags.training_horizon,
         out=flags.out,
         command=command,
     )

@@ -20,13 +20,20 @@ class Sb3Options:
     env: str | None = None
     normalizer: str | None = None
     time_feature: str | None = None
+    training_horizon: int | None = None
     trust: bool = False
 
     @property
     def given(self) -> list[str]:
         """The flags that were given."""
-        values = {"--env": self.env, "--normalizer": self.normalizer, "--time-feature": self.time_feature}
-        return [flag for flag, value in {**values, "--trust": self.trust or None}.items() if value is not None]
+        values = {
+            "--env": self.env,
+            "--normalizer": self.normalizer,
+            "--time-feature": self.time_feature,
+            "--training-horizon": self.training_horizon,
+            "--trust": self.trust or None,
+        }
+        return [flag for flag, value in values.items() if value is not None]
 
     @property
     def modules(self) -> tuple[str, ...]:
@@ -65,6 +72,7 @@ def _imported(path: Path, options: Sb3Options, folder: Path) -> Path:
         environment(path, options.env),
         normalizer=options.normalizer,
         time_feature=options.time_feature,
+        training_horizon=options.training_horizon,
         trust=options.trust,
     )
 

@@ -24,8 +24,10 @@ class ImportFlags:
     normalizer: str | None = None
     """The file that VecNormalize.save() wrote; "none" if only rewards were normalized."""
     time_feature: str | None = None
-    """linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the environment's own
-    step limit."""
+    """linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the training
+    horizon."""
+    training_horizon: int | None = None
+    """Steps of a training episode; the environment's own step limit if left out."""
     trust: bool = False
     """Load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
 
@@ -37,6 +39,11 @@ def main(args: list[str]) -> None:
     from perdure.policy.readers import import_sb3
 
     policy = import_sb3(
-        flags.model, flags.env, normalizer=flags.normalizer, time_feature=flags.time_feature, trust=flags.trust
+        flags.model,
+        flags.env,
+        normalizer=flags.normalizer,
+        time_feature=flags.time_feature,
+        training_horizon=flags.training_horizon,
+        trust=flags.trust,
     )
     print(save_policy(policy, flags.out))

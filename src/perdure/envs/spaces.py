@@ -53,6 +53,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
         action_high=high,
         default_horizon=UNLIMITED_TASK_HORIZON if limit is None else limit,
         discrete_actions=discrete,
+        has_step_limit=limit is not None,
     )
 
 

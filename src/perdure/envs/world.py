@@ -40,6 +40,8 @@ class TaskSpec:
     discrete_actions: bool = False
     """Each action component is a whole number from its lowest to its highest (Gymnasium's Discrete, MultiDiscrete and
     MultiBinary); otherwise actions are a box."""
+    has_step_limit: bool = True
+    """Whether `default_horizon` is the environment's own step limit, and not an assumption."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies of the bounds, so that no caller can move the box of a running world."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 
-from perdure.envs import World, make_world
+from perdure.envs import TaskSpec, World, make_world
 from perdure.horizon import Clock, Countdown
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep
+from perdure.policy.errors import PolicyError, PolicyWarning
 from perdure.policy.one_thread import one_thread
 from perdure.policy.policy_like import PolicyLike
 from perdure.policy.reference import BIN_STEPS, Reference
@@ -18,6 +20,27 @@ EPISODES = 20
 """Episodes that training measures."""
 FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
+
+
+def training_steps(spec: TaskSpec, given: int | None) -> int:
+    """Return the steps of a training episode: those given, otherwise the environment's step limit.
+
+    Warns with a PolicyWarning where there is neither: `TaskSpec.default_horizon` is then assumed.
+
+    Raises:
+        PolicyError: If fewer than 1 are given.
+    """
+    if given is not None and given < 1:
+        raise PolicyError(f"training_horizon must be at least 1, got {given}")
+    if given is None and not spec.has_step_limit:
+        warnings.warn(
+            PolicyWarning(
+                f"{spec.name} has no step limit; its training horizon is taken to be {spec.default_horizon:,} steps. "
+                "Name yours with --training-horizon (training_horizon=)"
+            ),
+            stacklevel=4,
+        )
+    return given or spec.default_horizon
 
 
 def training_horizon(policy: PolicyLike, default: int) -> int:

@@ -139,13 +139,22 @@ class Policy:
         *,
         normalizer: str | Path | None = None,
         time_feature: str | None = None,
+        training_horizon: int | None = None,
         trust: bool = False,
         measure: bool = True,
     ) -> Policy:
         """Return the policy in a Stable-Baselines3 zip; see `perdure.policy.readers.import_sb3`."""
         from perdure.policy.readers import import_sb3
 
-        return import_sb3(path, env, normalizer=normalizer, time_feature=time_feature, trust=trust, measure=measure)
+        return import_sb3(
+            path,
+            env,
+            normalizer=normalizer,
+            time_feature=time_feature,
+            training_horizon=training_horizon,
+            trust=trust,
+            measure=measure,
+        )
 
     @classmethod
     def from_cleanrl(
@@ -154,12 +163,13 @@ class Policy:
         env: str,
         *,
         normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+        training_horizon: int | None = None,
         measure: bool = True,
     ) -> Policy:
         """Return the policy in a CleanRL model; see `perdure.policy.readers.import_cleanrl`."""
         from perdure.policy.readers import import_cleanrl
 
-        return import_cleanrl(path, env, normalizer=normalizer, measure=measure)
+        return import_cleanrl(path, env, normalizer=normalizer, training_horizon=training_horizon, measure=measure)
 
     @cached_property
     def _actor(self) -> Perceptron:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
+
+import gymnasium
 import numpy as np
 import pytest
 from altered import FIXTURES, model
+from gymnasium.envs.classic_control import PendulumEnv
 
 from perdure.horizon import Countdown, Fixed, TimeFeature
-from perdure.policy import Policy, PolicyFileError, PolicyWarning, load_policy
+from perdure.policy import Policy, PolicyError, PolicyFileError, PolicyWarning, load_policy
 from perdure.policy.readers import import_once, is_sb3_zip
 from perdure.policy.readers.trusted import load_sb3
 
@@ -50,6 +54,30 @@ def test_a_time_feature_with_other_steps_than_the_environment_gives_a_warning_an
     with pytest.warns(PolicyWarning, match=r"from 50 steps.* end after 200"):
         policy = imported("sac-time", time_feature="linear:50")
     assert policy.protocol.horizon == Fixed(50)
+
+
+def test_a_training_horizon_of_the_user_s_own_replaces_the_step_limit():
+    policy = imported("trpo", training_horizon=50, measure=True)
+    assert (policy.protocol.horizon, policy.reference.horizon) == (Fixed(50), 50)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        timed = imported("sac-time", time_feature="linear", training_horizon=50)
+    assert (timed.protocol.embedding, timed.protocol.horizon) == (TimeFeature(50), Fixed(50))
+    with pytest.raises(PolicyError, match="training_horizon must be at least 1, got 0"):
+        imported("trpo", training_horizon=0)
+
+
+def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():
+    gymnasium.register("Endless-v0", PendulumEnv)
+    try:
+        with pytest.warns(PolicyWarning, match=r"no step limit.* 1,000 steps.*--training-horizon"):
+            policy = imported("trpo", "Endless-v0")
+        assert policy.protocol.horizon == Fixed(1000)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert imported("trpo", "Endless-v0", training_horizon=300).protocol.horizon == Fixed(300)
+    finally:
+        del gymnasium.registry["Endless-v0"]
 
 
 def test_the_statistics_are_those_that_stable_baselines3_used():

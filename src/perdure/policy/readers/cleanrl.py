@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.envs import TaskSpec, make_world, task_of_environment
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.measure import measure_reference
+from perdure.policy.measure import measure_reference, training_steps
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.torch_state import TorchState
 from perdure.policy.task import TaskInfo
@@ -40,6 +40,7 @@ def import_cleanrl(
     env: str,
     *,
     normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+    training_horizon: int | None = None,
     measure: bool = True,
 ) -> Policy:
     """Return the policy of a CleanRL model, acting with its mean.
@@ -49,6 +50,7 @@ def import_cleanrl(
         env: The environment it was trained in, see `perdure.envs.task_of_environment`.
         normalizer: Statistics of `NormalizeObservation`: (mean, variance), or an .npz file that holds them as `mean`
             and `var`. In training they are ``envs.envs[0].get_wrapper_attr("obs_rms")``. "none": no such wrapper.
+        training_horizon: Steps of a training episode; the environment's own step limit by default.
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
     Raises:
@@ -68,7 +70,7 @@ def import_cleanrl(
         name: array for ours, theirs in _NETWORKS.items() for name, array in _layers(state, ours, theirs, str(path))
     }
     _check_sizes(weights, spec, str(path))
-    protocol = HorizonProtocol(None, Fixed(spec.default_horizon), "terminated", GAMMA, GAMMA)
+    protocol = HorizonProtocol(None, Fixed(training_steps(spec, training_horizon)), "terminated", GAMMA, GAMMA)
     policy = Policy(
         task=TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high)),
         weights={**weights, "log_std": state.array("actor_logstd").reshape(-1)},

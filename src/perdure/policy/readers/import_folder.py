@@ -24,7 +24,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
         path: As in `import_sb3`.
         folder: Made if it is missing.
         env: As in `import_sb3`.
-        options: `normalizer`, `time_feature` and `trust` of `import_sb3`.
+        options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
     """
     normalizer = options.get("normalizer")
     identity = {

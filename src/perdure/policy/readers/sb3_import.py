@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, make_world, task_of_environment
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.errors import PolicyError, PolicyWarning
-from perdure.policy.measure import measure_reference
+from perdure.policy.measure import measure_reference, training_steps
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.identity import library_versions
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
@@ -33,6 +33,7 @@ def import_sb3(
     *,
     normalizer: str | Path | None = None,
     time_feature: str | None = None,
+    training_horizon: int | None = None,
     trust: bool = False,
     measure: bool = True,
 ) -> Policy:
@@ -46,7 +47,9 @@ def import_sb3(
         env: The environment it was trained in, see `perdure.envs.task_of_environment`.
         normalizer: The file that `VecNormalize.save` wrote; "none" where only rewards were normalized.
         time_feature: "linear:1000" if the environment was wrapped in sb3-contrib's TimeFeatureWrapper with these steps;
-            "linear" takes the environment's own step limit, as the wrapper does.
+            "linear" takes the training horizon.
+        training_horizon: Steps of a training episode; by default those of the time feature, or the environment's own
+            step limit.
         trust: Load the files with Stable-Baselines3 itself, which runs the code pickled in them.
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
@@ -72,14 +75,21 @@ def import_sb3(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
-    steps = _time_feature_steps(time_feature, spec)
-    policy = _policy(model, spec, statistics, steps, str(path))
+    steps = _time_feature_steps(time_feature)
+    horizon = training_steps(spec, training_horizon if training_horizon is not None else steps)
+    if time_feature is not None:
+        steps = steps or horizon
+        _check_time_feature(steps, training_horizon or spec.default_horizon, spec.name)
+    policy = _policy(model, spec, statistics, (steps, horizon), str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
     return replace(policy, reference=measure_reference(policy)) if measure else policy
 
 
-def _policy(model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, steps: int | None, what: str) -> Policy:
-    settings = model.settings
+def _policy(
+    model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, times: tuple[int | None, int], what: str
+) -> Policy:
+    """Return the policy; `times` are the steps of the time feature, and of a training episode."""
+    settings, (steps, horizon) = model.settings, times
     _check_sizes(model, spec, steps, what)
     weights: dict[str, NDArray[np.float32]] = {}
     for i, (weight, bias) in enumerate(model.layers):
@@ -92,7 +102,7 @@ def _policy(model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, step
         )
     protocol = HorizonProtocol(
         embedding=None if steps is None else TimeFeature(steps),
-        horizon=Fixed(spec.default_horizon if steps is None else steps),
+        horizon=Fixed(horizon),
         end="truncated",
         gamma=min(settings.gamma, 1.0),
         normalizer_gamma=min(settings.gamma if statistics is None else statistics.gamma, 1.0),
@@ -137,22 +147,27 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
             )
 
 
-def _time_feature_steps(written: str | None, spec: TaskSpec) -> int | None:
+def _time_feature_steps(written: str | None) -> int | None:
+    """Return the steps of "linear:1000"; None where none are named."""
     if written is None:
         return None
     name, colon, number = written.partition(":")
     steps = int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
     if name != "linear" or (colon and steps < 1):
         raise PolicyError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
-    if colon and steps != spec.default_horizon:
+    return steps or None
+
+
+def _check_time_feature(steps: int, limit: int, task: str) -> None:
+    """Warn where a time feature counts down from another number of steps than an episode has."""
+    if steps != limit:
         warnings.warn(
             PolicyWarning(
-                f"the time feature counts down from {steps} steps, but episodes of {spec.name} end after "
-                f"{spec.default_horizon}; TimeFeatureWrapper takes the environment's own limit if there is one"
+                f"the time feature counts down from {steps} steps, but episodes of {task} end after {limit}; "
+                "TimeFeatureWrapper takes the environment's own limit if there is one"
             ),
             stacklevel=3,
         )
-    return steps or spec.default_horizon
 
 
 def _provenance(
