@@ -76,16 +76,24 @@ def _claims(decided: Sequence[ClaimDecision]) -> str:
     what = (
         "A claim about several tasks is *supported* if it is supported on each of them, and *contradicted* if it is "
         "contradicted on at least one. It is *not evaluated* if the evaluations that it needs are missing. Otherwise "
-        "it is *undecided*. *After Holm* is the decision after Holm's correction for all comparisons. *The method* is "
+        "it is *undecided*. Holm's correction counts all registered comparisons. *The method* is "
         "`geometric`: PPO without a discount, with random training horizons and a geometric time-to-go. Details are "
         "in [claims.md](claims.md), with margins, intervals and numbers of runs."
     )
-    counts = Counter(each.decision for each in decided)
-    summary = ", ".join(f"{counts[name]} {name}" for name in get_args(Decision))
+    before, after = (
+        _counts(found) for found in zip(*((each.decision, each.after_holm) for each in decided), strict=True)
+    )
+    summary = f"by 95 % intervals {before}; after Holm's correction {after}"
     head = f"## Claims\n\n{wording.count(len(decided), 'claim')}: {summary}. {what}\n\n"
     head += "| claim | source | decision | after Holm | tasks, after Holm |\n"
     head += "|---|---|---|---|---|\n"
     return f"{head}{lines}\n"
+
+
+def _counts(decisions: Sequence[Decision]) -> str:
+    """Return how often each decision was taken: "1 supported, 0 contradicted, 2 undecided, 3 not evaluated"."""
+    counts = Counter(decisions)
+    return ", ".join(f"{counts[name]} {name}" for name in get_args(Decision))
 
 
 def _coverage(results: Results) -> str:

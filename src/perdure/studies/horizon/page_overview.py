@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
@@ -11,7 +12,7 @@ from perdure.report import wording
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
-from perdure.studies.horizon.decide import ClaimDecision
+from perdure.studies.horizon.decide import ClaimDecision, p_values
 from perdure.studies.horizon.results import Results
 
 METHODS = (
@@ -60,7 +61,7 @@ def _failures(results: Results) -> Iterator[str]:
     steps = wording.whole(float(results.grid.steps))
     if found:
         yield (
-            f"Share of {steps}-step episodes that failed, discounted PPO against geometric time-to-go "
+            f"Share of {steps}-step episodes that failed, as observed: discounted PPO against geometric time-to-go "
             f"({words.rule(compared[1].clock)}): {'; '.join(found)}."
         )
 
@@ -84,6 +85,7 @@ def _mostly_never_worked(results: Results, setting: str, method: str) -> bool:
 
 
 def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
+    tests = [p for each in decided for p in p_values(each)]
     lines = [
         f"  - {decision} on {', '.join(map(words.setting, tasks))}: {each.claim.statement}"
         for each in decided
@@ -91,7 +93,11 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
         if decision in ("supported", "contradicted")
     ]
     if lines:
-        head = "Decided after Holm's correction for all registered comparisons; everything else is undecided so far:"
+        sentences = f"{wording.count(len(lines), 'sentence')} about a task {'is' if len(lines) == 1 else 'are'} decided"
+        head = (
+            f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
+            f"correction {sentences}:"
+        )
         yield "\n".join([head, *lines])
     elif decided:
         yield "No comparison of the claims below is decided after Holm's correction."
@@ -100,7 +106,7 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
 def _advice(results: Results) -> Iterator[str]:
     """Yield how the default clock does beside others, as text."""
     losses, failing = [], []
-    for setting in (each for each in OURS if each in results.grid.settings):
+    for setting in results.grid.settings:
         if _mostly_never_worked(results, setting, "geometric"):
             continue
         repeated = results.values(setting, Condition("geometric", "chosen periodic"), "failed share")
@@ -108,12 +114,12 @@ def _advice(results: Results) -> Iterator[str]:
             failing.append(words.setting(setting))
         usual, chosen = (results.values(setting, Condition("geometric", clock)) for clock in ("constant:500", "chosen"))
         if usual and chosen and fmean(chosen.values()) > 0:
-            losses.append(1.0 - fmean(usual.values()) / fmean(chosen.values()))
+            loss = 1.0 - fmean(usual.values()) / fmean(chosen.values())
+            losses.append(f"{words.setting(setting)} {wording.share(max(0.0, loss))}")
     if losses:
         yield (
-            f"Clock: `constant:500` is the default; check it. On the {wording.count(len(losses), 'task')} on which the "
-            f"geometric method worked, its mean return is at most {wording.share(max(0.0, *losses))} below that of the "
-            "cross-validated constant (means, not a test)."
+            "Clock: `constant:500` is the default; check it. Where the geometric method worked, its mean return is "
+            f"below that of the cross-validated constant by: {'; '.join(losses)} (means, not a test)."
         )
     if failing:
         where = ", ".join(failing)
