@@ -25,7 +25,8 @@ class TrainFlags:
     method: str = "geometric"
     """A method as `perdure list methods` names it."""
     preset: str = "zoo"
-    """Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one set)."""
+    """Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one set). For
+    Hopper and Walker2d take cleanrl: with zoo most Hopper policies stand still."""
     name: str | None = None
     """Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD."""
     seeds: tuple[int, ...] = (0,)

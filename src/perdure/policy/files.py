@@ -95,8 +95,8 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         size = int.from_bytes(start, "little")
         if start.startswith(b"PK\x03\x04"):
             raise PolicyFileError(
-                f"{path} is a zip archive; a model of Stable-Baselines3 is read with its environment: --env Hopper-v5 "
-                "(in Python: Policy.from_sb3(path, env=...))"
+                f"{path} is a zip archive. Convert a model of Stable-Baselines3 first: perdure import {path} "
+                "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
             )
         if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8):
             raise PolicyFileError(foreign)
