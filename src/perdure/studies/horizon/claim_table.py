@@ -21,11 +21,11 @@ HEAD = """# Claims
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
 otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
-at {level:g}. C for a run is chosen by the other runs, so runs under a chosen C are not quite independent.
+at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite independent.
 
 There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
-when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims of the pilots, which were
-registered later, are counted by themselves. P(left > right): share of pairs of training runs in which the left side is
+when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims that were registered later
+are counted by themselves. P(left > right): share of pairs of training runs in which the left side is
 greater; ties count half. An interval of a share may reach beyond 0 and 1. Tasks without a preset in brackets use the
 settings of RL Baselines3 Zoo. Margins are our choice.
 
