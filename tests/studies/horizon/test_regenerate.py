@@ -8,8 +8,7 @@ from perdure.studies.horizon import analyze as analysis
 from perdure.studies.horizon.grid import GRIDS
 
 RESULTS = Path(__file__).parents[3] / "results"
-KEPT = {name: folder for name, folder in (("thesis", RESULTS / "horizon"), ("replication", RESULTS / "horizon-replication"))
-        if folder.is_dir()}  # fmt: skip
+KEPT = {"thesis": RESULTS / "horizon", "replication": RESULTS / "horizon-replication"}
 SOURCES = ("training", "evaluation", "rules", "mechanism")
 
 
