@@ -44,6 +44,22 @@ class TestWhatItSays:
         assert "100,500" in summary_text(half_fall(synthetic))
         assert re.search(r"falls 4, holds 4|holds 4, falls 4", summary_text(half_fall(synthetic)))
 
+    def test_it_says_which_training_runs_hold(self, synthetic):
+        lasting, falling = {"rate": 2.0}, {"rate": 2.0, "ends": [500] * 8}
+        runs = [(0, lasting), (1, falling), (2, falling), (3, lasting)]
+        table = pl.concat([synthetic([case], train_seeds=(seed,)) for seed, case in runs])
+        assert summary_text(table).splitlines()[1].endswith(" By training seed: holds 0, 3; falls 1, 2.")
+        many = pl.concat([synthetic([runs[seed % 4][1]], train_seeds=(seed,)) for seed in range(24)])
+        assert summary_text(many).splitlines()[1].endswith(" By training seed: holds 12 of 24; falls 12 of 24.")
+        assert "training seed" not in summary_text(synthetic([falling]))
+
+    def test_the_page_lists_training_runs(self, synthetic, tmp_path):
+        table = pl.concat([synthetic([{"rate": seed + 1.0}], train_seeds=(seed,)) for seed in (0, 1)])
+        text = re.sub(r"<[^>]+>", " ", write_report(table, tmp_path, "", formats=()).read_text())
+        assert re.search(
+            r"Training runs .*constant\(500\)\s+1\s+8\s+200,000\s+holds\s+[\d.]+\s+holds 8\s", text, re.DOTALL
+        )
+
     def test_episodes_that_run_on_for_nothing_fail_silently(self, synthetic):
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])
         lines = summary_text(silent).splitlines()

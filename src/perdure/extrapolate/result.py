@@ -47,14 +47,18 @@ class ExtrapolationResult:
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
-    def summary(self) -> pl.DataFrame:
-        """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure."""
+    def summary(self, by_training_run: bool = False) -> pl.DataFrame:
+        """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure.
+
+        Args:
+            by_training_run: One row for each training run instead of one for all runs of a method; adds `train_seed`.
+        """
         import polars as pl
 
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
         return (
             self.final()
-            .group_by("task", "policy", "clock", maintain_order=True)
+            .group_by("task", "policy", *(["train_seed"] if by_training_run else []), "clock", maintain_order=True)
             .agg(
                 lanes=pl.len(),
                 mean_return=pl.col("return").mean(),

@@ -40,6 +40,8 @@ class Group:
     """Recorded steps, shape (steps,), rising."""
     runs: IntArray
     """Which training run each lane belongs to, shape (lanes,)."""
+    train_seeds: IntArray
+    """Training seed of each lane's policy, shape (lanes,)."""
     returns: FloatArray
     """Shape (lanes, steps)."""
     alive: BoolArray
@@ -176,6 +178,7 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         test_horizon=head["test_horizon"],
         steps=lanes.steps,
         runs=part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
+        train_seeds=part["train_seed"].to_numpy(),
         returns=lanes.returns[rows],
         alive=lanes.alive[rows],
         end_details=tuple(part["end_detail"]),

@@ -17,7 +17,7 @@ from perdure.report.groups import make_groups, tasks_of
 from perdure.report.lanes import Lanes
 from perdure.report.render import Figure, Format, javascript, save, unique
 from perdure.report.schema import read_lanes
-from perdure.report.table import HEADINGS, make_rows
+from perdure.report.table import HEADINGS, RUN_HEADINGS, make_rows, make_run_rows
 from perdure.report.verdict import headline
 from perdure.runs import write_atomic
 
@@ -146,7 +146,18 @@ def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]
     )
     points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
     head = document.header(task, _headline(estimates), points)
-    return head + document.figures(figures) + numbers + _comparisons(estimates)
+    return head + document.figures(figures) + numbers + _training_runs(estimates) + _comparisons(estimates)
+
+
+def _training_runs(estimates: Sequence[Estimate]) -> str:
+    rows = make_run_rows(estimates)
+    if not rows:
+        return ""
+    note = (
+        "Training runs of one method often differ more than methods do. A run that you choose here was chosen on these "
+        "start states: confirm it on others (--first-eval-seed)."
+    )
+    return document.table("Training runs", RUN_HEADINGS, rows, note)
 
 
 def _comparisons(estimates: Sequence[Estimate]) -> str:

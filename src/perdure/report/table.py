@@ -1,4 +1,4 @@
-"""The summary table: one row for each group of lanes."""
+"""The summary tables: one row for each group of lanes, and one for each training run of a group."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ HEADINGS = (
     "half failed by",
     "episodes that",
 )
+
+RUN_HEADINGS = ("policy", "clock", "training seed", "episodes", "return", "verdict", "hold", "episodes that")
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,36 @@ def _row(item: Estimate) -> Row:
         wording.share(float(group.ever_idle.mean())),
         wording.quantity(float(np.nanmean(group.level))) if np.isfinite(group.level).any() else "\u2013",
         wording.whole(group.half_failed_by) if np.isfinite(group.half_failed_by) else "\u2013",
-        ", ".join(f"{verdict} {number}" for verdict, number in counts.most_common()),
+        _outcomes(counts),
     )
     return Row(cells, f"{returns.label} ({returns.method}, {wording.count(returns.count, 'unit')})")
+
+
+def make_run_rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
+    """Return one row of cells for each training run of the groups that have several; they follow RUN_HEADINGS."""
+    return [
+        _run_row(item, seed, label)
+        for item in estimates
+        for seed, label in sorted(item.verdict.by_training_seed.items())
+    ]
+
+
+def _run_row(item: Estimate, seed: int, label: str) -> tuple[str, ...]:
+    group = item.group
+    mine = group.train_seeds == seed
+    counts = Counter(verdict for verdict, chosen in zip(group.verdicts, mine, strict=True) if chosen)
+    hold = group.final_hold[mine]
+    return (
+        group.line,
+        group.clock,
+        str(seed),
+        f"{int(mine.sum()):,}",
+        wording.quantity(float(group.returns[mine, -1].mean())),
+        label,
+        wording.quantity(float(np.nanmean(hold))) if np.isfinite(hold).any() else "\u2013",
+        _outcomes(counts),
+    )
+
+
+def _outcomes(counts: Counter[str]) -> str:
+    return ", ".join(f"{verdict} {number}" for verdict, number in counts.most_common())

@@ -7,7 +7,7 @@ episodes hold. Otherwise it is the most common other outcome.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ MUCH = 2.0
 FAILURES = ("falls", "fails silently", "decays", "diverges", "never worked", "cannot tell")
 """Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
 _MOST_NAMED = 6
+_MOST_LISTED = 20
+"""Most training runs whose seeds are listed."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class Verdict:
     """Episodes of that verdict."""
     share: Interval
     """Share of the episodes that hold, shape ()."""
+    by_training_seed: Mapping[int, str]
+    """The label of each training run by itself; empty where there is only one."""
     evidence: str
     """In words; "" where there is none."""
 
@@ -59,7 +63,22 @@ class Verdict:
             counted = f" in {self.count} of {wording.count(self.group.lanes, 'episode')}"
         if self.label == "holds" and np.isfinite(low):
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".")
+        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
+
+    @property
+    def _training_seeds(self) -> str:
+        """Which training runs hold: " By training seed: holds 0, 3; falls 1, 2."; "" where there is only one."""
+        seeds: dict[str, list[int]] = {}
+        for seed, label in sorted(self.by_training_seed.items()):
+            seeds.setdefault(label, []).append(seed)
+        parts = [
+            f"{label} {', '.join(map(str, seeds[label]))}"
+            if len(self.by_training_seed) <= _MOST_LISTED
+            else f"{label} {len(seeds[label])} of {len(self.by_training_seed)}"
+            for label in ("holds", *FAILURES)
+            if label in seeds
+        ]
+        return f" By training seed: {'; '.join(parts)}." if parts else ""
 
 
 def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> Verdict:
@@ -67,11 +86,24 @@ def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> V
     counts = Counter(group.verdicts)
     holding = np.array([verdict == "holds" for verdict in group.verdicts])
     share = survival_interval(holding.astype(np.float64), group.runs, rng, how)
-    if float(share.estimate) >= HOLDING_SHARE:
-        label = "holds"
-    else:
-        label = max(FAILURES, key=lambda each: (counts[each], -FAILURES.index(each)))
-    return Verdict(group, label, counts[label], share, _evidence(group, label))
+    label = _label(counts, float(share.estimate))
+    return Verdict(group, label, counts[label], share, _by_training_seed(group), _evidence(group, label))
+
+
+def _label(counts: Mapping[str, int], holding: float) -> str:
+    """Return the verdict on episodes: how many had which outcome, and the share of them that hold."""
+    if holding >= HOLDING_SHARE:
+        return "holds"
+    return max(FAILURES, key=lambda each: (counts.get(each, 0), -FAILURES.index(each)))
+
+
+def _by_training_seed(group: Group) -> dict[int, str]:
+    if len(set(group.runs.tolist())) < 2:
+        return {}
+    found: dict[int, Counter[str]] = {}
+    for seed, verdict in zip(group.train_seeds.tolist(), group.verdicts, strict=True):
+        found.setdefault(seed, Counter())[verdict] += 1
+    return {seed: _label(counts, counts["holds"] / counts.total()) for seed, counts in found.items()}
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
