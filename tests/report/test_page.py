@@ -13,6 +13,7 @@ import polars as pl
 import pytest
 from specs import by_label, notes, rows, specs
 
+from perdure.extrapolate import ExtrapolationResult
 from perdure.report import ReportError, summary_text, write_report
 from perdure.report.groups import make_groups
 from perdure.report.page import PAGE
@@ -56,9 +57,17 @@ class TestWhatItSays:
     def test_the_page_lists_training_runs(self, synthetic, tmp_path):
         table = pl.concat([synthetic([{"rate": seed + 1.0}], train_seeds=(seed,)) for seed in (0, 1)])
         text = re.sub(r"<[^>]+>", " ", write_report(table, tmp_path, "", formats=()).read_text())
-        assert re.search(
-            r"Training runs .*constant\(500\)\s+1\s+8\s+200,000\s+holds\s+[\d.]+\s+holds 8\s", text, re.DOTALL
-        )
+        row = r"constant\(500\)\s+1\s+8\s+200,000\s+holds\s+[\d.]+\s+holds 8\s"
+        assert re.search(f"Training runs .*{row}", text, re.DOTALL)
+
+    def test_a_summary_by_training_run_has_a_row_for_each(self, synthetic):
+        table = pl.concat([synthetic([{"rate": seed + 1.0}], train_seeds=(seed,)) for seed in (0, 1)])
+        result = ExtrapolationResult(table, None)
+        assert result.summary()["mean_return"].to_list() == [150_000.0]
+        assert result.summary(by_training_run=True).select("train_seed", "mean_return").rows() == [
+            (0, 100_000.0),
+            (1, 200_000.0),
+        ]
 
     def test_episodes_that_run_on_for_nothing_fail_silently(self, synthetic):
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])
