@@ -69,6 +69,25 @@ class TestWhatItSays:
             (1, 200_000.0),
         ]
 
+    def test_the_best_clock_holds_first_and_earns_second(self, synthetic):
+        falling = {"clock": "constant(0)", "rate": 9.0, "ends": [90_000] * 8}  # earns most, and falls
+        best = {"clock": "constant(500)", "rate": 2.0, "spread": 0.3}
+        same = {"clock": "constant(600)", "rate": 2.3, "spread": 0.3}
+        worse = {"clock": "constant(700)", "rate": 0.5, "spread": 0.1}
+        last = summary_text(synthetic([falling, best, same, worse])).split("\n\n")[0].splitlines()[-1]
+        first, _, other = re.fullmatch(
+            r"  geometric: best clock here: always (\d00) steps to go(; not distinguishable from it \(return, 95 %\): "
+            r"always (\d00) steps to go)\. It was chosen on these start states: confirm it on others "
+            r"\(--first-eval-seed\)\.",
+            last,
+        ).groups()
+        assert {first, other} == {"500", "600"}
+
+    def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
+        falls = [{"clock": f"constant({c})", "rate": 2.0, "ends": [500] * 8} for c in (100, 500)]
+        assert "geometric: no episode holds under any of 2 clocks." in summary_text(synthetic(falls))
+        assert "clock here" not in summary_text(synthetic([{"clock": "constant(500)", "rate": 2.0}]))
+
     def test_episodes_that_run_on_for_nothing_fail_silently(self, synthetic):
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])
         lines = summary_text(silent).splitlines()

@@ -20,6 +20,8 @@ CLOCK_HEADINGS = (
     "better in",
     "intervals over",
 )
+_MOST_LISTED = 6
+"""Most clocks that a sentence lists."""
 
 
 def compare_clocks(
@@ -56,3 +58,40 @@ def compare_clocks(
                 )
             )
     return rows
+
+
+def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator, how: Bootstrap = DEFAULT) -> list[str]:
+    """Return one sentence for each line with several clocks: the best one, and those as good as it.
+
+    The best clock has the largest share of episodes that hold, and of those the highest mean return. Another one is as
+    good if the interval of its paired difference of the return contains 0.
+
+    Args:
+        estimates: As in `compare_clocks`.
+        rng: For bootstrap intervals.
+        how: Method and confidence of the intervals.
+    """
+    sentences = []
+    for line, items in groupby(estimates, key=lambda item: item.group.line):
+        clocks = list(items)
+        if len(clocks) < 2 or len({item.group.lanes for item in clocks}) > 1:
+            continue
+        best = max(clocks, key=lambda item: (float(item.verdict.share.estimate), item.final_return))
+        if not float(best.verdict.share.estimate):
+            sentences.append(f"{line}: no episode holds under any of {len(clocks)} clocks.")
+            continue
+        same = [item.group.clock_words for item in clocks if item is not best and _as_good(item, best, rng, how)]
+        listed = ", ".join(same) if len(same) <= _MOST_LISTED else wording.count(len(same), "clock")
+        sentences.append(
+            f"{line}: best clock here: {best.group.clock_words}"
+            + (f"; not distinguishable from it (return, 95 %): {listed}" if same else "")
+            + ". It was chosen on these start states: confirm it on others (--first-eval-seed)."
+        )
+    return sentences
+
+
+def _as_good(item: Estimate, best: Estimate, rng: np.random.Generator, how: Bootstrap) -> bool:
+    difference = item.group.returns[:, -1] - best.group.returns[:, -1]
+    found = mean_interval(difference, item.group.runs, rng, how)
+    low, high = float(found.lower), float(found.upper)
+    return bool(np.isnan(low) or low <= 0.0 <= high)

@@ -72,12 +72,13 @@ class Group:
     @property
     def label(self) -> str:
         """Label for readers, e.g. "geometric, always 500 steps to go"."""
-        if self.clock_kind == NO_CLOCK:
-            return self.line
+        return self.line if self.clock_kind == NO_CLOCK else f"{self.line}, {self.clock_words}"
+
+    @property
+    def clock_words(self) -> str:
+        """The clock for readers, e.g. "always 500 steps to go"."""
         known = np.isfinite(self.clock_steps)
-        return (
-            f"{self.line}, {wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock}"
-        )
+        return wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock
 
     @property
     def is_tuned_by_steps(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report import document
-from perdure.report.comparisons import CLOCK_HEADINGS, compare_clocks
+from perdure.report.comparisons import CLOCK_HEADINGS, best_clocks, compare_clocks
 from perdure.report.estimates import Estimate, estimate_group
 from perdure.report.figures import make_figures
 from perdure.report.groups import make_groups, tasks_of
@@ -87,13 +87,19 @@ def summary_text(table: Table | Estimates) -> str:
         rows = [HEADINGS, *(row.cells for row in make_rows(estimates))]
         widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        points = [f"  {item.verdict.sentence}" for item in estimates[:MOST_POINTS]]
+        points = [f"  {point}" for point in _points(estimates)]
         parts.append("\n".join([_headline(estimates), *points, "", *lines]))
     return "\n\n".join(parts)
 
 
 def _headline(estimates: Sequence[Estimate]) -> str:
     return headline([item.verdict for item in estimates])
+
+
+def _points(estimates: Sequence[Estimate]) -> list[str]:
+    """Return the sentences under the headline: the evidence for each verdict, and the best clock of each policy."""
+    clocks = best_clocks(estimates, np.random.default_rng(SEED))
+    return [*(item.verdict.sentence for item in estimates[:MOST_POINTS]), *clocks]
 
 
 def write_report(
@@ -144,8 +150,7 @@ def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]
     numbers = document.table(
         "All policies and clocks", HEADINGS, [row.cells for row in rows], f"Intervals over {over}."
     )
-    points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
-    head = document.header(task, _headline(estimates), points)
+    head = document.header(task, _headline(estimates), _points(estimates))
     return head + document.figures(figures) + numbers + _training_runs(estimates) + _comparisons(estimates)
 
 
