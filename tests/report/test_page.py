@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -21,6 +22,7 @@ from perdure.report.page import PAGE
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
+TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "does-my-sb3-agent-hold.md"
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update "
     "--disable-sync --disable-quic --virtual-time-budget=8000 --enable-logging=stderr --v=0 --dump-dom"
@@ -39,6 +41,14 @@ class TestWhatItSays:
         assert lines[1].strip() == (
             "geometric, always 500 steps to go: falls in 4 of 8 episodes; since step 500 (median)."
         )
+
+    def test_the_tutorial_shows_the_sentence_that_is_printed(self, synthetic):
+        (transcript,) = re.findall(r"^```text\n(.*?)^```", TUTORIAL.read_text(), re.MULTILINE | re.DOTALL)
+        printed = summary_text(synthetic([{"clock": "none"}])).splitlines()[1]
+        shown, said = (
+            re.sub(r"[\d,]+", "#", line.partition(": ")[2]) for line in (transcript.splitlines()[1], printed)
+        )
+        assert shown == said
 
     def test_the_table_gives_the_mean_return_and_the_verdicts(self, synthetic):
         # (4 lanes x 500 steps + 4 lanes x 100,000 steps) x 2 / 8 lanes = 100,500
