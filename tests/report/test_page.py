@@ -86,17 +86,16 @@ class TestWhatItSays:
         worse = {"clock": "constant(700)", "rate": 0.5, "spread": 0.1}
         last = summary_text(synthetic([falling, best, same, worse])).split("\n\n")[0].splitlines()[-1]
         first, _, other = re.fullmatch(
-            r"  geometric: best clock here: always (\d00) steps to go(; not distinguishable from it \(return, 95 %\): "
-            r"always (\d00) steps to go)\. It was chosen on these start states: confirm it on others "
-            r"\(--first-eval-seed\)\.",
+            r"  Best clock of geometric on these start states: always (\d00) steps to go\.( Not distinguishable from "
+            r"it \(return, 95 %\): always (\d00) steps to go\.) Confirm it on others \(--first-eval-seed\)\.",
             last,
         ).groups()
         assert {first, other} == {"500", "600"}
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
         falls = [{"clock": f"constant({c})", "rate": 2.0, "ends": [500] * 8} for c in (100, 500)]
-        assert "geometric: no episode holds under any of 2 clocks." in summary_text(synthetic(falls))
-        assert "clock here" not in summary_text(synthetic([{"clock": "constant(500)", "rate": 2.0}]))
+        assert "No episode of geometric holds under any of 2 clocks." in summary_text(synthetic(falls))
+        assert "Best clock" not in summary_text(synthetic([{"clock": "constant(500)", "rate": 2.0}]))
 
     def test_episodes_that_run_on_for_nothing_fail_silently(self, synthetic):
         silent = synthetic([{"clock": "constant(500)", "rate": 2.0, "last_rate": 0.0, "movement_last": 0.001}])

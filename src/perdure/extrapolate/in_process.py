@@ -18,7 +18,7 @@ from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, load_policy
-from perdure.policy.measure import training_steps
+from perdure.policy.measure import resolve_training_horizon
 from perdure.policy.onnx import OnnxModel
 from perdure.policy.readers import is_sb3_zip
 
@@ -109,7 +109,7 @@ class _Options:
             spaces,
             self.recurrent,
             self.clocks is not None,
-            float(training_steps(spec, self.training_horizon)),
+            float(resolve_training_horizon(spec, self.training_horizon)),
             {"method": label, "seed": 0},
         )
 

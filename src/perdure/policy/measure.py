@@ -22,7 +22,7 @@ FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
 
 
-def training_steps(spec: TaskSpec, given: int | None) -> int:
+def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
     """Return the steps of a training episode: those given, otherwise the environment's step limit.
 
     Warns with a PolicyWarning where there is neither: `TaskSpec.default_horizon` is then assumed.

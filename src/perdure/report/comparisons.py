@@ -64,7 +64,7 @@ def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator, how: Bo
     """Return one sentence for each line with several clocks: the best one, and those as good as it.
 
     The best clock has the largest share of episodes that hold, and of those the highest mean return. Another one is as
-    good if the interval of its paired difference of the return contains 0.
+    good if its verdict is the same and the interval of its paired difference of the return contains 0.
 
     Args:
         estimates: As in `compare_clocks`.
@@ -78,19 +78,21 @@ def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator, how: Bo
             continue
         best = max(clocks, key=lambda item: (float(item.verdict.share.estimate), item.final_return))
         if not float(best.verdict.share.estimate):
-            sentences.append(f"{line}: no episode holds under any of {len(clocks)} clocks.")
+            sentences.append(f"No episode of {line} holds under any of {len(clocks)} clocks.")
             continue
         same = [item.group.clock_words for item in clocks if item is not best and _as_good(item, best, rng, how)]
         listed = ", ".join(same) if len(same) <= _MOST_LISTED else wording.count(len(same), "clock")
         sentences.append(
-            f"{line}: best clock here: {best.group.clock_words}"
-            + (f"; not distinguishable from it (return, 95 %): {listed}" if same else "")
-            + ". It was chosen on these start states: confirm it on others (--first-eval-seed)."
+            f"Best clock of {line} on these start states: {best.group.clock_words}."
+            + (f" Not distinguishable from it (return, 95 %): {listed}." if same else "")
+            + " Confirm it on others (--first-eval-seed)."
         )
     return sentences
 
 
 def _as_good(item: Estimate, best: Estimate, rng: np.random.Generator, how: Bootstrap) -> bool:
+    if item.verdict.label != best.verdict.label:
+        return False
     difference = item.group.returns[:, -1] - best.group.returns[:, -1]
     found = mean_interval(difference, item.group.runs, rng, how)
     low, high = float(found.lower), float(found.upper)

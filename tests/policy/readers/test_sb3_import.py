@@ -76,6 +76,7 @@ def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             assert imported("trpo", "Endless-v0", training_horizon=300).protocol.horizon == Fixed(300)
+            assert imported("sac-time", "Endless-v0", time_feature="linear:300").protocol.horizon == Fixed(300)
     finally:
         del gymnasium.registry["Endless-v0"]
 

@@ -54,7 +54,7 @@ def lanes(row, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0):
     ]
 
 
-def make_results(out, test, validation=None, task="Hopper-v3", splits=SPLITS):
+def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=False):
     """Write evaluations and read them back.
 
     Args:
@@ -62,12 +62,13 @@ def make_results(out, test, validation=None, task="Hopper-v3", splits=SPLITS):
         test: {(method, clock): {seed: return}}; a return of None is a fall that earns 1.
         validation: Likewise; the test ones by default.
         task: Of all of them.
-        splits: Of the grid.
+        confirmatory: Of the grid, which then has no validation start states.
     """
     methods = dict.fromkeys(method for method, _ in test)
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
     rows = tuple(Row(task, method, ZOO, tuple(seeds[method]), 1) for method in methods)
-    grid = Grid("thesis", rows, splits, HORIZON, ("sweep",))
+    splits = SPLITS[1:] if confirmatory else SPLITS
+    grid = Grid("thesis", rows, splits, HORIZON, ("sweep",), confirmatory=confirmatory)
     for split, row in product(splits, rows):
         runs = test if split.name == "test" or validation is None else validation
         found = [

@@ -105,12 +105,12 @@ def test_holm_counts_all_comparisons(tmp_path):
 
 
 def test_the_page_says_how_many_runs_would_decide(tmp_path):
-    left = {0: 60.0, 1: 90.0, 2: 150.0, 3: 130.0, 4: 220.0}
+    left = {0: 80.0, 1: 110.0, 2: 150.0, 3: 140.0, 4: 220.0}
     results = make_results(tmp_path / "some", {("ppo", "none"): NONE, ("geometric", "constant:500"): left})
     found = decide_claims([claim()], results)
     difference = found[0].tasks[0].difference
-    needed = math.ceil(5 * (difference.half / difference.estimate) ** 2)
-    assert f"about {needed} training runs, if" in claims_text(found)
+    touching = 5 * (difference.half / difference.estimate) ** 2  # half power; 80 % needs (1.96 + 0.84)^2 / 1.96^2
+    assert f"about {math.ceil(touching * 2.0408163)} training runs, if" in claims_text(found)
     assert claims_frame(found)["decision"].to_list() == ["undecided"]
 
 

@@ -27,19 +27,27 @@ def test_a_lane_that_holds():
     assert (found["failed share"], found["ended share"], found["hold share"]) == (0.0, 0.0, 1.0)
     assert (found["hold"], found["steps to failure"], found["verdict"]) == (1.0, HORIZON, "holds")
     assert found["level"] == pytest.approx(0.5)  # 1.5 a step, idle 0, published policy 3
+    assert (found["gain"], found["failed within"]) == (pytest.approx(1.0), 0.0)
+
+
+def test_the_gain_pays_nothing_for_standing_still_and_counts_the_steps_before_a_fall():
+    still = measured(lanes(ROW, "none", 0, 2000, 1000.0), idle_rate=1.0)
+    assert still["gain"] == pytest.approx(0.0)
+    falling = measured(lanes(ROW, "none", 0, 2000, 30.0, falls=True), idle_rate=1.0)
+    assert falling["gain"] == pytest.approx((30.0 - 10.0) / ((3.0 - 1.0) * HORIZON))
 
 
 def test_a_lane_that_falls():
     found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0, falls=True))
     assert (found["return"], found["reward late"]) == (30.0, 0.0)
     assert (found["failed share"], found["ended share"], found["hold share"], found["hold"]) == (1.0, 1.0, 0.0, 0.0)
-    assert (found["steps to failure"], found["verdict"]) == (10, "falls")
+    assert (found["steps to failure"], found["verdict"], found["failed within"]) == (10, "falls", 1.0)
 
 
 def test_a_policy_that_never_worked_has_failed_from_the_start():
     found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown")
     assert (found["verdict"], found["failed share"], found["ended share"]) == ("never worked", 1.0, 0.0)
-    assert (found["hold"], found["steps to failure"]) == (0.0, 0)
+    assert (found["hold"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
 
 
 def test_a_silent_failure_does_not_end_the_lane():

@@ -2,7 +2,7 @@
 
 import polars as pl
 import pytest
-from known_results import HORIZON, SPLITS, make_results
+from known_results import HORIZON, make_results
 
 from perdure.studies.files import write_csv
 from perdure.studies.horizon.analyze import make_figures
@@ -44,7 +44,8 @@ def test_a_page_without_markers_gets_them_at_its_end(results, tmp_path):
 
 def test_the_page_shows_means_of_training_runs(results, tmp_path):
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
-    assert "| Hopper-v3 | 200.0 (0 %; 3 x 2) | 500.0 (0 %; 3 x 2) |" in text
+    # Gain: nobody earns anything idle, and a published policy 3 a step for 1,000 steps.
+    assert "| Hopper-v3 | 200.0 (gain 0.07; 0 %; 3 x 2) | 500.0 (gain 0.17; 0 %; 3 x 2) |" in text
     # Seed 0 falls under constant:500 and earns 1: (1 + 10 + 20) / 3.
     assert "| Hopper-v3 | 10.33 (33 %) | 500.0 (0 %; C = 100) | 2.00 (0 %) |" in text
 
@@ -52,16 +53,16 @@ def test_the_page_shows_means_of_training_runs(results, tmp_path):
 def test_the_page_begins_with_what_was_found(tmp_path):
     results = make_results(tmp_path / "results", RUNS, task="Swimmer-v3")
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
-    assert "Swimmer-v3 0 % against 0 %." in text
+    assert "Swimmer-v3 0 % (0 %) against 0 % (0 %)." in text
     assert "below that of the cross-validated constant by: Swimmer-v3 98 %" in text  # 10.3 beside 500
 
 
-def test_without_validation_start_states_the_method_is_shown_under_the_default_clock(tmp_path):
-    results = make_results(tmp_path / "results", RUNS, task="Swimmer-v3", splits=SPLITS[1:])
+def test_where_no_c_is_chosen_the_method_is_shown_under_the_default_clock(tmp_path):
+    results = make_results(tmp_path / "results", RUNS, task="Swimmer-v3", confirmatory=True)
     text = write_page(tmp_path / "README.md", results, (), list(make_figures(results))).read_text()
     assert "cross-validated" not in text
     assert "| task | PPO, tuned discount | geometric time-to-go, always 500 steps to go |" in text
-    assert "Swimmer-v3 0 % against 33 %." in text
+    assert "Swimmer-v3 0 % (0 %) against 33 % (33 %)." in text
 
 
 def test_main_figures_come_first(results, tmp_path):

@@ -39,6 +39,12 @@ def test_start_states_that_every_policy_has_are_read(out, monkeypatch):
     assert read(out, 1) == [*both, (two, 0, 2000), (two, 1, 2000)]
 
 
+def test_a_confirmatory_grid_reads_a_row_only_when_every_lane_is_there(out):
+    confirmatory = replace(GRID, confirmatory=True)
+    assert evaluate_row(confirmatory, GRID.rows[0], TEST, out).read() is None
+    assert evaluate_row(confirmatory, GRID.rows[0], ONE, out).read() is not None
+
+
 def test_its_progress_counts_every_lane(out):
     counts = [evaluate_row(GRID, row, TEST, out).progress() for row in GRID.rows]
     assert [(each.done, each.total) for each in counts] == [(2, 4), (6, 16)]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from perdure.envs import TaskSpec, make_world, task_of_environment
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.measure import measure_reference, training_steps
+from perdure.policy.measure import measure_reference, resolve_training_horizon
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.torch_state import TorchState
 from perdure.policy.task import TaskInfo
@@ -70,7 +70,9 @@ def import_cleanrl(
         name: array for ours, theirs in _NETWORKS.items() for name, array in _layers(state, ours, theirs, str(path))
     }
     _check_sizes(weights, spec, str(path))
-    protocol = HorizonProtocol(None, Fixed(training_steps(spec, training_horizon)), "terminated", GAMMA, GAMMA)
+    protocol = HorizonProtocol(
+        None, Fixed(resolve_training_horizon(spec, training_horizon)), "terminated", GAMMA, GAMMA
+    )
     policy = Policy(
         task=TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high)),
         weights={**weights, "log_std": state.array("actor_logstd").reshape(-1)},

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, make_world, task_of_environment
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.errors import PolicyError, PolicyWarning
-from perdure.policy.measure import measure_reference, training_steps
+from perdure.policy.measure import measure_reference, resolve_training_horizon
 from perdure.policy.policy import Normalizer, Policy
 from perdure.policy.readers.identity import library_versions
 from perdure.policy.readers.sb3 import Sb3Model, read_sb3
@@ -76,10 +76,11 @@ def import_sb3(
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
     steps = _time_feature_steps(time_feature)
-    horizon = training_steps(spec, training_horizon if training_horizon is not None else steps)
+    horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
     if time_feature is not None:
         steps = steps or horizon
-        _check_time_feature(steps, training_horizon or spec.default_horizon, spec.name)
+        if training_horizon is not None or spec.has_step_limit:
+            _check_time_feature(steps, training_horizon or spec.default_horizon, spec.name)
     policy = _policy(model, spec, statistics, (steps, horizon), str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
     return replace(policy, reference=measure_reference(policy)) if measure else policy

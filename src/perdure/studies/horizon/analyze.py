@@ -12,8 +12,6 @@ from perdure.runs import write_atomic
 from perdure.studies.files import write_csv
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
-from perdure.studies.horizon.claims import CLAIMS, PILOT_CLAIMS
-from perdure.studies.horizon.claims_replication import REPLICATION_CLAIMS
 from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.figure_curves import clock_figures, survival_figures, training_horizon_figures
 from perdure.studies.horizon.figure_mechanism import mechanism_figures
@@ -28,17 +26,12 @@ from perdure.studies.horizon.summaries import choice_table, condition_table, rul
 from perdure.studies.horizon.tables import failure_places
 
 FORMATS: tuple[Format, ...] = ("png", "svg")
-FAMILIES = {"replication": (REPLICATION_CLAIMS,)}
-"""Scale to its families of claims. Holm's method counts the comparisons of a family together."""
-USUAL_FAMILIES = (CLAIMS, PILOT_CLAIMS)
-"""Those of the other scales."""
 
 
 def analyze(grid: Grid, out: Path) -> list[Path]:
     """Write everything under `out` again and return the files, the page last. The same tables give the same bytes."""
     results = read_results(grid, out)
-    families = FAMILIES.get(grid.name, USUAL_FAMILIES)
-    decided = [each for family in families for each in decide_claims(claims_of(grid, family), results)]
+    decided = [each for family in grid.families for each in decide_claims(claims_of(grid, family), results)]
     frames = {name: frame for name, frame in _tables(results) if not frame.is_empty()}
     if decided:
         frames["claims"] = claims_frame(decided)

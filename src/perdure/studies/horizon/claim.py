@@ -43,7 +43,10 @@ MEASURES: dict[str, str] = {
     "return": "return of the whole test horizon",
     "return within": "return of the first 1,000 steps",
     "reward late": "reward per step in the last tenth of the test horizon; 0 after a fall",
+    "gain": "return minus that of an idle robot in the same steps, as a share of a published policy's over the whole "
+    "test horizon",
     "failed share": "share of episodes that fell, diverged, decayed, failed silently or never worked",
+    "failed within": "share of episodes that failed within the first 1,000 steps, or never worked",
     "ended share": "share of episodes that ended before the test horizon (falls and divergence)",
     "hold share": "share of episodes that hold to the end",
     "hold": "hold score at the end; 0 for an ended episode",
@@ -57,7 +60,7 @@ MEASURES: dict[str, str] = {
 }
 """Name of a measure to what it is in words. Each gives one number per training run."""
 
-SHARES = ("failed share", "ended share", "hold share", "value variance", "action dependence")
+SHARES = ("gain", "failed share", "failed within", "ended share", "hold share", "value variance", "action dependence")
 """Measures whose margin is absolute; the margin of others is a share of the right side's mean."""
 
 CLOCK_RULES: dict[str, str] = {

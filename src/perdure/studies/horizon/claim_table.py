@@ -14,6 +14,8 @@ from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
 from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
 
+POWER_FACTOR = (2.80 / 1.96) ** 2
+"""Runs for a power of 80 % beside those that make the 95 % interval just touch the threshold (a power of 50 %)."""
 MOST_RUNS = 50
 """Larger numbers of training runs are not estimated."""
 HEAD = """# Claims
@@ -21,7 +23,9 @@ HEAD = """# Claims
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
 otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
-at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite independent.
+at {level:g}. With three to ten runs that either hold or fail, Student's t is approximate: a permutation test would
+need more runs for a decision after Holm. A chosen C is chosen by the other runs, so runs under it are not quite
+independent.
 
 There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
 when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims that were registered later
@@ -204,7 +208,7 @@ def _task_change(claim: Claim, task: TaskDecision) -> str:
         runs = max(found.n_left, found.n_right)
         if found.error == 0.0:
             return f"{task.task}: more training runs that agree; {runs} cannot decide at {LEVEL:g}."
-        needed = math.ceil(runs * (found.half / away) ** 2)
+        needed = math.ceil(runs * POWER_FACTOR * (found.half / away) ** 2)
         number = f"more than {MOST_RUNS}" if needed > MOST_RUNS else f"about {needed}"
-        return f"{task.task}: {number} training runs, if difference and spread stay as they are."
+        return f"{task.task}: {number} training runs, if difference and spread stay as they are (80 % power)."
     return f"{task.task}: undecided again if the difference shrank by {wording.quantity(away - found.half)}."

@@ -86,11 +86,14 @@ class EvaluateRow(RowStep):
         """Return the table of finished lanes; None where there is none. Nothing is simulated.
 
         A clock is in it if every policy was evaluated under it, with those start states, from the first on, that every
-        policy has. Without groups of lanes, `lanes.parquet` is read as it is.
+        policy has; in a confirmatory grid only if every lane is there. Without groups of lanes, `lanes.parquet` is read
+        as it is.
         """
         if not (self.folder / GROUPS).is_dir():
             return read_table(self.folder / TABLE)[0] if (self.folder / TABLE).is_file() else None
         start_states = np.cumprod(self._finished().all(axis=0), axis=1).sum(axis=1)
+        if self.grid.confirmatory and (start_states < self.split.seeds).any():
+            return None
         parts = []
         for count in sorted(set(start_states[start_states > 0].tolist()), reverse=True):
             clocks = [clock for clock, has in zip(self.clocks, start_states, strict=True) if has == count]

@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from perdure.studies.errors import StudyError
+from perdure.studies.horizon.claim import Claim
+from perdure.studies.horizon.claims import CLAIMS, PILOT_CLAIMS
+from perdure.studies.horizon.claims_replication import REPLICATION_CLAIMS
 
 ZOO, CLEANRL = "zoo", "cleanrl"
 PHASES = {
@@ -87,8 +90,11 @@ class Grid:
     """Clocks of the geometric method, see `Extrapolation.clocks`."""
     training_steps: int | None = None
     """Replaces the preset's number."""
-    short_rollouts: bool = True
-    """Whether C is also chosen without a sweep, and rewards, critic and actions are measured against steps to go."""
+    families: tuple[tuple[Claim, ...], ...] = (CLAIMS, PILOT_CLAIMS)
+    """Claims whose comparisons Holm's method counts together."""
+    confirmatory: bool = False
+    """Whether it tests what another grid suggested: C is given and not chosen, an evaluation is read only when all of
+    its lanes are there, and there are no short rollouts (rules for C, mechanism)."""
 
     def clocks(self, row: Row) -> tuple[str, ...]:
         """Return the clocks under which a row is evaluated; () for a method without time-to-go input."""
@@ -164,8 +170,8 @@ LAPTOP_ROWS = (
 FRESH = seeds(20, first=10)
 """Training seeds that `THESIS_ROWS` does not use."""
 REPLICATION_ROWS = tuple(
-    Row(task, method, CLEANRL, FRESH, 1)
-    for task in ("Hopper-v3", "Walker2d-v3")
+    Row(task, method, preset, FRESH, 1)
+    for task, preset in (("Hopper-v3", CLEANRL), ("Walker2d-v3", CLEANRL), ("HalfCheetah-v3", ZOO))
     for method in ("ppo", "geometric", "ppo-average-reward")
 )
 SMOKE_ROWS = (*_rows(("InvertedPendulum-v4",), ZOO, (*FOUR, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),)
@@ -195,7 +201,8 @@ GRIDS = {
             (Split("test", 3000, 5),),
             100_000,
             ("constant:500", "countdown"),
-            short_rollouts=False,
+            families=(REPLICATION_CLAIMS,),
+            confirmatory=True,
         ),
     )
 }

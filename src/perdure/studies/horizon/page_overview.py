@@ -14,6 +14,7 @@ from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
 from perdure.studies.horizon.decide import ClaimDecision, p_values
 from perdure.studies.horizon.results import Results
+from perdure.studies.horizon.tables import WITHIN
 
 METHODS = (
     Condition("ppo"),
@@ -50,20 +51,27 @@ def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
 
 
 def _failures(results: Results) -> Iterator[str]:
-    """Yield how many episodes of plain PPO and of the method failed, as text."""
+    """Yield how many episodes of plain PPO and of the method failed, and how many of them early, as text."""
     compared = (Condition("ppo"), results.constant)
     found = []
     for setting in results.grid.settings:
-        shares = [results.values(setting, each, "failed share") for each in compared]
+        shares = [_failed(results, setting, each) for each in compared]
         if setting in OURS and all(shares):
-            before, after = (wording.share(fmean(each.values())) for each in shares)
-            found.append(f"{words.setting(setting)} {before} against {after}")
+            found.append(f"{words.setting(setting)} {' against '.join(shares)}")
     steps = wording.whole(float(results.grid.steps))
     if found:
         yield (
-            f"Share of {steps}-step episodes that failed, as observed: discounted PPO against geometric time-to-go "
-            f"({words.rule(compared[1].clock)}): {'; '.join(found)}."
+            f"Share of {steps}-step episodes that failed, in brackets within the first {WITHIN:,}, as observed: "
+            f"discounted PPO against geometric time-to-go ({words.rule(compared[1].clock)}): {'; '.join(found)}."
         )
+
+
+def _failed(results: Results, setting: str, condition: Condition) -> str:
+    shares = [results.values(setting, condition, name) for name in ("failed share", "failed within")]
+    if not all(shares):
+        return ""
+    all_of_them, early = (wording.share(fmean(each.values())) for each in shares)
+    return f"{all_of_them} ({early})"
 
 
 def _never_worked(results: Results) -> Iterator[str]:
@@ -96,7 +104,7 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
         sentences = f"{wording.count(len(lines), 'sentence')} about a task {'is' if len(lines) == 1 else 'are'} decided"
         head = (
             f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
-            f"correction {sentences}:"
+            f"correction for those registered together {sentences}:"
         )
         yield "\n".join([head, *lines])
     elif decided:
@@ -130,10 +138,11 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
     steps = wording.whole(float(results.grid.steps))
     names = " | ".join(words.condition(each) for each in columns)
     what = (
-        f"Mean return of {steps} steps on test start states. In brackets: share of episodes that failed; training runs "
-        "x start states. *Failed*: fell, diverged, never worked, or ended with less than three quarters of the gain "
-        "over an idle robot that it had in training. Most runs either fail early or keep nearly full reward, so the "
-        "means have wide intervals, which the claims below use. C is the constant number of steps to go given to the "
+        f"Mean return of {steps} steps on test start states. In brackets: gain; share of episodes that failed; "
+        "training runs x start states. *Gain*: return minus that of an idle robot in the same steps, as a share of a "
+        "published policy's over all steps. *Failed*: fell, diverged, never worked, or ended with less than three "
+        "quarters of the gain over an idle robot that it had in training. Most runs either fail early or keep nearly "
+        "full reward, so the means have wide intervals. C is the constant number of steps to go given to the "
         f"policy. {_choice(results)}A robot that stands still for the reward of being alive can have a high return and "
         "fail."
     )
@@ -162,12 +171,16 @@ def _method_line(results: Results, setting: str, columns: Sequence[Condition]) -
 
 
 def _cell(results: Results, setting: str, condition: Condition) -> str:
-    returns, failed = (results.values(setting, condition, name) for name in ("return", "failed share"))
+    names = ("return", "gain", "failed share")
+    returns, gains, failed = (results.values(setting, condition, name) for name in names)
     if not returns:
         return NONE
     states = results.start_states(setting, condition.method)
-    share = wording.share(fmean(failed.values()))
-    return f"{wording.quantity(fmean(returns.values()))} ({share}; {len(returns)} x {states})"
+    gain, share = fmean(gains.values()), wording.share(fmean(failed.values()))
+    shown = (
+        f"gain {round(gain, 2) + 0.0:.2f}; ".replace("-", "\u2212") if math.isfinite(gain) else ""
+    )  # + 0.0: no -0.00
+    return f"{wording.quantity(fmean(returns.values()))} ({shown}{share}; {len(returns)} x {states})"
 
 
 def _clock_table(results: Results) -> str:

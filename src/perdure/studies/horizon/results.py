@@ -57,8 +57,7 @@ class Results:
     @property
     def constant(self) -> Condition:
         """The method under a constant C: the cross-validated one, or the default where the grid chooses none."""
-        chosen = any(split.name == VALIDATION for split in self.grid.splits)
-        return Condition("geometric", "chosen" if chosen else "constant:500")
+        return Condition("geometric", "constant:500" if self.grid.confirmatory else "chosen")
 
     def of(self, row: Row, split: str = TEST) -> pl.DataFrame:
         """Return the runs of one row on one split; an empty frame where it is not evaluated."""

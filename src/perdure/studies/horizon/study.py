@@ -22,7 +22,7 @@ def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
     evaluated = [row for row in grid.rows if row.evaluated]
     for split in grid.splits:
         steps += [evaluate_row(grid, row, split, out) for row in evaluated]
-    return [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)] if grid.short_rollouts else steps
+    return steps if grid.confirmatory else [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)]
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -47,8 +47,8 @@ STUDY = Study(
         ),
         Scale(
             "replication",
-            "what `thesis` suggests, tested on fresh training runs: Hopper and Walker2d (CleanRL's settings), three "
-            "methods, 20 seeds, 100,000 test steps; nine hours on two cores",
+            "what `thesis` suggests, tested on fresh training runs: Hopper, Walker2d (CleanRL's settings) and "
+            "HalfCheetah, three methods, 20 seeds, 100,000 test steps; a day on two cores",
             Path("results", "horizon-replication"),
         ),
     ),

@@ -15,13 +15,13 @@ from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import Grid, Row
 
 WITHIN = 1000
-"""Steps of the measure "return within"."""
+"""Steps of the measures "return within" and "failed within"."""
 LATE = 0.1
 """Share of the test horizon, at its end, of the measure "reward late"."""
 LANE = ("train_seed", "clock", "eval_seed")
 MEASURED = (
-    *("return", "return within", "reward late", "failed share", "ended share", "hold share", "hold", "level"),
-    "steps to failure",
+    *("return", "return within", "reward late", "gain", "failed share", "failed within", "ended share", "hold share"),
+    *("hold", "level", "steps to failure"),
 )
 """Measures of `claim.MEASURES` that evaluation tables give."""
 VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never worked", "cannot tell")
@@ -126,17 +126,22 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
         .otherwise(pl.col("outcome"))
     )
     failed = pl.col("outcome").is_in(LANE_FAILURES) | never
+    idle = pl.col("idle_rate")
+    gain = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("level_rate") - idle) * horizon)
+    steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
     level = (pl.col("reference_rate") - pl.col("idle_rate")) / (pl.col("level_rate") - pl.col("idle_rate"))
     return last.with_columns(
         verdict=verdict,
         **{
             "reward late": (pl.col("return") - pl.col("_before")) / (horizon - before),
+            "gain": gain,
             "failed share": failed.cast(pl.Float64),
+            "failed within": (failed & (steps < within)).cast(pl.Float64),
             "ended share": ended.cast(pl.Float64),
             "hold share": (verdict == "holds").cast(pl.Float64),
             "hold": pl.when(ended | never).then(0.0).otherwise(pl.col("end_hold")),
             "level": level,
-            "steps to failure": pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon),
+            "steps to failure": steps,
         },
     ).drop("_before")
 
