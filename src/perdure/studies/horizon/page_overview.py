@@ -177,9 +177,8 @@ def _cell(results: Results, setting: str, condition: Condition) -> str:
         return NONE
     states = results.start_states(setting, condition.method)
     gain, share = fmean(gains.values()), wording.share(fmean(failed.values()))
-    shown = (
-        f"gain {round(gain, 2) + 0.0:.2f}; ".replace("-", "\u2212") if math.isfinite(gain) else ""
-    )  # + 0.0: no -0.00
+    gain = round(gain, 2) + 0.0  # no -0.00
+    shown = f"gain {gain:.2f}; ".replace("-", "\u2212") if math.isfinite(gain) else ""
     return f"{wording.quantity(fmean(returns.values()))} ({shown}{share}; {len(returns)} x {states})"
 
 
