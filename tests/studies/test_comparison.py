@@ -58,10 +58,33 @@ def test_no_spread_has_the_p_value_of_the_permutation_test():
     assert found.p() == pytest.approx(2 / 20)  # 2 of the 20 ways to choose 3 of 6 are as extreme
 
 
+def test_permutation_of_two_groups_counts_by_hand():
+    """Of the 10 ways to choose 2 of 5, only {8, 9} is as great as the left side: one-sided 1 / 10."""
+    found = compare_unpaired([8.0, 9.0], [1.0, 2.0, 3.0])
+    assert found.permutation_p() == pytest.approx(2 / 10)
+    assert found.permutation_p(6.5) == pytest.approx(1.0)  # shifted by their difference the sides are alike
+
+
+def test_permutation_of_pairs_flips_signs():
+    """All four differences are positive: 1 of 2^4 flips is as great, or 2 where the least difference is 0."""
+    left, right = {0: 2.0, 1: 3.0, 2: 4.0, 3: 5.0}, dict.fromkeys(range(4), 1.0)
+    assert compare_paired(left, right).permutation_p() == pytest.approx(2 / 16)
+    assert compare_with([2.0, 3.0, 4.0, 5.0], 2.0).permutation_p() == pytest.approx(4 / 16)
+
+
+def test_a_large_permutation_test_is_near_welch_and_gives_the_same_p_twice():
+    rng = np.random.default_rng(5)
+    left, right = rng.normal(0.6, 1.0, 20), rng.normal(0.0, 1.0, 20)
+    found = compare_unpaired(left, right)
+    assert found.permutation_p() == pytest.approx(found.p(), abs=0.01)
+    assert found.permutation_p() == compare_unpaired(left, right).permutation_p()
+
+
 def test_one_run_gives_no_interval():
     found = compare_unpaired([1.0], [0.0, 2.0])
     assert math.isnan(found.lower)
     assert math.isnan(found.p())
+    assert math.isnan(found.permutation_p())
 
 
 def test_holm():

@@ -352,7 +352,7 @@ def _bca(
             axis=0,
             confidence_level=how.confidence,
             method=how.method,
-            **{_generator_keyword(): rng},
+            **{rng_keyword(bootstrap): rng},
         )
     low, high = result.confidence_interval
     # BCa is 0/0 where leaving out any one unit changes nothing; the percentiles are still there.
@@ -361,7 +361,6 @@ def _bca(
 
 
 @cache
-def _generator_keyword() -> str:
-    from scipy.stats import bootstrap
-
-    return "rng" if "rng" in inspect.signature(bootstrap).parameters else "random_state"  # renamed in SciPy 1.15
+def rng_keyword(function: Callable[..., Any]) -> str:
+    """Return the keyword under which a function of SciPy takes its generator; version 1.15 renamed it."""
+    return "rng" if "rng" in inspect.signature(function).parameters else "random_state"

@@ -1,4 +1,4 @@
-"""Differences between groups of training runs: interval, p value, probability of improvement, Holm's correction."""
+"""Differences between groups of training runs: interval, p values, probability of improvement, Holm's correction."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.report.statistics import rng_keyword
+
 CONFIDENCE = 0.95
 FEWEST = 2
 """Runs that an interval needs on each side."""
+PERMUTATIONS = 20_000
+"""Of a permutation test. It is exact where there are no more, as of 8 runs against 8, or of 14 pairs."""
 
 FloatArray = NDArray[np.float64]
 
@@ -34,8 +38,8 @@ class Difference:
     """Runs on each side; 0: the right side is a number."""
     method: str
     """"paired t", "Welch t" or "Student t" (against a number)."""
-    rank_p: float
-    """Two-sided p of the sign test or the permutation test where no side has any spread."""
+    samples: tuple[tuple[float, ...], ...] = ()
+    """What a permutation test permutes: the two sides, or one sample of differences; () where there is no such test."""
 
     @property
     def estimate(self) -> float:
@@ -62,13 +66,35 @@ class Difference:
         return self.estimate + self.half
 
     def p(self, threshold: float = 0.0) -> float:
-        """Return the two-sided p value of the difference being this; nan where there are too few runs."""
-        away = abs(self.estimate - threshold)
-        if not self.error > 0.0:
-            return math.nan if math.isnan(self.error) else self.rank_p if away > 0.0 else 1.0
+        """Return the two-sided p value of the difference being this, by Student's t; nan where there are too few runs.
+
+        Runs without any spread have the p value of the permutation test.
+        """
+        if math.isnan(self.error):
+            return math.nan
+        if self.error == 0.0:
+            return self.permutation_p(threshold)
         from scipy.special import stdtr
 
-        return 2.0 * float(stdtr(self.freedom, -away / self.error))
+        return 2.0 * float(stdtr(self.freedom, -abs(self.estimate - threshold) / self.error))
+
+    def permutation_p(self, threshold: float = 0.0) -> float:
+        """Return the same by a permutation test of the difference of means; nan where there are too few runs.
+
+        Two groups are permuted after the threshold is taken from the left side, which assumes that they differ by a
+        shift. One group, of differences, has its signs flipped, which assumes that it is symmetric [Ernst, 2004,
+        "Permutation Methods: A Basis for Exact Inference"].
+        """
+        if not self.samples or math.isnan(self.error):
+            return math.nan
+        from scipy.stats import permutation_test
+
+        first, *others = (np.array(each) for each in self.samples)
+        data = (first - threshold, *others)
+        kind = "independent" if others else "samples"
+        settings = {"n_resamples": PERMUTATIONS, rng_keyword(permutation_test): 0}
+        found = permutation_test(data, _difference_of_means, vectorized=True, permutation_type=kind, **settings)
+        return float(found.pvalue)
 
     @property
     def count(self) -> str:
@@ -83,7 +109,7 @@ def compare_paired(left: Mapping[int, float], right: Mapping[int, float]) -> Dif
     a, b = (np.array([side[seed] for seed in seeds], np.float64) for side in (left, right))
     error, freedom = _student(a - b)
     wins = float(np.mean((a > b) + 0.5 * (a == b))) if seeds else math.nan
-    return _difference(a, b, len(b), error, freedom, "paired t", wins, 2.0 * 0.5 ** len(a))
+    return _difference(a, b, len(b), error, freedom, "paired t", wins, (a - b,))
 
 
 def compare_unpaired(left: Sequence[float], right: Sequence[float]) -> Difference:
@@ -92,7 +118,7 @@ def compare_unpaired(left: Sequence[float], right: Sequence[float]) -> Differenc
     error, freedom = _welch(a, b)
     wins = (a[:, None] > b[None, :]) + 0.5 * (a[:, None] == b[None, :])
     improvement = float(wins.mean()) if wins.size else math.nan
-    return _difference(a, b, len(b), error, freedom, "Welch t", improvement, 2.0 / math.comb(len(a) + len(b), len(a)))
+    return _difference(a, b, len(b), error, freedom, "Welch t", improvement, (a, b))
 
 
 def compare_with(left: Sequence[float], value: float) -> Difference:
@@ -100,7 +126,30 @@ def compare_with(left: Sequence[float], value: float) -> Difference:
     a = np.asarray(left, np.float64)
     error, freedom = _student(a - value)
     wins = float(np.mean(a > value)) if a.size else math.nan
-    return _difference(a, np.array([value]), 0, error, freedom, "Student t", wins, 2.0 * 0.5 ** len(a))
+    return _difference(a, np.array([value]), 0, error, freedom, "Student t", wins, (a - value,))
+
+
+def mean_difference(differences: Sequence[Difference], scales: Sequence[float] | None = None) -> Difference:
+    """Return the mean of independent differences, with Satterthwaite's degrees of freedom [1946, Biometrics 2].
+
+    Args:
+        differences: Such as one for each task; at least one.
+        scales: What each is divided by first; 1 by default.
+    """
+    k, by = len(differences), [1.0] * len(differences) if scales is None else scales
+    parts = [(each.error / scale / k) ** 2 for each, scale in zip(differences, by, strict=True)]
+    squared = sum(parts)
+    terms = [part**2 / each.freedom for part, each in zip(parts, differences, strict=True) if part > 0.0]
+    return Difference(
+        left=sum(each.estimate / scale for each, scale in zip(differences, by, strict=True)) / k,
+        right=0.0,
+        error=math.sqrt(squared),
+        freedom=squared**2 / sum(terms) if terms else math.nan,
+        improvement=sum(each.improvement for each in differences) / k,
+        n_left=min(each.n_left for each in differences),
+        n_right=min(each.n_right for each in differences),
+        method=f"mean of {k} tasks",
+    )
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -125,10 +174,16 @@ def _difference(
     freedom: float,
     method: str,
     improvement: float,
-    rank_p: float,
+    samples: Sequence[FloatArray],
 ) -> Difference:
     left, right = (float(side.mean()) if side.size else math.nan for side in (a, b))
-    return Difference(left, right, error, freedom, improvement, len(a), n_right, method, min(1.0, rank_p))
+    kept = tuple(tuple(each.tolist()) for each in samples)
+    return Difference(left, right, error, freedom, improvement, len(a), n_right, method, kept)
+
+
+def _difference_of_means(a: FloatArray, b: FloatArray | None = None, axis: int = -1) -> FloatArray:
+    """Return the mean of one group, or the difference of the means of two."""
+    return np.asarray(a.mean(axis) if b is None else a.mean(axis) - b.mean(axis))
 
 
 def _student(values: FloatArray) -> tuple[float, float]:

@@ -54,7 +54,7 @@ def lanes(row, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0):
     ]
 
 
-def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=False):
+def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=False, tasks=()):
     """Write evaluations and read them back.
 
     Args:
@@ -62,11 +62,12 @@ def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=Fals
         test: {(method, clock): {seed: return}}; a return of None is a fall that earns 1.
         validation: Likewise; the test ones by default.
         task: Of all of them.
+        tasks: With the same returns on each, in place of `task`.
         confirmatory: Of the grid, which then has no validation start states.
     """
     methods = dict.fromkeys(method for method, _ in test)
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
-    rows = tuple(Row(task, method, ZOO, tuple(seeds[method]), 1) for method in methods)
+    rows = tuple(Row(each, method, ZOO, tuple(seeds[method]), 1) for each in tasks or (task,) for method in methods)
     splits = SPLITS[1:] if confirmatory else SPLITS
     grid = Grid("thesis", rows, splits, HORIZON, ("sweep",), confirmatory=confirmatory)
     for split, row in product(splits, rows):

@@ -5,6 +5,7 @@ import pytest
 from known_results import HORIZON, make_results
 
 from perdure.studies.files import write_csv
+from perdure.studies.horizon.across_tasks import gain_table
 from perdure.studies.horizon.analyze import make_figures
 from perdure.studies.horizon.page import BEGIN, END, write_page
 from perdure.studies.horizon.summaries import choice_table, condition_table
@@ -63,6 +64,25 @@ def test_where_no_c_is_chosen_the_method_is_shown_under_the_default_clock(tmp_pa
     assert "cross-validated" not in text
     assert "| task | PPO, tuned discount | geometric time-to-go, always 500 steps to go |" in text
     assert "Swimmer-v3 0 % (0 %) against 33 % (33 %)." in text
+
+
+def test_the_mean_over_tasks_is_student_with_more_freedom(tmp_path):
+    """Two tasks with the same three gains: half the variance of one mean, and 2 + 2 degrees of freedom."""
+    results = make_results(tmp_path / "results", RUNS, tasks=("Swimmer-v3", "HalfCheetah-v3"))
+    row = gain_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # gains: 100, 200, 300 of 3,000
+    assert (row["gain"], row["upper"] - row["gain"]) == pytest.approx((200.0 / 3000.0, half))
+    figures = list(make_figures(results))
+    text = write_page(tmp_path / "README.md", results, (), figures).read_text()
+    assert "mean of 2 tasks (95 % interval over training runs): PPO, tuned discount 0.07 (0.03 to 0.10);" in text
+    assert "The method minus discounted PPO: 0.10 (" in text
+    assert "](figures/gain.png)" in text
+    (figure,) = (each for each in figures if each.name == "gain")
+    assert "mean of 2 tasks" in str(figure.spec)
+
+
+def test_without_a_second_task_there_is_no_mean(tmp_path):
+    assert gain_table(make_results(tmp_path, RUNS, task="Swimmer-v3")).is_empty()
 
 
 def test_main_figures_come_first(results, tmp_path):

@@ -10,10 +10,12 @@ import polars as pl
 from perdure.report.render import Figure, Format, save
 from perdure.runs import write_atomic
 from perdure.studies.files import write_csv
+from perdure.studies.horizon.across_tasks import gain_table
 from perdure.studies.horizon.claim import Claim
 from perdure.studies.horizon.claim_table import claims_frame, claims_text
 from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.figure_curves import clock_figures, survival_figures, training_horizon_figures
+from perdure.studies.horizon.figure_gain import gain_figure
 from perdure.studies.horizon.figure_mechanism import mechanism_figures
 from perdure.studies.horizon.figure_returns import bias_figure, return_figures
 from perdure.studies.horizon.figure_sweep import sweep_figures
@@ -54,6 +56,7 @@ def _tables(results: Results) -> Iterator[tuple[str, pl.DataFrame]]:
     yield "runs", results.runs
     yield "validation", results.validation_runs
     yield "conditions", condition_table(results)
+    yield "gain", gain_table(results)
     yield "choice", choice_table(results)
     yield "rules", rule_table(results)
     yield "mechanism", results.mechanism
@@ -63,6 +66,7 @@ def _tables(results: Results) -> Iterator[tuple[str, pl.DataFrame]]:
 def make_figures(results: Results) -> Iterator[Figure]:
     """Draw every figure for which there are tables."""
     choices = choice_table(results)
+    yield from gain_figure(results)
     yield from training_horizon_figures(results)
     yield from return_figures(results)
     yield from training_figures(results)

@@ -18,13 +18,17 @@ POWER_FACTOR = (2.80 / 1.96) ** 2
 """Runs for a power of 80 % beside those that make the 95 % interval just touch the threshold (a power of 50 %)."""
 MOST_RUNS = 50
 """Larger numbers of training runs are not estimated."""
+COLUMNS = (
+    *("task", "left", "right", "difference (95 % interval)", "runs", "P(left > right)", "p", "p (permutation)"),
+    *("p (Holm)", "decision"),
+)
 HEAD = """# Claims
 
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
 the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
-otherwise. Where no side has any spread there is no interval, and a sign test or a permutation test of the runs decides
-at {level:g}. With three to ten runs that either hold or fail, Student's t is approximate: a permutation test would
-need more runs for a decision after Holm. A chosen C is chosen by the other runs, so runs under it are not quite
+otherwise. With three to ten runs that either hold or fail, Student's t is approximate, so the p value of a permutation
+test stands beside it (signs flipped, or runs exchanged between the sides). Where no side has any spread there is no
+interval, and that test decides at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite
 independent.
 
 There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
@@ -90,6 +94,7 @@ def _row(each: ClaimDecision, task: TaskDecision) -> dict[str, object]:
         "probability of improvement": found.improvement if found else None,
         "margin": task.margin if found else None,
         "p": task.p if found else None,
+        "p by permutation": task.permutation_p if found else None,
         "p by Holm": task.adjusted_p if found else None,
         "decision": task.decision,
         "after Holm": task.after_holm,
@@ -106,8 +111,7 @@ def _claim_text(each: ClaimDecision) -> str:
     )
     head += "" if each.after_holm == each.decision else f" (counting all comparisons: {each.after_holm})"
     rows = "".join(_task_line(claim, task) for task in each.tasks)
-    columns = "| task | left | right | difference (95 % interval) | runs | P(left > right) | p | p (Holm) | decision |"
-    table = f".\n\n{columns}\n|---|---|---|---|---|---|---|---|---|\n{rows}"
+    table = f".\n\n| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n{rows}"
     pooled = "" if each.pooled is None else _pooled_text(each, each.pooled)
     return f"{head}{table}{pooled}\nWhat would change it: {_would_change(each)}\n"
 
@@ -121,7 +125,7 @@ def _pooled_text(each: ClaimDecision, pooled: Difference) -> str:
 def _task_line(claim: Claim, task: TaskDecision) -> str:
     found = task.difference
     if found is None:
-        return f"| {task.task} | | | | 0 | | | | not {'evaluated' if task.planned else 'planned'} |\n"
+        return f"| {task.task} | | | | 0 | | | | | not {'evaluated' if task.planned else 'planned'} |\n"
     cells = [
         task.task,
         wording.quantity(found.left),
@@ -130,6 +134,7 @@ def _task_line(claim: Claim, task: TaskDecision) -> str:
         f"{found.count} ({found.method if found.error != 0.0 else 'no spread'})",
         wording.share(found.improvement),
         _p(task.p),
+        _p(task.permutation_p),
         _p(task.adjusted_p),
         task.decision,
     ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from perdure.studies.comparison import Difference, compare_paired, compare_unpaired, compare_with, holm
+from perdure.studies.comparison import Difference, compare_paired, compare_unpaired, compare_with, holm, mean_difference
 from perdure.studies.horizon.claim import SHARES, Claim, Condition
 from perdure.studies.horizon.results import Results
 
@@ -28,6 +28,8 @@ class TaskDecision:
     """By the 95 % interval."""
     p: float
     """Two-sided p value of the threshold nearest to the decision; nan where there is none."""
+    permutation_p: float = math.nan
+    """The same by a permutation test. It decides only where no side has any spread."""
     adjusted_p: float = math.nan
     """The same by Holm's method, over all comparisons of the claim table."""
     planned: bool = True
@@ -143,11 +145,12 @@ def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> 
         planned = all(results.is_planned(setting, method, claim.measure) for setting, method in sides)
         return TaskDecision(task, None, math.nan, "not evaluated", math.nan, planned=planned)
     margin = _margin(claim, difference.right)
-    p = difference.p(threshold(claim, difference, margin))
+    edge = threshold(claim, difference, margin)
+    p = difference.p(edge)
     decision = by_interval(claim, difference, margin)
     if difference.error == 0.0 and not p <= LEVEL:  # runs that are all alike have no interval: their number decides
         decision = "undecided"
-    return TaskDecision(task, difference, margin, decision, p)
+    return TaskDecision(task, difference, margin, decision, p, difference.permutation_p(edge))
 
 
 def _compare(claim: Claim, task: str, right_task: str, results: Results) -> Difference | None:
@@ -170,27 +173,10 @@ def _margin(claim: Claim, right: float) -> float:
 
 
 def mean_over_tasks(claim: Claim, differences: Sequence[Difference | None]) -> Difference | None:
-    """Return the mean over tasks of (left - right) / |mean of right|, with Satterthwaite's degrees of freedom.
+    """Return the mean over tasks of (left - right) / |mean of right|; the divisor of shares is 1.
 
     None where a task is not evaluated, has too few runs, or a right side's mean of 0.
     """
     known = [each for each in differences if each is not None and math.isfinite(each.error)]
     scales = [1.0 if claim.measure in SHARES else abs(each.right) for each in known]
-    if len(known) < len(differences) or not all(scales):
-        return None
-    k = len(known)
-    parts = [(each.error / scale / k) ** 2 for each, scale in zip(known, scales, strict=True)]
-    estimate = sum(each.estimate / scale for each, scale in zip(known, scales, strict=True)) / k
-    squared = sum(parts)
-    terms = [part**2 / each.freedom for part, each in zip(parts, known, strict=True) if part > 0.0]
-    return Difference(
-        left=estimate,
-        right=0.0,
-        error=math.sqrt(squared),
-        freedom=squared**2 / sum(terms) if terms else math.nan,
-        improvement=sum(each.improvement for each in known) / k,
-        n_left=min(each.n_left for each in known),
-        n_right=min(each.n_right for each in known),
-        method=f"mean of {k} tasks",
-        rank_p=max(each.rank_p for each in known),
-    )
+    return None if len(known) < len(differences) or not all(scales) else mean_difference(known, scales)

@@ -9,20 +9,17 @@ from statistics import fmean
 import polars as pl
 
 from perdure.report import wording
-from perdure.studies.horizon import words
+from perdure.report.render import Figure
+from perdure.studies.comparison import Difference
+from perdure.studies.horizon import across_tasks, figure_gain, words
+from perdure.studies.horizon.across_tasks import mean_gains
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claims import OURS
 from perdure.studies.horizon.decide import ClaimDecision, p_values
 from perdure.studies.horizon.results import Results
 from perdure.studies.horizon.tables import WITHIN
 
-METHODS = (
-    Condition("ppo"),
-    Condition("ppo-undiscounted"),
-    Condition("ppo-average-reward"),
-    Condition("linear", "constant:500"),
-    Condition("linear", "countdown"),
-)
+METHODS = (*across_tasks.METHODS, Condition("linear", "countdown"))
 """Columns of the first table, before that of the method; one without a number is left out."""
 CLOCKS = ("constant:500", "chosen", "countdown", "chosen periodic", "constant:0")
 """Of the geometric method, with the chosen ones cross-validated."""
@@ -31,7 +28,7 @@ NEVER = 0.5
 NONE = "\u2013"
 
 
-def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
+def overview(results: Results, decided: Sequence[ClaimDecision], figures: Sequence[Figure]) -> str:
     """Return the first part of the page."""
     columns = [
         each
@@ -41,13 +38,33 @@ def overview(results: Results, decided: Sequence[ClaimDecision]) -> str:
     if not columns:
         return "## Result\n\nNothing is evaluated on the test start states yet.\n\n"
     lines = [_method_line(results, setting, columns) for setting in results.grid.settings]
-    parts = [_sentences(results, decided), _method_head(results, columns), *lines, "\n", _clock_table(results)]
+    main = [f"![{each.title}](figures/{each.name}.png)\n\n" for each in figures if each.name == figure_gain.NAME]
+    parts = [_sentences(results, decided), *main, _method_head(results, columns), *lines, "\n", _clock_table(results)]
     return "## Result\n\n" + "".join(parts)
 
 
 def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
-    found = [*_failures(results), *_never_worked(results), *_after_holm(decided), *_advice(results)]
+    found = [*_means(results), *_failures(results), *_never_worked(results), *_after_holm(decided), *_advice(results)]
     return "".join(f"- {line}\n" for line in found) + "\n" if found else ""
+
+
+def _means(results: Results) -> Iterator[str]:
+    """Yield the mean over tasks of each method's gain, as text."""
+    means = mean_gains(results)
+    if not means:
+        return
+    found = [f"{words.condition(each.condition)} {_between(each.gain)}" for each in means]
+    text = (
+        f"Gain over an idle robot in {wording.whole(float(results.grid.steps))} steps, mean of {means[0].tasks} tasks "
+        f"(95 % interval over training runs): {'; '.join(found)}."
+    )
+    beside = next((each.beside_ppo for each in means if each.condition == results.constant), None)
+    yield text + (f" The method minus discounted PPO: {_between(beside)}." if beside else "")
+
+
+def _between(found: Difference) -> str:
+    numbers = (f"{number + 0.0:.2f}".replace("-", "\u2212") for number in (found.estimate, found.lower, found.upper))
+    return "{} ({} to {})".format(*numbers)
 
 
 def _failures(results: Results) -> Iterator[str]:

@@ -1,0 +1,89 @@
+"""The gain over an idle robot by method, averaged over tasks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import polars as pl
+
+from perdure.studies.comparison import Difference, compare_unpaired, compare_with, mean_difference
+from perdure.studies.horizon.claim import Condition
+from perdure.studies.horizon.claims import OURS, PPO
+from perdure.studies.horizon.results import Results
+
+GAIN = "gain"
+METHODS = (
+    Condition("ppo"),
+    Condition("ppo-undiscounted"),
+    Condition("ppo-average-reward"),
+    Condition("linear", "constant:500"),
+)
+"""Compared with each other and with the method under its constant C."""
+
+
+@dataclass(frozen=True)
+class MeanGain:
+    """The mean over tasks of a method's gain. Every task counts alike, whatever its number of training runs."""
+
+    condition: Condition
+    tasks: int
+    gain: Difference
+    """The gain itself: its right side is 0."""
+    beside_ppo: Difference | None
+    """Minus that of discounted PPO; None for PPO."""
+
+
+def conditions(results: Results) -> tuple[Condition, ...]:
+    """Return what is compared, in the order of figures and tables."""
+    return (*METHODS, results.constant)
+
+
+def settings(results: Results) -> tuple[str, ...]:
+    """Return the tasks that are averaged: all whose settings let some robot learn to move, see `claims.OURS`."""
+    return tuple(setting for setting in results.grid.settings if setting in OURS)
+
+
+def gains(results: Results, setting: str, condition: Condition) -> dict[int, float]:
+    """Return the gain of each training run, by seed; {} where it is not evaluated or no published policy is known."""
+    found = results.values(setting, condition, GAIN)
+    return found if all(map(math.isfinite, found.values())) else {}
+
+
+def mean_gains(results: Results) -> list[MeanGain]:
+    """Return the mean of every method that is evaluated on all of the tasks; none where there is one task only."""
+    names = settings(results)
+    return [found for each in conditions(results) if len(names) > 1 and (found := _mean_gain(results, each, names))]
+
+
+def _mean_gain(results: Results, condition: Condition, names: tuple[str, ...]) -> MeanGain | None:
+    by_task = [list(gains(results, setting, condition).values()) for setting in names]
+    of_ppo = [list(gains(results, setting, PPO).values()) for setting in names]
+    if not all(len(runs) > 1 for runs in (*by_task, *of_ppo)):
+        return None
+    gain = mean_difference([compare_with(runs, 0.0) for runs in by_task])
+    beside = mean_difference([compare_unpaired(*sides) for sides in zip(by_task, of_ppo, strict=True)])
+    return MeanGain(condition, len(names), gain, None if condition == PPO else beside)
+
+
+def gain_table(results: Results) -> pl.DataFrame:
+    """Return one row for each method, for tables/gain.csv."""
+    return pl.DataFrame(list(_rows(results)), infer_schema_length=None)
+
+
+def _rows(results: Results) -> Iterator[dict[str, object]]:
+    for each in mean_gains(results):
+        beside = each.beside_ppo
+        yield {
+            "method": each.condition.method,
+            "clock": each.condition.clock,
+            "tasks": each.tasks,
+            "gain": each.gain.estimate,
+            "lower": each.gain.lower,
+            "upper": each.gain.upper,
+            "beside ppo": beside.estimate if beside else None,
+            "beside lower": beside.lower if beside else None,
+            "beside upper": beside.upper if beside else None,
+            "probability of improvement": beside.improvement if beside else None,
+        }
