@@ -35,7 +35,8 @@ class ExtrapolateFlags:
     """For these models: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
     training horizon."""
     training_horizon: int | None = None
-    """For these models and ONNX models: steps of a training episode; the environment's own step limit if left out."""
+    """For these models and ONNX models: steps of a training episode; if left out, what an exported ONNX model says, or
+    the environment's own step limit."""
     trust: bool = False
     """For these models: load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust."""
     steps: int = 100_000

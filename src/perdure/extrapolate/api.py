@@ -66,7 +66,8 @@ def extrapolate(evaluation: Any, *arguments: Any, **options: Any) -> Extrapolati
         eval_seeds: Start states.
         first_eval_seed: The first of them.
         training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
-            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own.
+            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
+            that perdure exported.
         recurrent: The function has a memory.
         name: Of the policy, in the table; by default the function's name.
         out: Folder for lanes.parquet and report.html; None writes nothing.

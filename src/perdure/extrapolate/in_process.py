@@ -109,9 +109,14 @@ class _Options:
             spaces,
             self.recurrent,
             self.clocks is not None,
-            float(resolve_training_horizon(spec, self.training_horizon)),
+            float(resolve_training_horizon(spec, self._known_horizon(subject))),
             {"method": label, "seed": 0},
         )
+
+    def _known_horizon(self, subject: Callable[..., Any]) -> int | None:
+        if self.training_horizon is None and isinstance(subject, OnnxModel):
+            return subject.training_horizon
+        return self.training_horizon
 
     def check_times(self, model: OnnxModel) -> None:
         if model.times == ("elapsed",):

@@ -14,7 +14,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 import perdure
 from perdure.extrapolate import ExtrapolationError
-from perdure.horizon import Constant, Countdown, HorizonProtocol, Periodic, TimeFeature, Uniform
+from perdure.horizon import Constant, Countdown, Fixed, HorizonProtocol, Periodic, TimeFeature, Uniform
 from perdure.policy import PolicyError, PolicyFileError, load_policy
 from perdure.policy.activations import ACTIVATIONS
 from perdure.policy.onnx import OnnxModel, export_onnx
@@ -230,6 +230,36 @@ class TestModelsOfOtherMakers:
         model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx"))
         with pytest.raises(PolicyError, match=r"observations of shape \(n, 11\), got \(20, 10\)"):
             model(OBSERVATIONS[:20, :10])
+
+
+class TestTrainingHorizon:
+    def test_an_exported_model_knows_its_own_and_the_caller_may_name_another(self, tmp_path):
+        protocol = replace(POLICIES["plain"].protocol, horizon=Fixed(300))
+        path = export_onnx(replace(POLICIES["plain"], protocol=protocol), tmp_path / "short.onnx")
+        assert OnnxModel.load(path).training_horizon == 300
+        options = {"env": "Hopper-v3", "steps": 20, "eval_seeds": 1}  # Hopper-v3 has a limit of 1,000 steps
+        assert perdure.extrapolate(path, **options).frame["train_horizon"].unique().to_list() == [300.0]
+        named = perdure.extrapolate(path, training_horizon=50, **options).frame
+        assert named["train_horizon"].unique().to_list() == [50.0]
+
+    @pytest.mark.parametrize(("text", "steps"), [("1000.0", 1000), ("inf", None), (None, None)])
+    def test_is_read_from_the_metadata(self, tmp_path, text, steps):
+        assert OnnxModel.load(self.noted(tmp_path / "noted.onnx", text)).training_horizon == steps
+
+    @pytest.mark.parametrize("text", ["long", "0", "-5", "nan"])
+    def test_that_makes_no_sense_is_refused(self, tmp_path, text):
+        with pytest.raises(PolicyFileError, match=f"training_horizon is '{text}'; it is a number of steps"):
+            OnnxModel.load(self.noted(tmp_path / "noted.onnx", text))
+
+    def noted(self, path, text):
+        model = onnx.load(export_onnx(POLICIES["plain"], path))
+        kept = [each for each in model.metadata_props if each.key != "perdure.training_horizon"]
+        del model.metadata_props[:]
+        model.metadata_props.extend(kept)
+        if text is not None:
+            model.metadata_props.add(key="perdure.training_horizon", value=text)
+        onnx.save(model, path)
+        return path
 
 
 class TestTime:

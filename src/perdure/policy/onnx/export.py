@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from perdure.horizon import Clock, Constant
 from perdure.policy.errors import PolicyError
 from perdure.policy.onnx.graph import IR_VERSION, OPSET, Graph, Value
-from perdure.policy.onnx.model import OnnxModel, require
+from perdure.policy.onnx.model import TRAINING_HORIZON, OnnxModel, require
 from perdure.policy.policy import Policy
 from perdure.runs import write_atomic
 
@@ -94,7 +94,7 @@ def _notes(policy: Policy, clock: Clock | None) -> dict[str, str]:
     return {
         "perdure.task": policy.task.name,
         "perdure.clock": label,
-        "perdure.training_horizon": str(policy.training_horizon),
+        TRAINING_HORIZON: str(policy.training_horizon),
         "perdure.provenance": json.dumps(known, sort_keys=True),
     }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
@@ -18,6 +19,8 @@ TIMES = ("elapsed", "horizon")
 """Names of inputs that hold the time."""
 ACTIONS = ("action", "actions")
 """Names of the action output if there are several outputs; else the first output is used."""
+TRAINING_HORIZON = "perdure.training_horizon"
+"""Metadata that `export_onnx` writes: steps."""
 MAX_BYTES = 500_000_000
 
 
@@ -33,7 +36,7 @@ class OnnxModel:
 
     Raises:
         PolicyFileError: If it is no ONNX model, needs operators or files that are not in it, or has other inputs than
-            one observation and, perhaps, `elapsed` and `horizon`.
+            one observation and, perhaps, `elapsed` and `horizon`, or its metadata name no horizon of at least 1 step.
     """
 
     def __init__(self, data: bytes, what: str) -> None:
@@ -67,6 +70,8 @@ class OnnxModel:
         outputs = [each.name for each in self._session.get_outputs()]
         self._output = next((name for name in ACTIONS if name in outputs), outputs[0])
         self.__name__ = Path(what).stem
+        self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
+        """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -127,6 +132,19 @@ def _batches(feed: dict[str, NDArray[Any]], size: Any) -> Iterator[dict[str, NDA
     for first in range(0, rows, step):
         chosen = np.minimum(np.arange(first, first + step), rows - 1)
         yield {name: values[chosen] for name, values in feed.items()}
+
+
+def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
+    text = metadata.get(TRAINING_HORIZON, "inf")
+    try:
+        steps = float(text)
+    except ValueError:
+        steps = math.nan
+    if not steps >= 1.0:
+        raise PolicyFileError(
+            f"{what}: its metadata {TRAINING_HORIZON} is {text!r}; it is a number of steps, 1 or more"
+        )
+    return int(steps) if math.isfinite(steps) else None
 
 
 def _dtype(kind: str) -> Any:
