@@ -80,6 +80,19 @@ def test_a_large_permutation_test_is_near_welch_and_gives_the_same_p_twice():
     assert found.permutation_p() == compare_unpaired(left, right).permutation_p()
 
 
+@pytest.mark.parametrize("runs", [3, 6, 20])
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_runs_that_agree_have_no_spread_whatever_their_rounding(value, runs):
+    """0.9 three times has a standard deviation of 1e-16; a t test would find p = 1e-32."""
+    found = compare_with([value] * runs, 0.1)
+    assert found.half == 0.0
+    assert found.p() == found.permutation_p() > 1e-5
+
+
+def test_ties_with_a_number_count_half():
+    assert compare_with([1.0, 2.0, 3.0, 3.0], 2.0).improvement == pytest.approx((0 + 0.5 + 1 + 1) / 4)
+
+
 def test_one_run_gives_no_interval():
     found = compare_unpaired([1.0], [0.0, 2.0])
     assert math.isnan(found.lower)

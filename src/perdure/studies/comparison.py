@@ -32,7 +32,7 @@ class Difference:
     freedom: float
     """Degrees of freedom of Student's t."""
     improvement: float
-    """Share of pairs of runs in which left is greater; ties count half."""
+    """Share of pairs of runs (of runs, where paired or beside a number) in which left is greater; ties count half."""
     n_left: int
     n_right: int
     """Runs on each side; 0: the right side is a number."""
@@ -125,7 +125,7 @@ def compare_with(left: Sequence[float], value: float) -> Difference:
     """Compare a group of training runs with a number, by Student's t interval."""
     a = np.asarray(left, np.float64)
     error, freedom = _student(a - value)
-    wins = float(np.mean(a > value)) if a.size else math.nan
+    wins = float(np.mean((a > value) + 0.5 * (a == value))) if a.size else math.nan
     return _difference(a, np.array([value]), 0, error, freedom, "Student t", wins, (a - value,))
 
 
@@ -134,7 +134,7 @@ def mean_difference(differences: Sequence[Difference], scales: Sequence[float] |
 
     Args:
         differences: Such as one for each task; at least one.
-        scales: What each is divided by first; 1 by default.
+        scales: What each is divided by first, taken as exact; 1 by default.
     """
     k, by = len(differences), [1.0] * len(differences) if scales is None else scales
     parts = [(each.error / scale / k) ** 2 for each, scale in zip(differences, by, strict=True)]
@@ -191,6 +191,8 @@ def _student(values: FloatArray) -> tuple[float, float]:
     n = len(values)
     if n < FEWEST or not np.isfinite(values).all():
         return math.nan, math.nan
+    if np.ptp(values) == 0.0:  # the standard deviation of equal numbers is not always 0
+        return 0.0, math.nan
     return float(values.std(ddof=1)) / math.sqrt(n), n - 1.0
 
 
@@ -199,8 +201,8 @@ def _welch(a: FloatArray, b: FloatArray) -> tuple[float, float]:
     n, m = len(a), len(b)
     if min(n, m) < FEWEST or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return math.nan, math.nan
+    if np.ptp(a) == np.ptp(b) == 0.0:
+        return 0.0, math.nan
     first, second = float(a.var(ddof=1)) / n, float(b.var(ddof=1)) / m
     squared = first + second
-    if squared == 0.0:
-        return 0.0, math.nan
     return math.sqrt(squared), squared**2 / (first**2 / (n - 1) + second**2 / (m - 1))

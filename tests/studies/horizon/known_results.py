@@ -69,7 +69,8 @@ def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=Fals
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
     rows = tuple(Row(each, method, ZOO, tuple(seeds[method]), 1) for each in tasks or (task,) for method in methods)
     splits = SPLITS[1:] if confirmatory else SPLITS
-    grid = Grid("thesis", rows, splits, HORIZON, ("sweep",), confirmatory=confirmatory)
+    swept = tuple(clock for _, clock in test if clock != "none") if confirmatory else ("sweep",)
+    grid = Grid("thesis", rows, splits, HORIZON, swept, confirmatory=confirmatory)
     for split, row in product(splits, rows):
         runs = test if split.name == "test" or validation is None else validation
         found = [

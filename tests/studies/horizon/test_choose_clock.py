@@ -82,5 +82,10 @@ def test_without_noise_there_is_no_bias():
     assert bias(0.0, repeats=3) == 0.0
 
 
-def test_runs_without_a_value_are_left_out():
-    assert under(runs({100: [1, 2]}), {0: "constant:100", 7: "constant:100"}) == {0: 1.0}
+def test_where_a_run_is_not_evaluated_under_its_clock_the_others_are_no_sample():
+    assert under(runs({100: [1, 2]}), {0: "constant:100", 7: "constant:100"}) == {}
+
+
+def test_a_run_whose_measure_has_no_value_is_left_out():
+    table = runs({100: [1, 2]}).with_columns(pl.when(pl.col("train_seed") == 1).then("return").alias("return"))
+    assert under(table, {0: "constant:100", 1: "constant:100"}) == {1: 2.0}

@@ -3,14 +3,17 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from known_results import make_results
 
 from perdure.studies import StudyError
+from perdure.studies.comparison import compare_unpaired, compare_with
 from perdure.studies.horizon.claim import Claim, Condition
-from perdure.studies.horizon.claim_table import claims_frame, claims_text
+from perdure.studies.horizon.claim_table import claims_frame, claims_text, runs_needed
 from perdure.studies.horizon.decide import decide_claims
 from perdure.studies.horizon.grid import ZOO, Row
+from perdure.studies.horizon.page import write_page
 
 TASK = "Hopper-v3"
 PPO, NONE = Condition("ppo"), {seed: 100.0 + seed for seed in range(5)}
@@ -49,18 +52,22 @@ def test_decisions(tmp_path, left, direction, margin, expected):
     assert decided(tmp_path, left, claim(direction, margin=margin)) == [expected]
 
 
-@pytest.mark.parametrize(("runs", "expected"), [(5, ["undecided", "undecided"]), (6, ["supported", "contradicted"])])
-def test_runs_without_spread_are_decided_by_their_number(tmp_path, runs, expected):
+@pytest.mark.parametrize("number", [0.5, 0.1])
+@pytest.mark.parametrize(
+    ("runs", "expected"),
+    [(3, ["undecided", "undecided"]), (5, ["undecided", "undecided"]), (6, ["supported", "contradicted"])],
+)
+def test_runs_without_spread_are_decided_by_their_number(tmp_path, runs, expected, number):
     """All runs fell: a sign test of five has p = 2 / 2^5 = 0.0625, of six 0.031."""
     fallen = dict.fromkeys(range(runs))
-    claims = [claim(way, right=0.5, measure="failed share", margin=0.1) for way in ("greater", "less")]
+    claims = [claim(way, right=number, measure="failed share", margin=0.1) for way in ("greater", "less")]
     results = make_results(
         tmp_path, {("ppo", "none"): dict.fromkeys(range(runs), 1.0), ("geometric", "constant:500"): fallen}
     )
     found = decide_claims(claims, results)
     assert [each.decision for each in found] == expected
     assert "(no spread)" in claims_text(found)
-    assert ("more training runs that agree; 5 cannot decide" in claims_text(found)) == (runs == 5)
+    assert (f"more training runs that agree; {runs} cannot decide" in claims_text(found)) == (runs < 6)
 
 
 def test_clocks_of_one_training_run_are_paired(tmp_path):
@@ -83,12 +90,31 @@ def test_what_is_not_evaluated_decides_nothing(tmp_path):
     assert "its evaluation" in claims_text([found])
 
 
-def test_each_any_and_mean_over_tasks(tmp_path):
+def test_each_task_and_the_mean_over_tasks(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR})
-    tasks = (TASK, "Ant-v3")
-    found = decide_claims([claim(tasks=tasks), claim(tasks=tasks, over="any"), claim(over="mean")], results)
-    assert [each.decision for each in found] == ["undecided", "supported", "supported"]
-    assert found[2].pooled.estimate == pytest.approx(100.0 / 102.0)
+    found = decide_claims([claim(tasks=(TASK, "Ant-v3")), claim(over="mean")], results)
+    assert [each.decision for each in found] == ["undecided", "supported"]
+    assert found[1].pooled.estimate == pytest.approx(100.0 / 102.0)
+
+
+def test_a_mean_over_tasks_that_survives_holm_is_shown_as_decided(tmp_path):
+    tasks = ("Swimmer-v3", "Ant-v3")
+    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR}, tasks=tasks)
+    found = decide_claims([claim(tasks=tasks, over="mean")], results)
+    text = write_page(tmp_path / "README.md", results, found, ()).read_text()
+    assert "1 sentence is decided:\n  - supported on average over the tasks: A sentence." in text
+    assert "undecided on" not in text
+    assert "undecided again if the difference moved by" in claims_text(found)
+    rows = claims_frame(found).select("task", "decision", "after Holm").rows()
+    assert rows[-1] == ("mean of the tasks", "supported", "supported")
+    assert [row[2] for row in rows[:-1]] == [None, None]
+
+
+def test_a_mean_over_tasks_without_spread_is_not_decided_by_an_interval_of_width_0(tmp_path):
+    same = {("ppo", "none"): dict.fromkeys(range(3), 0.0), ("geometric", "constant:500"): dict.fromkeys(range(3), 1.0)}
+    results = make_results(tmp_path, same, tasks=("Swimmer-v3", "Ant-v3"))
+    (found,) = decide_claims([claim(tasks=("Swimmer-v3", "Ant-v3"), over="mean", measure="gain")], results)
+    assert (found.pooled.error, found.decision) == (0.0, "undecided")
 
 
 def test_holm_counts_all_comparisons(tmp_path):
@@ -104,19 +130,42 @@ def test_holm_counts_all_comparisons(tmp_path):
     assert {each.after_holm for each in among} == {"undecided"}
 
 
+@pytest.mark.parametrize(("effect", "runs"), [(1.0, 10), (0.5, 34)])
+def test_the_number_of_runs_for_a_power_of_80_percent(effect, runs):
+    """Of a paired t test, by G*Power 3.1: effect sizes of 1 and 0.5, two-sided, 5 %."""
+    four = effect + math.sqrt(3.0) / 2.0 * np.array([-1.0, -1.0, 1.0, 1.0])  # standard deviation 1
+    assert runs_needed(compare_with(four, 0.0), effect) == runs
+
+
+def test_the_number_of_runs_on_each_of_two_sides():
+    """Welch's t of equal spreads, by G*Power 3.1: an effect size of 1 needs 17 on each side."""
+    unit = math.sqrt(3.0) / 2.0 * np.array([-1.0, -1.0, 1.0, 1.0])
+    assert runs_needed(compare_unpaired(unit + 1.0, unit), 1.0) == 17
+    assert runs_needed(compare_unpaired(unit + 1.0, [*unit, *unit]), 1.0) in (15, 16, 17)  # eight spread less than four
+
+
 def test_the_page_says_how_many_runs_would_decide(tmp_path):
     left = {0: 80.0, 1: 110.0, 2: 150.0, 3: 140.0, 4: 220.0}
     results = make_results(tmp_path / "some", {("ppo", "none"): NONE, ("geometric", "constant:500"): left})
     found = decide_claims([claim()], results)
     difference = found[0].tasks[0].difference
-    touching = 5 * (difference.half / difference.estimate) ** 2  # half power; 80 % needs (1.96 + 0.84)^2 / 1.96^2
-    assert f"about {math.ceil(touching * 2.0408163)} training runs, if" in claims_text(found)
+    runs = runs_needed(difference, abs(difference.estimate))
+    assert f"about {runs} training runs, if" in claims_text(found)
     assert claims_frame(found)["decision"].to_list() == ["undecided"]
 
 
 def test_the_page_does_not_estimate_very_many_runs(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): WIDE})
     assert "more than 50 training runs" in claims_text(decide_claims([claim()], results))
+
+
+def test_the_chosen_clock_is_that_of_the_validation_start_states(tmp_path):
+    clocks = [("geometric", f"constant:{steps}") for steps in (100, 200)]
+    test = {clocks[0]: {0: 1.0, 1: 9.0, 2: 9.0}, clocks[1]: {0: 5.0, 1: 4.0, 2: 4.0}}
+    validation = {clocks[0]: dict.fromkeys(range(3), 0.0), clocks[1]: dict.fromkeys(range(3), 1.0)}
+    results = make_results(tmp_path, test, validation)
+    assert results.values(TASK, Condition("geometric", "chosen")) == {0: 5.0, 1: 4.0, 2: 4.0}
+    assert results.values(TASK, Condition("geometric", "best")) == {0: 1.0, 1: 9.0, 2: 9.0}
 
 
 def test_the_chosen_clock_is_used_for_each_run(tmp_path):
@@ -137,7 +186,7 @@ def test_the_chosen_clock_is_used_for_each_run(tmp_path):
         ({"measure": "returns"}, "did you mean 'return'"),
         ({"tasks": ()}, "tasks is empty"),
         ({"margin": -1.0}, "margin is -1.0"),
-        ({"right_tasks": ("a", "b")}, "2 right_tasks for 1 tasks"),
+        ({"over": "any"}, "over is 'any', known are each, mean"),
     ],
 )
 def test_a_claim_that_makes_no_sense_is_refused(parts, message):

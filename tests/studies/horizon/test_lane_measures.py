@@ -50,6 +50,15 @@ def test_a_policy_that_never_worked_has_failed_from_the_start():
     assert (found["hold"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
 
 
+def test_where_it_cannot_be_told_nothing_is_called_a_failure_or_a_success():
+    surviving = measured(lanes(ROW, "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
+    fallen = measured(lanes(ROW, "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
+    for found in (surviving, fallen):
+        judged = ("failed share", "failed within", "hold share", "steps to failure")
+        assert [found[name] for name in judged] == [None] * 4
+    assert (surviving["ended share"], fallen["ended share"]) == (0.0, 1.0)
+
+
 def test_a_silent_failure_does_not_end_the_lane():
     found = measured(lanes(ROW, "none", 0, 2000, 30.0), outcome="fails silently", failed_step=400, end_hold=0.1)
     assert (found["failed share"], found["ended share"], found["steps to failure"]) == (1.0, 0.0, 400)

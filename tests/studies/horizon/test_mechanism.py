@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from tiny_study import pendulum_policy
 
-from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Uniform
+from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Linear, Uniform
 from perdure.studies.horizon.mechanism_actions import action_changes
 from perdure.studies.horizon.mechanism_rewards import fall_rate, rewards_to_go
 from perdure.studies.horizon.mechanism_values import has_target, returns_to_go, tail_steps, value_measures
 from perdure.studies.horizon.rollouts import Rollout, draw_horizons, roll_out
 
+LINEAR = Linear()
 GEOMETRIC = Geometric(2)  # phi = (0.99^(T-t), 1)
 
 
@@ -56,11 +57,18 @@ def test_steps_to_go_are_counted_in_bins_of_fifty():
 
 
 def test_a_critic_that_is_right_leaves_no_error():
-    """One step pays 1 as long as nobody falls, so the value is the steps to go; phi = 0.99^(steps to go) is not it."""
-    right = rollout([np.ones(4)] * 2, [4, 4], [False, False])
-    policy = timed_policy()
-    wrong = value_measures(policy, right, HORIZONS)
-    # The critic says 0: the error is that of the returns 4, 3, 2, 1 themselves, and nothing of their variance is gone.
+    """Each step pays 1 and nobody falls, so the value is the steps to go: 4 times the linear phi, (T - t) / T."""
+    steady = rollout([np.ones(4)] * 2, [4, 4], [False, False])
+    right = pendulum_policy(protocol(embedding=LINEAR), Constant(500.0), value=(4.0,))
+    found = value_measures(right, steady, HORIZONS)
+    assert found["value error"] == pytest.approx(0.0, abs=1e-6)
+    assert found["value variance"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_critic_that_says_0_leaves_all_error():
+    steady = rollout([np.ones(4)] * 2, [4, 4], [False, False])
+    wrong = value_measures(timed_policy(), steady, HORIZONS)
+    # The error is that of the returns 4, 3, 2, 1 themselves, and nothing of their variance is gone.
     assert wrong["value error"] == pytest.approx(np.sqrt(7.5) / np.sqrt(1.25))
     assert wrong["value variance"] == pytest.approx(1.0)
 

@@ -10,7 +10,7 @@ import polars as pl
 
 from perdure.studies.comparison import Difference, compare_unpaired, compare_with, mean_difference
 from perdure.studies.horizon.claim import Condition
-from perdure.studies.horizon.claims import OURS, PPO
+from perdure.studies.horizon.claims import MAIN_SETTINGS, PPO
 from perdure.studies.horizon.results import Results
 
 GAIN = "gain"
@@ -41,8 +41,8 @@ def conditions(results: Results) -> tuple[Condition, ...]:
 
 
 def settings(results: Results) -> tuple[str, ...]:
-    """Return the tasks that are averaged: all whose settings let some robot learn to move, see `claims.OURS`."""
-    return tuple(setting for setting in results.grid.settings if setting in OURS)
+    """Return the settings that are averaged: `claims.MAIN_SETTINGS`, as far as the grid has them."""
+    return tuple(setting for setting in results.grid.settings if setting in MAIN_SETTINGS)
 
 
 def gains(results: Results, setting: str, condition: Condition) -> dict[int, float]:

@@ -48,7 +48,7 @@ def analyze(grid: Grid, out: Path) -> list[Path]:
 def claims_of(grid: Grid, claims: Sequence[Claim]) -> Sequence[Claim]:
     """Return the claims about settings of this grid."""
     settings = set(grid.settings)
-    return [claim for claim in claims if settings & {*claim.tasks, *claim.right_tasks}]
+    return [claim for claim in claims if settings & set(claim.tasks)]
 
 
 def _tables(results: Results) -> Iterator[tuple[str, pl.DataFrame]]:

@@ -65,9 +65,16 @@ def optimistic(test: pl.DataFrame, kind: Kind = "constant", measure: str = "retu
 
 
 def under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
-    """Return the measure of each training run under its clock, by training seed; runs without an entry are left out."""
+    """Return the measure of each training run under its clock, by training seed.
+
+    {} where a run is not evaluated under its clock: the others would be runs that selected themselves. A run whose
+    measure has no value (null) is left out.
+    """
     values = {(seed, clock): value for seed, clock, value in test.select("train_seed", "clock", measure).iter_rows()}
-    return {seed: values[seed, clock] for seed, clock in sorted(clocks.items()) if (seed, clock) in values}
+    if not all(pair in values for pair in clocks.items()):
+        return {}
+    found = {seed: values[seed, clock] for seed, clock in sorted(clocks.items())}
+    return {seed: value for seed, value in found.items() if value is not None}
 
 
 def choose(validation: pl.DataFrame, test: pl.DataFrame, kind: Kind = "constant") -> tuple[Choice, Choice]:

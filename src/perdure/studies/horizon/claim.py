@@ -36,7 +36,7 @@ from perdure.studies.errors import StudyError
 
 Direction = Literal["greater", "less", "not less", "differs", "same"]
 DIRECTIONS: tuple[str, ...] = get_args(Direction)
-Over = Literal["each", "any", "mean"]
+Over = Literal["each", "mean"]
 OVERS: tuple[str, ...] = get_args(Over)
 
 MEASURES: dict[str, str] = {
@@ -94,8 +94,8 @@ class Condition:
             raise _unknown("clock", self.clock, tuple(CLOCK_RULES))
 
     @property
-    def words(self) -> str:
-        """Label for readers, such as "geometric (chosen)"."""
+    def label(self) -> str:
+        """For tables, such as "geometric (chosen)"."""
         return self.method if self.clock == "none" else f"{self.method} ({self.clock})"
 
 
@@ -126,10 +126,8 @@ class Claim:
     """Differences up to here do not matter: absolute for SHARES, else a share of the right side's mean (absolute where
     the right side is a number)."""
     over: Over = "each"
-    """"each": the sentence is about every task named; "any": about at least one; "mean": about the mean over tasks of
-    the difference, each divided by the right side's mean (left undivided for SHARES)."""
-    right_tasks: tuple[str, ...] = ()
-    """Tasks of the right side, where they differ, such as the same task under another preset."""
+    """"each": the sentence is about every task named; "mean": about the mean over tasks of the difference, each divided
+    by the right side's mean, which is taken as exact (left undivided for SHARES)."""
     would_change: str = ""
     """What would change the verdict, beside what the numbers say."""
 
@@ -150,10 +148,6 @@ class Claim:
                 raise _unknown(f"claim {self.id}: {name}", value, known)
         if not self.margin >= 0.0:
             raise StudyError(f"claim {self.id}: margin is {self.margin}; it is at least 0")
-        if self.right_tasks and len(self.right_tasks) != len(self.tasks):
-            raise StudyError(
-                f"claim {self.id}: {len(self.right_tasks)} right_tasks for {len(self.tasks)} tasks; one for each"
-            )
 
 
 def _unknown(name: str, value: str, known: tuple[str, ...]) -> StudyError:

@@ -6,16 +6,17 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.studies.comparison import Difference
+from perdure.studies.comparison import CONFIDENCE, FEWEST, Difference
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
-from perdure.studies.horizon.decide import LEVEL, ClaimDecision, TaskDecision, p_values, threshold
+from perdure.studies.horizon.decide import LEVEL, ClaimDecision, Decision, TaskDecision, p_values, threshold
 
-POWER_FACTOR = (2.80 / 1.96) ** 2
-"""Runs for a power of 80 % beside those that make the 95 % interval just touch the threshold (a power of 50 %)."""
+POWER = 0.8
+"""Of the number of training runs that would decide a claim."""
 MOST_RUNS = 50
 """Larger numbers of training runs are not estimated."""
 COLUMNS = (
@@ -25,17 +26,18 @@ COLUMNS = (
 HEAD = """# Claims
 
 Each claim compares two conditions, left and right. The 95 % interval of left minus right decides it. Training runs are
-the units: Student's t over paired differences where both sides are clocks of the same training runs, Welch's t
-otherwise. With three to ten runs that either hold or fail, Student's t is approximate, so the p value of a permutation
-test stands beside it (signs flipped, or runs exchanged between the sides). Where no side has any spread there is no
-interval, and that test decides at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite
-independent.
+the units: Student's t over paired differences where both sides are clocks of the same training runs, or over one side
+where the other is a number; Welch's t otherwise. A right side's mean by which something is divided is taken as exact.
+With three to ten runs that either hold or fail, Student's t is approximate, so the p value of a permutation test stands
+beside it (signs flipped, or runs exchanged between the sides). Where no side has any spread there is no interval, and
+that test decides at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite independent.
 
 There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
 when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims that were registered later
-are counted by themselves. P(left > right): share of pairs of training runs in which the left side is
-greater; ties count half. An interval of a share may reach beyond 0 and 1. Tasks without a preset in brackets use the
-settings of RL Baselines3 Zoo. Margins are our choice.
+are counted by themselves. P(left > right): share of pairs of training runs in which the left side is greater, or of
+training runs where both sides are the same runs or one is a number; ties count half. An interval of a share may reach
+beyond 0 and 1. Runs whose verdict is "cannot tell" have no share of failures. Tasks without a preset in brackets use
+the settings of RL Baselines3 Zoo. Margins are our choice.
 
 """
 
@@ -62,25 +64,38 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
 
 def by_task(each: ClaimDecision) -> str:
     """Return the tasks of each decision after Holm: "supported on Hopper-v3 (CleanRL); undecided on HalfCheetah-v3"."""
-    if each.by_decision.keys() == {"not evaluated"}:
+    if each.after_holm == "not evaluated":
         return ""
-    return "; ".join(
-        f"{decision} on {', '.join(map(words.setting, tasks))}" for decision, tasks in each.by_decision.items()
-    )
+    return "; ".join(f"{decision} {where}" for decision, where in places(each).items())
+
+
+def places(each: ClaimDecision) -> dict[Decision, str]:
+    """Return where each decision was taken after Holm: "on Hopper-v3, Ant-v3", or "on average over the tasks"."""
+    if each.claim.over == "mean":
+        return {each.after_holm: "on average over the tasks"}
+    return {decision: f"on {', '.join(map(words.setting, tasks))}" for decision, tasks in each.by_decision.items()}
 
 
 def claims_frame(decided: Sequence[ClaimDecision]) -> pl.DataFrame:
-    """Return one row for each comparison, for tables/claims.csv."""
-    rows = [_row(each, task) for each in decided for task in each.tasks]
+    """Return one row for each comparison, for tables/claims.csv; a mean over tasks is a row of its own."""
+    rows = [_row(each.claim, task) for each in decided for task in (*each.tasks, *_mean_row(each))]
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def _row(each: ClaimDecision, task: TaskDecision) -> dict[str, object]:
-    found, claim = task.difference, each.claim
+def _mean_row(each: ClaimDecision) -> list[TaskDecision]:
+    if each.pooled is None:
+        return []
+    margin, p, adjusted = each.claim.margin, each.pooled_p, each.adjusted_pooled_p
+    return [TaskDecision("mean of the tasks", each.pooled, margin, each.decision, p, adjusted_p=adjusted)]
+
+
+def _row(claim: Claim, task: TaskDecision) -> dict[str, object]:
+    found = task.difference
+    tested = claim.over == "each" or not math.isnan(task.adjusted_p)
     return {
         "claim": claim.id,
         "task": task.task,
-        "left": claim.left.words,
+        "left": claim.left.label,
         "right": _right(claim),
         "measure": claim.measure,
         "direction": claim.direction,
@@ -97,7 +112,7 @@ def _row(each: ClaimDecision, task: TaskDecision) -> dict[str, object]:
         "p by permutation": task.permutation_p if found else None,
         "p by Holm": task.adjusted_p if found else None,
         "decision": task.decision,
-        "after Holm": task.after_holm,
+        "after Holm": task.after_holm if tested or found is None else None,
     }
 
 
@@ -136,7 +151,7 @@ def _task_line(claim: Claim, task: TaskDecision) -> str:
         _p(task.p),
         _p(task.permutation_p),
         _p(task.adjusted_p),
-        task.decision,
+        task.decision if claim.over == "each" else "\u2013",
     ]
     return f"| {' | '.join(cells)} |\n"
 
@@ -168,7 +183,7 @@ def _clock_words(rule: str) -> str:
 
 
 def _right(claim: Claim) -> str:
-    return claim.right.words if isinstance(claim.right, Condition) else f"{claim.right:g}"
+    return claim.right.label if isinstance(claim.right, Condition) else f"{claim.right:g}"
 
 
 def _right_words(claim: Claim) -> str:
@@ -186,34 +201,62 @@ def _says(claim: Claim) -> str:
         "differs": f"differs{more}",
         "same": f"is the same within {size}",
     }[claim.direction]
-    return (
-        words
-        + {"each": " on every task", "any": " on at least one task", "mean": " on average over the tasks"}[claim.over]
-    )
+    return words + {"each": " on every task", "mean": " on average over the tasks"}[claim.over]
 
 
 def _would_change(each: ClaimDecision) -> str:
-    sentences = [_task_change(each.claim, task) for task in each.tasks]
-    own = [each.claim.would_change] if each.claim.would_change else []
-    return " ".join([*own, *sentences])
+    claim = each.claim
+    if each.pooled is None:
+        changes = [_task_change(claim, task) for task in each.tasks]
+    else:
+        changes = [_change("the mean", claim, each.pooled, claim.margin, each.decision)]
+    return " ".join([claim.would_change, *changes] if claim.would_change else changes)
 
 
 def _task_change(claim: Claim, task: TaskDecision) -> str:
-    """Return the number of runs that would decide, or the distance of the interval from the threshold, as text."""
-    found = task.difference
-    if found is None:
+    if task.difference is None:
         return f"{task.task}: {'its evaluation' if task.planned else 'nothing, one side is not measured'}."
+    return _change(task.task, claim, task.difference, task.margin, task.decision)
+
+
+def _change(name: str, claim: Claim, found: Difference, margin: float, decision: Decision) -> str:
+    """Return the number of runs that would decide, or the distance of the interval from the threshold, as text."""
     if not math.isfinite(found.half):
-        return f"{task.task}: at least two training runs on each side."
-    edge = threshold(claim, found, task.margin)
+        return f"{name}: at least two training runs on each side."
+    edge = threshold(claim, found, margin)
     away = abs(found.estimate - edge)
-    if task.decision == "undecided":
-        if away == 0.0:
-            return f"{task.task}: a difference, of which there is none."
+    if decision != "undecided":
+        slack, where = wording.quantity(away - found.half), wording.quantity(edge)
+        return f"{name}: undecided again if the difference moved by {slack} towards {where}."
+    if away == 0.0:
+        return f"{name}: a difference, of which there is none."
+    if found.error == 0.0:
         runs = max(found.n_left, found.n_right)
-        if found.error == 0.0:
-            return f"{task.task}: more training runs that agree; {runs} cannot decide at {LEVEL:g}."
-        needed = math.ceil(runs * POWER_FACTOR * (found.half / away) ** 2)
-        number = f"more than {MOST_RUNS}" if needed > MOST_RUNS else f"about {needed}"
-        return f"{task.task}: {number} training runs, if difference and spread stay as they are (80 % power)."
-    return f"{task.task}: undecided again if the difference shrank by {wording.quantity(away - found.half)}."
+        return f"{name}: more training runs that agree; {runs} cannot decide at {LEVEL:g}."
+    needed = runs_needed(found, away)
+    number = f"more than {MOST_RUNS}" if needed is None else f"about {needed}"
+    sides = " on each side" if found.n_right not in (0, found.n_left) else ""
+    return f"{name}: {number} training runs{sides}, if difference and spread stay as they are (80 % power)."
+
+
+def runs_needed(found: Difference, away: float) -> int | None:
+    """Return the least number of runs, at most `MOST_RUNS`, with a power of 80 %; None where they are not enough.
+
+    The difference is detected if it is at least t(0.975) + t(0.8) standard errors from the threshold. Both sides get
+    equally many runs.
+
+    Args:
+        found: With a spread.
+        away: Distance of the difference from the threshold, not 0.
+    """
+    from scipy.special import stdtrit
+
+    sides = [np.var(each, ddof=1) for each in found.samples]
+    now = min(found.n_left, found.n_right or found.n_left)
+    squared = float(sum(sides)) if sides else now * found.error**2
+    for runs in range(FEWEST, MOST_RUNS + 1):
+        freedom = (runs - 1.0) * (len(sides) or found.freedom / max(now - 1, 1))
+        quantiles = float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0) + stdtrit(freedom, POWER))
+        if away >= quantiles * math.sqrt(squared / runs):
+            return runs
+    return None

@@ -57,8 +57,10 @@ class ClaimDecision:
 
     @property
     def by_decision(self) -> dict[Decision, list[str]]:
-        """The tasks of each decision, after Holm."""
+        """The tasks of each decision, after Holm; {} where the mean over tasks is decided and no task for itself."""
         found: dict[Decision, list[str]] = {}
+        if self.claim.over == "mean":
+            return found
         for task in self.tasks:
             found.setdefault(task.after_holm, []).append(task.task)
         return found
@@ -82,7 +84,7 @@ def _count_all(each: ClaimDecision, adjusted: Sequence[float]) -> ClaimDecision:
         after = _survivor(each.decision, adjusted[0])
         return replace(each, after_holm=after, adjusted_pooled_p=adjusted[0])
     tasks = tuple(replace(task, adjusted_p=p) for task, p in zip(each.tasks, adjusted, strict=True))
-    return replace(each, tasks=tasks, after_holm=combine(each.claim, [task.after_holm for task in tasks]))
+    return replace(each, tasks=tasks, after_holm=combine([task.after_holm for task in tasks]))
 
 
 def _survivor(decision: Decision, adjusted_p: float) -> Decision:
@@ -92,25 +94,24 @@ def _survivor(decision: Decision, adjusted_p: float) -> Decision:
 
 def decide(claim: Claim, results: Results) -> ClaimDecision:
     """Decide one claim by 95 % intervals."""
-    rights = claim.right_tasks or claim.tasks
-    tasks = tuple(_decide_task(claim, task, right, results) for task, right in zip(claim.tasks, rights, strict=True))
+    tasks = tuple(_decide_task(claim, task, results) for task in claim.tasks)
     if claim.over == "mean":
         pooled = mean_over_tasks(claim, [task.difference for task in tasks])
         if pooled is None:
             return ClaimDecision(claim, tasks, "not evaluated", "not evaluated")
-        decision = by_interval(claim, pooled, claim.margin)
-        return ClaimDecision(claim, tasks, decision, decision, pooled, pooled.p(threshold(claim, pooled, claim.margin)))
-    decision = combine(claim, [task.decision for task in tasks])
+        p = pooled.p(threshold(claim, pooled, claim.margin))
+        decision = by_interval(claim, pooled, claim.margin) if math.isfinite(p) else "undecided"
+        return ClaimDecision(claim, tasks, decision, decision, pooled, p)
+    decision = combine([task.decision for task in tasks])
     return ClaimDecision(claim, tasks, decision, decision)
 
 
-def combine(claim: Claim, decisions: Sequence[Decision]) -> Decision:
-    """Return the verdict on a sentence about each task, or about any task."""
-    needed, fatal = ("supported", "contradicted") if claim.over == "each" else ("contradicted", "supported")
-    if fatal in decisions:
-        return "contradicted" if claim.over == "each" else "supported"
-    if all(each == needed for each in decisions):
-        return "supported" if claim.over == "each" else "contradicted"
+def combine(decisions: Sequence[Decision]) -> Decision:
+    """Return the verdict on a sentence about each task."""
+    if "contradicted" in decisions:
+        return "contradicted"
+    if all(each == "supported" for each in decisions):
+        return "supported"
     return "not evaluated" if all(each == "not evaluated" for each in decisions) else "undecided"
 
 
@@ -136,13 +137,11 @@ def threshold(claim: Claim, difference: Difference, margin: float) -> float:
     return fixed.get(claim.direction, math.copysign(margin, difference.estimate))
 
 
-def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> TaskDecision:
-    difference = _compare(claim, task, right_task, results)
+def _decide_task(claim: Claim, task: str, results: Results) -> TaskDecision:
+    difference = _compare(claim, task, results)
     if difference is None:
-        sides = [(task, claim.left.method)]
-        if isinstance(claim.right, Condition):
-            sides.append((right_task, claim.right.method))
-        planned = all(results.is_planned(setting, method, claim.measure) for setting, method in sides)
+        methods = [each.method for each in (claim.left, claim.right) if isinstance(each, Condition)]
+        planned = all(results.is_planned(task, method, claim.measure) for method in methods)
         return TaskDecision(task, None, math.nan, "not evaluated", math.nan, planned=planned)
     margin = _margin(claim, difference.right)
     edge = threshold(claim, difference, margin)
@@ -153,16 +152,16 @@ def _decide_task(claim: Claim, task: str, right_task: str, results: Results) -> 
     return TaskDecision(task, difference, margin, decision, p, difference.permutation_p(edge))
 
 
-def _compare(claim: Claim, task: str, right_task: str, results: Results) -> Difference | None:
+def _compare(claim: Claim, task: str, results: Results) -> Difference | None:
     left = results.values(task, claim.left, claim.measure)
     if not left:
         return None
     if not isinstance(claim.right, Condition):
         return compare_with(list(left.values()), claim.right)
-    right = results.values(right_task, claim.right, claim.measure)
+    right = results.values(task, claim.right, claim.measure)
     if not right:
         return None
-    if claim.left.method == claim.right.method and task == right_task:
+    if claim.left.method == claim.right.method:
         return compare_paired(left, right)
     return compare_unpaired(list(left.values()), list(right.values()))
 

@@ -90,7 +90,9 @@ class EvaluateRow(RowStep):
         as it is.
         """
         if not (self.folder / GROUPS).is_dir():
-            return read_table(self.folder / TABLE)[0] if (self.folder / TABLE).is_file() else None
+            table = read_table(self.folder / TABLE)[0] if (self.folder / TABLE).is_file() else None
+            partial = table is not None and self.grid.confirmatory and count_lanes(table) < self.lanes
+            return None if partial else table
         start_states = np.cumprod(self._finished().all(axis=0), axis=1).sum(axis=1)
         if self.grid.confirmatory and (start_states < self.split.seeds).any():
             return None
@@ -113,6 +115,11 @@ class EvaluateRow(RowStep):
             observe=options.observe,
             waiting=options.waiting,
         )
+
+
+def count_lanes(table: pl.DataFrame) -> int:
+    """Return the number of lanes in a table."""
+    return table.select("policy", "train_seed", "clock", "eval_seed").n_unique()
 
 
 def evaluate_row(grid: Grid, row: Row, split: Split, out: Path) -> EvaluateRow:

@@ -87,19 +87,22 @@ def _figure(
     settings = [each for each in results.grid.settings if any(setting == each for setting, _ in values)]
     if not settings:
         return
-    scales = {setting: return_scale(results, setting) for setting in settings}
+    published = {each: scale for each in settings if (scale := return_scale(results, each)) is not None}
+    without = [words.setting(each) for each in settings if each not in published] if published else []
+    settings, scales = (list(published), published) if published else (settings, dict.fromkeys(settings, 1.0))
+    values = {key: found for key, found in values.items() if key[0] in scales}
     intervals = {key: run_interval(_scaled(found, scales[key[0]])) for key, found in values.items()}
     points = [
         _points(label(condition), condition, style(condition), settings, values, scales, intervals)
         for condition in conditions
         if any(each == condition for _, each in values)
     ]
-    known = all(scale != 1.0 for scale in scales.values())
-    axis = Axis("share of a published policy's reward" if known else "return")
+    axis = Axis("share of a published policy's reward" if published else "return")
     note = f"{about} " if about else ""
     note += f"Hollow: training runs. {interval_note(list(intervals.values()), 'Bars')}"
     note += " " + words.start_states({results.start_states(setting, each.method) for setting, each in values})
-    note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if known else ""
+    note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if published else ""
+    note += f" Not shown, for want of a published policy: {', '.join(without)}." if without else ""
     chart = point_chart([words.setting(setting) for setting in settings], points, axis, theme.WIDE)
     yield Figure(name, title, chart, note, wide=True)
 
@@ -120,13 +123,13 @@ def _points(
     return Points(label, rows, mean, style, lower, upper, rings)
 
 
-def return_scale(results: Results, setting: str) -> float:
-    """Return what a published policy would earn over the test horizon; 1 where none is known."""
+def return_scale(results: Results, setting: str) -> float | None:
+    """Return what a published policy would earn over the test horizon; None where none is known."""
     for row in results.grid.rows:
         if row.setting == setting and row.key in results.test:
             rate = float(results.test[row.key].frame["level_rate"][0])
-            return rate * results.grid.steps if np.isfinite(rate) else 1.0
-    return 1.0
+            return rate * results.grid.steps if np.isfinite(rate) else None
+    return None
 
 
 def _scaled(values: Mapping[int, float], scale: float) -> dict[int, float]:

@@ -75,10 +75,11 @@ def _claims(decided: Sequence[ClaimDecision]) -> str:
     )
     what = (
         "A claim about several tasks is *supported* if it is supported on each of them, and *contradicted* if it is "
-        "contradicted on at least one. It is *not evaluated* if the evaluations that it needs are missing. Otherwise "
-        "it is *undecided*. Holm's correction counts all comparisons that were registered together. *The method* is "
-        "`geometric`: PPO without a discount, with random training horizons and a geometric time-to-go. Details are "
-        "in [claims.md](claims.md), with margins, intervals and numbers of runs."
+        "contradicted on at least one; a claim about a mean over tasks is decided by that mean. It is *not evaluated* "
+        "if the evaluations that it needs are missing. Otherwise it is *undecided*. Holm's correction counts all "
+        "comparisons that were registered together. *The method* is `geometric`: PPO without a discount, with random "
+        "training horizons and a geometric time-to-go. Details are in [claims.md](claims.md), with margins, intervals "
+        "and numbers of runs."
     )
     before, after = (
         _counts(found) for found in zip(*((each.decision, each.after_holm) for each in decided), strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean
 
 import polars as pl
@@ -14,7 +14,8 @@ from perdure.studies.comparison import Difference
 from perdure.studies.horizon import across_tasks, figure_gain, words
 from perdure.studies.horizon.across_tasks import mean_gains
 from perdure.studies.horizon.claim import Condition
-from perdure.studies.horizon.claims import OURS
+from perdure.studies.horizon.claim_table import places
+from perdure.studies.horizon.claims import MAIN_SETTINGS
 from perdure.studies.horizon.decide import ClaimDecision, p_values
 from perdure.studies.horizon.results import Results
 from perdure.studies.horizon.tables import WITHIN
@@ -68,12 +69,12 @@ def _between(found: Difference) -> str:
 
 
 def _failures(results: Results) -> Iterator[str]:
-    """Yield how many episodes of plain PPO and of the method failed, and how many of them early, as text."""
+    """Yield how many episodes of discounted PPO and of the method failed, and how many of them early, as text."""
     compared = (Condition("ppo"), results.constant)
     found = []
     for setting in results.grid.settings:
         shares = [_failed(results, setting, each) for each in compared]
-        if setting in OURS and all(shares):
+        if setting in MAIN_SETTINGS and all(shares):
             found.append(f"{words.setting(setting)} {' against '.join(shares)}")
     steps = wording.whole(float(results.grid.steps))
     if found:
@@ -112,13 +113,13 @@ def _mostly_never_worked(results: Results, setting: str, method: str) -> bool:
 def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
     tests = [p for each in decided for p in p_values(each)]
     lines = [
-        f"  - {decision} on {', '.join(map(words.setting, tasks))}: {each.claim.statement}"
+        f"  - {decision} {where}: {each.claim.statement}"
         for each in decided
-        for decision, tasks in each.by_decision.items()
+        for decision, where in places(each).items()
         if decision in ("supported", "contradicted")
     ]
     if lines:
-        sentences = f"{wording.count(len(lines), 'sentence')} about a task {'is' if len(lines) == 1 else 'are'} decided"
+        sentences = f"{wording.count(len(lines), 'sentence')} {'is' if len(lines) == 1 else 'are'} decided"
         head = (
             f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
             f"correction for those registered together {sentences}:"
@@ -140,11 +141,12 @@ def _advice(results: Results) -> Iterator[str]:
         usual, chosen = (results.values(setting, Condition("geometric", clock)) for clock in ("constant:500", "chosen"))
         if usual and chosen and fmean(chosen.values()) > 0:
             loss = 1.0 - fmean(usual.values()) / fmean(chosen.values())
-            losses.append(f"{words.setting(setting)} {wording.share(max(0.0, loss))}")
+            size = wording.share(abs(loss))
+            losses.append(f"{words.setting(setting)} {size} {'lower' if loss >= 0 else 'higher'}")
     if losses:
         yield (
-            "Clock: `constant:500` is the default; check it. Where the geometric method worked, its mean return is "
-            f"below that of the cross-validated constant by: {'; '.join(losses)} (means, not a test)."
+            "Clock: where the geometric method worked, its mean return under the default, `constant:500`, beside that "
+            f"under the cross-validated constant: {'; '.join(losses)} (means, not a test)."
         )
     if failing:
         where = ", ".join(failing)
@@ -158,7 +160,8 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
         f"Mean return of {steps} steps on test start states. In brackets: gain; share of episodes that failed; "
         "training runs x start states. *Gain*: return minus that of an idle robot in the same steps, as a share of a "
         "published policy's over all steps. *Failed*: fell, diverged, never worked, or ended with less than three "
-        "quarters of the gain over an idle robot that it had in training. Most runs either fail early or keep nearly "
+        "quarters of the gain over an idle robot that it had in training. Runs that cannot be judged "
+        "are left out of that share. Most runs either fail early or keep nearly "
         "full reward, so the means have wide intervals. C is the constant number of steps to go given to the "
         f"policy. {_choice(results)}A robot that stands still for the reward of being alive can have a high return and "
         "fail."
@@ -193,10 +196,13 @@ def _cell(results: Results, setting: str, condition: Condition) -> str:
     if not returns:
         return NONE
     states = results.start_states(setting, condition.method)
-    gain, share = fmean(gains.values()), wording.share(fmean(failed.values()))
-    gain = round(gain, 2) + 0.0  # no -0.00
+    gain = round(fmean(gains.values()), 2) + 0.0  # no -0.00
     shown = f"gain {gain:.2f}; ".replace("-", "\u2212") if math.isfinite(gain) else ""
-    return f"{wording.quantity(fmean(returns.values()))} ({shown}{share}; {len(returns)} x {states})"
+    return f"{wording.quantity(fmean(returns.values()))} ({shown}{_share(failed)}; {len(returns)} x {states})"
+
+
+def _share(failed: Mapping[int, float]) -> str:
+    return wording.share(fmean(failed.values())) if failed else "cannot tell"
 
 
 def _clock_table(results: Results) -> str:
@@ -224,7 +230,7 @@ def _clock_cell(results: Results, setting: str, clock: str) -> str:
     if not returns or row is None:
         return NONE
     failed = results.values(setting, Condition("geometric", clock), "failed share")
-    notes = wording.share(fmean(failed.values()))
+    notes = _share(failed)
     if clock.startswith("chosen"):
         values = sorted({int(each.partition(":")[2]) for each in results.clocks(row, clock).values()})
         notes += f"; C = {' or '.join(map(wording.whole, map(float, values)))}"

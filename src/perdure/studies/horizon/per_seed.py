@@ -69,9 +69,14 @@ class PerSeed(RowStep):
             run_units(units, self.store, make_workers(options.on, missing, options.cores), options.observe)
 
     def folders(self) -> dict[int, Path]:
-        """Return the folder of each finished unit, by training seed."""
+        """Return the folder of each finished unit, by training seed.
+
+        Raises:
+            StoreError: A unit was finished by another version, or with another policy or other settings.
+        """
         if not self.store.is_dir():
             return {}
         store = Store(self.store)
-        keys = {seed: self._key(seed) for seed in self.row.seeds}
-        return {seed: store.get(key) for seed, key in keys.items() if store.done(key)}
+        units = {unit.key: unit for unit in self.units()}
+        known = {seed: units[key] for seed in self.row.seeds if (key := self._key(seed)) in units}
+        return {seed: store.get(unit.key) for seed, unit in known.items() if store.done(unit.key, unit.config)}

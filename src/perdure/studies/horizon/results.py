@@ -75,8 +75,7 @@ class Results:
         test = self.of(row)
         if test.is_empty():
             return {}
-        clocks = self.clocks(row, condition.clock)
-        return {seed: value for seed, value in under(test, clocks, measure).items() if value is not None}
+        return under(test, self.clocks(row, condition.clock), measure)
 
     def start_states(self, setting: str, method: str) -> int:
         """Return the number of test start states of each training run; 0 where none is evaluated."""

@@ -42,7 +42,10 @@ class RowTable:
 
     @cached_property
     def runs(self) -> pl.DataFrame:
-        """One row for each clock and training run: means over its lanes, `episodes` and shares of verdicts."""
+        """One row for each clock and training run: means over its lanes, `episodes` and shares of verdicts.
+
+        Null where no lane has the measure.
+        """
         shares = [(pl.col("verdict") == name).mean().alias(name) for name in VERDICTS if name != "holds"]
         means = [pl.col(name).mean() for name in MEASURED]
         keys = ["clock", "clock_kind", "clock_steps", "train_seed"]
@@ -106,7 +109,8 @@ def name_clocks(frame: pl.DataFrame) -> pl.DataFrame:
 def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
     """Return one row for each lane: where it stood at the end, and the measures.
 
-    A policy that never worked has failed from the start: hold 0, no steps to failure.
+    A policy that never worked has failed from the start: hold 0, no steps to failure. Where the verdict is "cannot
+    tell", what says whether a lane failed is null.
     """
     within, before, horizon = _marks(frame)
     earlier = [
@@ -116,6 +120,10 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
     last = frame.filter(pl.col("step") == horizon)
     for each in earlier:
         last = last.join(each, on=LANE, how="left", maintain_order="left")
+
+    def judged(measure: pl.Expr) -> pl.Expr:
+        return pl.when(verdict != "cannot tell").then(measure.cast(pl.Float64))
+
     never = pl.col("policy_state") == "never worked"
     ended = pl.col("end_reason").is_in(["terminated", "diverged"])
     verdict = (
@@ -135,13 +143,13 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
         **{
             "reward late": (pl.col("return") - pl.col("_before")) / (horizon - before),
             "gain": gain,
-            "failed share": failed.cast(pl.Float64),
-            "failed within": (failed & (steps < within)).cast(pl.Float64),
+            "failed share": judged(failed),
+            "failed within": judged(failed & (steps < within)),
             "ended share": ended.cast(pl.Float64),
-            "hold share": (verdict == "holds").cast(pl.Float64),
+            "hold share": judged(verdict == "holds"),
             "hold": pl.when(ended | never).then(0.0).otherwise(pl.col("end_hold")),
             "level": level,
-            "steps to failure": steps,
+            "steps to failure": judged(steps),
         },
     ).drop("_before")
 

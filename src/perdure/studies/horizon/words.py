@@ -9,11 +9,11 @@ from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.grid import CLEANRL
 
 METHODS = {
-    "ppo": "PPO, tuned discount",
-    "ppo-undiscounted": "PPO, no discount",
-    "ppo-undiscounted-terminal": "PPO, no discount, no bootstrap",
+    "ppo": "discounted PPO",
+    "ppo-undiscounted": "undiscounted PPO",
+    "ppo-undiscounted-terminal": "undiscounted PPO, no bootstrap",
     "ppo-short": "PPO, episodes of 200 steps",
-    "ppo-average-reward": "PPO, average reward",
+    "ppo-average-reward": "average-reward PPO",
     "linear": "linear time-to-go",
     "linear-10-workers": "linear time-to-go, ten workers",
     "linear-random": "linear time-to-go, random horizon",

@@ -64,11 +64,15 @@ def result_text(results: Results) -> str:
     text = f"With drag only, stopping before the release changes success {changes} (unseen layouts)."
     if friction := [pair for pair in results.pairs if _compares(pair, "rl", "stop", "")]:
         text += f" With rolling friction, the default, the difference is {_differences(friction)}."
-    inside = sum(pair["lower"] <= 0.0 <= pair["upper"] for pair in pairs)
+    inside = sum(not (pair["lower"] > 0.0 or pair["upper"] < 0.0) for pair in pairs)
+    units = "training seeds" if results.rows[0]["seeds"]["train"] > 1 else "episodes of one training seed"
+    kinds = " or ".join(
+        sorted({f"{pair['method']} intervals of paired differences over {pair['units']} {units}" for pair in pairs})
+    )
     return (
         f"{text} Lowering the object by inverse kinematics after the stop is not distinguishable from stopping alone "
-        f"in {inside} of {len(pairs)} tasks (drag only): {_differences(pairs)}. Brackets: 95 % Student t intervals of "
-        "paired differences over three training seeds; wide ones exclude little."
+        f"in {inside} of {len(pairs)} tasks (drag only): {_differences(pairs)}. Brackets: 95 % {kinds}; wide ones "
+        "exclude little."
     )
 
 
