@@ -1,12 +1,17 @@
 """Rules without a sweep find the C that is known to be best."""
 
+from dataclasses import replace
+
 import pytest
-from tiny_study import pendulum_policy
+from tiny_study import GRID, pendulum_policy, write_training
 
 from perdure.extrapolate import LaneSpec, evaluate_lanes
 from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol
+from perdure.runs import StoreError
 from perdure.studies.horizon.choose_clock_bandit import choose_by_halving
 from perdure.studies.horizon.choose_clock_value import choose_by_value
+from perdure.studies.horizon.rules import rule_steps
+from perdure.studies.study import RunOptions
 
 PROTOCOL = HorizonProtocol(Geometric(2), Fixed(1000), "terminated", 1.0, 1.0)
 CANDIDATES = [Constant(float(c)) for c in range(100, 1001, 100)]
@@ -35,3 +40,12 @@ def test_halving_ends_with_a_clock_that_keeps_the_pole_up():
 def test_halving_takes_the_first_of_equals():
     policy = pendulum_policy(PROTOCOL, Constant(500.0))
     assert choose_by_halving(policy, CANDIDATES, 20).clock == CANDIDATES[0]
+
+
+def test_choices_made_with_other_settings_are_not_read(tmp_path):
+    write_training(tmp_path)
+    (step,) = rule_steps(GRID, tmp_path)
+    step.run(RunOptions(on="here"))
+    assert set(step.folders()) == {0, 1}
+    with pytest.raises(StoreError, match="candidates"):
+        replace(step, settings={**step.settings, "candidates": [100.0]}).folders()

@@ -132,6 +132,18 @@ def test_figures_show_what_the_tables_say(results):
     assert bars["discounted PPO"]["share"] == 1.0
 
 
+def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it(tmp_path):
+    results = make_results(tmp_path, RUNS, tasks=("Swimmer-v3", "Ant-v3"))
+    for row in results.grid.rows:
+        if row.task == "Ant-v3":
+            path = evaluation_folder(tmp_path, "test", row) / "lanes.parquet"
+            write_table(path, read_table(path)[0].with_columns(level_rate=pl.lit(float("nan"))), {})
+    figures = {figure.name: figure for figure in make_figures(read_results(results.grid, tmp_path))}
+    assert {row["row"] for row in values(figures["figure-3-2"].spec)} == {"Swimmer-v3"}
+    assert "Not shown, for want of a published policy: Ant-v3." in figures["figure-3-2"].note
+    assert {row["row"] for row in values(figures["gain"].spec)} == {"Swimmer-v3"}
+
+
 def test_notes_name_the_number_of_training_runs(results):
     for figure in make_figures(results):
         assert "training runs" in figure.note or "Training runs" in figure.note

@@ -100,8 +100,8 @@ def _never_worked(results: Results) -> Iterator[str]:
             if _mostly_never_worked(results, setting, method):
                 found.setdefault(words.method(method), []).append(words.setting(setting))
     if found:
-        where = "; ".join(f"{method}: {', '.join(settings)}" for method, settings in found.items())
-        yield f"More than half of these training runs gained little over an idle robot even in training. {where}."
+        where = "; ".join(f"{method} on {', '.join(settings)}" for method, settings in found.items())
+        yield f"More than half of these training runs gained little over an idle robot even in training: {where}."
 
 
 def _mostly_never_worked(results: Results, setting: str, method: str) -> bool:
@@ -163,7 +163,7 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
         "quarters of the gain over an idle robot that it had in training. Runs that cannot be judged "
         "are left out of that share. Most runs either fail early or keep nearly "
         "full reward, so the means have wide intervals. C is the constant number of steps to go given to the "
-        f"policy. {_choice(results)}A robot that stands still for the reward of being alive can have a high return and "
+        f"policy. {_choice(results)}Tasks without a name in brackets use the settings of RL Baselines3 Zoo. A robot that stands still for the reward of being alive can have a high return and "
         "fail."
     )
     return f"{what}\n\n| task | {names} |\n|---{'|---' * len(columns)}|\n"
