@@ -163,8 +163,8 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
         "quarters of the gain over an idle robot that it had in training. Runs that cannot be judged "
         "are left out of that share. Most runs either fail early or keep nearly "
         "full reward, so the means have wide intervals. C is the constant number of steps to go given to the "
-        f"policy. {_choice(results)}Tasks without a name in brackets use the settings of RL Baselines3 Zoo. A robot that stands still for the reward of being alive can have a high return and "
-        "fail."
+        f"policy. {_choice(results)}Tasks without a name in brackets use the settings of RL Baselines3 Zoo. A robot "
+        "that stands still for the reward of being alive can have a high return and fail."
     )
     return f"{what}\n\n| task | {names} |\n|---{'|---' * len(columns)}|\n"
 
