@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium
@@ -45,8 +45,10 @@ class Scripted(gymnasium.Env):
         return seen, reward, self.steps >= self.script.falls_at, self.steps >= self.script.cut_at, {}
 
 
-def world_of(scripts: list[Script]) -> GymnasiumWorld:
-    return GymnasiumWorld([lambda s=s: Scripted(s) for s in scripts], list(range(len(scripts))), "scripted")
+def world_of(scripts: list[Script], hides_divergence: bool = True) -> GymnasiumWorld:
+    world = GymnasiumWorld([lambda s=s: Scripted(s) for s in scripts], list(range(len(scripts))), "scripted")
+    world._spec = replace(world._spec, hides_divergence=hides_divergence)
+    return world
 
 
 def policy_for(task: TaskInfo, *, phi: bool = False, std: float = 1.0, seed: int = 0, method: str = "ppo") -> Policy:
@@ -69,7 +71,7 @@ def policy_for(task: TaskInfo, *, phi: bool = False, std: float = 1.0, seed: int
 SCRIPTED = TaskInfo("scripted", 3, (-1.0,), (1.0,))
 
 
-def evaluate(scripts: list[Script], steps: int) -> Any:
+def evaluate(scripts: list[Script], steps: int, hides_divergence: bool = True) -> Any:
     """Records of one lane for each script."""
     lanes = [LaneSpec(0, None, seed) for seed in range(len(scripts))]
-    return evaluate_lanes([policy_for(SCRIPTED)], lanes, steps, world=world_of(scripts))
+    return evaluate_lanes([policy_for(SCRIPTED)], lanes, steps, world=world_of(scripts, hides_divergence))

@@ -10,7 +10,7 @@ from scripted import Script, evaluate, policy_for
 from perdure.envs import make_world
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.extrapolate import LaneSpec, evaluate_lanes
-from perdure.extrapolate.evaluate import DIVERGED, SURVIVED
+from perdure.extrapolate.evaluate import DIVERGED, SURVIVED, TERMINATED
 from perdure.policy import TaskInfo
 
 STEPS = 50
@@ -40,10 +40,8 @@ def test_a_blow_up_ends_its_lane_unpaid_and_leaves_its_neighbors_alone(script):
     assert records.end_reason.tolist() == [SURVIVED, DIVERGED, SURVIVED]
     assert records.end_step.tolist() == [STEPS, 20, STEPS]
     assert records.returns[1, -1] == 19.0, "nineteen rewards before it, none for it or after it"
-    assert np.isfinite(records.last_observation).all()
     quiet = evaluate([HEALTHY, Script(), HEALTHY], STEPS)
     np.testing.assert_array_equal(records.returns[[0, 2]], quiet.returns[[0, 2]])
-    np.testing.assert_array_equal(records.last_observation[[0, 2]], quiet.last_observation[[0, 2]])
 
 
 def test_a_blow_up_at_the_step_of_a_fall_is_a_blow_up():
@@ -62,6 +60,37 @@ NOT_BLOW_UPS = {
 @pytest.mark.parametrize("script", NOT_BLOW_UPS.values(), ids=NOT_BLOW_UPS)
 def test_what_a_healthy_world_may_do_is_let_through(script):
     assert evaluate([script], STEPS).end_reason.tolist() == [SURVIVED]
+
+
+GOALS = {
+    "a goal that ends the episode": Script(reward=at(20, 100.0, usual=-0.1), falls_at=20),
+    "a fall that costs much": Script(reward=at(20, -100.0, usual=0.3), falls_at=20),
+}
+
+
+@pytest.mark.parametrize("script", GOALS.values(), ids=GOALS)
+@pytest.mark.parametrize("hidden", [False, True])
+def test_the_reward_of_an_episode_s_last_step_is_paid_however_large(script, hidden):
+    records = evaluate([script], STEPS, hidden)
+    assert records.end_reason.tolist() == [TERMINATED]
+    assert records.returns[0, -1] == pytest.approx(19 * script.reward(1) + script.reward(20))
+
+
+def test_a_bonus_on_the_way_is_a_blow_up_only_where_the_engine_hides_them():
+    """In EnvPool's MuJoCo nothing else tells a blow-up; elsewhere the engine reports it, or has none."""
+    bonus = Script(reward=at(20, 100.0, usual=0.0))
+    assert evaluate([bonus], STEPS, hides_divergence=False).end_reason.tolist() == [SURVIVED]
+    assert evaluate([bonus], STEPS, hides_divergence=False).returns[0, -1] == 100.0
+    assert evaluate([bonus], STEPS, hides_divergence=True).end_reason.tolist() == [DIVERGED]
+
+
+@pytest.mark.parametrize(
+    ("name", "hides"), [("HalfCheetah-v3", True), ("WalkerWalk-v1", True), ("gymnasium:HalfCheetah-v5", False)]
+)
+def test_only_mujoco_in_envpool_hides_a_divergence(name, hides):
+    world = make_world(name, [0])
+    assert world.spec.hides_divergence is hides
+    world.close()
 
 
 def task_of(name):

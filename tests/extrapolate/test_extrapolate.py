@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 from scripted import policy_for
 
 from perdure.envs import make_world
-from perdure.extrapolate import Extrapolation, ExtrapolationError, LaneSpec, evaluate_lanes, extrapolate
+from perdure.extrapolate import (
+    Extrapolation,
+    ExtrapolationError,
+    ExtrapolationResult,
+    LaneSpec,
+    evaluate_lanes,
+    extrapolate,
+)
 from perdure.extrapolate.idle import read_idle
 from perdure.extrapolate.lanes import split
 from perdure.extrapolate.run import _versions, evaluate_group, finished_lanes, policy_labels
@@ -72,7 +79,25 @@ def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
     lane = whole.final().filter(pl.col("policy") == "ppo")
     row = summary.filter(pl.col("policy") == "ppo")
     assert row["mean_return"].item() == pytest.approx(sum(lane["return"]) / 2)
-    assert row["median_failed_step"].item() == pytest.approx(sum(lane["failed_step"]) / 2)
+    assert row["policy_state"].item() == "never worked"
+    assert row["median_failed_step"].item() == 0.0, "what never worked has failed from the start"
+
+
+def test_the_median_time_to_failure_is_that_of_kaplan_and_meier(whole):
+    def median(*failed_steps):
+        """Lanes that fall at these steps, of 60; None: holds."""
+        ends = pl.DataFrame({"eval_seed": range(len(failed_steps)), "failed_step": failed_steps})
+        lanes = pl.concat([whole.frame.filter(pl.col("policy") == "ppo").head(1)] * len(ends)).with_columns(
+            step=pl.lit(60), test_horizon=pl.lit(60), policy_state=pl.lit("worked"), eval_seed=ends["eval_seed"],
+            failed_step=ends["failed_step"].fill_null(60),
+            outcome=pl.when(ends["failed_step"].is_null()).then(pl.lit("holds")).otherwise(pl.lit("falls")),
+        )  # fmt: skip
+        return ExtrapolationResult(lanes, None).summary()["median_failed_step"].item()
+
+    assert median(10, 20, 30, 40) == 20.0
+    assert median(10, 20, None, None) == 20.0
+    assert median(10, None, None, None) is None
+    assert median(*range(1, 25)) == 12.0, "24 successive failures multiply to a share of 0.5000000000000001"
 
 
 def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_process(
@@ -145,11 +170,11 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
 @pytest.mark.parametrize("lane", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]])
 def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
     store = Store(tmp_path)
-    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions(), "lanes": [lane]}
+    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions("InvertedPendulum-v4"), "lanes": [lane]}
     with store.workspace("groups/a", config):
         pass
     with pytest.raises(StoreError, match="groups/a"):
-        finished_lanes(tmp_path, 5)
+        finished_lanes(tmp_path, 5, "InvertedPendulum-v4")
 
 
 @pytest.mark.parametrize("at", [0.6, 0.9])

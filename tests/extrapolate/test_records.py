@@ -88,7 +88,6 @@ class TestEnds:
 def test_the_dead_change_nothing_for_the_living(records):
     alone = evaluate([SCRIPTS[0]], STEPS)
     np.testing.assert_array_equal(alone.returns[0], records.returns[0])
-    np.testing.assert_array_equal(alone.last_observation[0], records.last_observation[0])
 
 
 def test_memory_does_not_grow_with_the_steps():

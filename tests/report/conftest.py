@@ -12,7 +12,8 @@ RECORDED_STEPS = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_0
 def lane_rows(lane, ends, rate, last_rate=None, recorded=RECORDED_STEPS):
     """Rows of one lane: `rate` reward per step until `ends` (inf: never); the last tenth at `last_rate` if it lives.
 
-    Its return after s steps is rate * min(s, ends) exactly (last_rate None), and it is alive at s when ends >= s.
+    Its return after s steps is rate * min(s, ends) exactly (last_rate None), and it is alive at s when ends > s. A lane
+    that ends before its first whole window of 1,000 steps has no hold score.
     """
     horizon = recorded[-1]
     survives = ends > horizon
@@ -27,7 +28,7 @@ def lane_rows(lane, ends, rate, last_rate=None, recorded=RECORDED_STEPS):
         | {
             "step": step,
             "return": rate * min(step, end_step) + (late - rate) * max(0, min(step, end_step) - horizon * 9 // 10),
-            "alive": step <= end_step,
+            "alive": survives or step < end_step,
         }
         for step in recorded
     ]
@@ -51,7 +52,7 @@ def judged(rate, late, survives, reason, end_step):
         "policy_note": "within its training horizon it earns more",
         "outcome": outcome,
         "failed_step": end_step * 9 // 10 if outcome in ("decays", "fails silently") else end_step,
-        "end_hold": hold if survives else 1.0,
+        "end_hold": hold if survives else 1.0 if end_step >= 1000 else math.nan,
         "ever_idle": outcome == "fails silently",
     }
 

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from specs import by_label, notes, rows, specs
@@ -17,7 +18,7 @@ from specs import by_label, notes, rows, specs
 from perdure.extrapolate import ExtrapolationResult
 from perdure.report import ReportError, summary_text, write_report
 from perdure.report.groups import make_groups
-from perdure.report.page import PAGE
+from perdure.report.page import PAGE, estimate_table
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -84,13 +85,59 @@ class TestWhatItSays:
         best = {"clock": "constant(500)", "rate": 2.0, "spread": 0.3}
         same = {"clock": "constant(600)", "rate": 2.3, "spread": 0.3}
         worse = {"clock": "constant(700)", "rate": 0.5, "spread": 0.1}
-        last = summary_text(synthetic([falling, best, same, worse])).split("\n\n")[0].splitlines()[-1]
+        frame = synthetic([falling, best, same, worse])
+        last = summary_text(frame).split("\n\n")[0].splitlines()[-1]
         first, _, other = re.fullmatch(
             r"  Best clock of geometric on these start states: always (\d00) steps to go\.( Not distinguishable from "
-            r"it \(return, 95 %\): always (\d00) steps to go\.) Confirm it on others \(--first-eval-seed\)\.",
+            r"it \(share that holds, return; 95 % each\): always (\d00) steps to go\.) Confirm it on others "
+            r"\(--first-eval-seed\)\.",
             last,
         ).groups()
         assert {first, other} == {"500", "600"}
+        final = frame.filter(pl.col("step") == 100_000).group_by("clock").agg(pl.col("return").mean())
+        means = dict(final.rows())
+        assert means[f"constant({first})"] > means[f"constant({other})"]
+
+    def test_a_clock_that_earns_more_and_holds_a_little_less_is_as_good(self, synthetic):
+        """18 of 20 against 17 of 20: one episode apart, whatever the verdicts are called; and twice the return."""
+        holding = {"clock": "constant(500)", "rate": 2.0, "ends": [math.inf] * 18 + [5000] * 2}
+        earning = {"clock": "constant(600)", "rate": 4.0, "ends": [math.inf] * 17 + [5000] * 3}
+        worse = {"clock": "constant(700)", "rate": 2.0, "ends": [5000] * 20}
+        text = summary_text(synthetic([holding, earning, worse], lanes=20))
+        assert "always 500 steps to go. Not distinguishable from it" in text
+        assert "95 % each): always 600 steps to go. Confirm" in text
+
+    def test_clocks_on_other_start_states_are_not_paired(self, synthetic, tmp_path):
+        one = synthetic([{"clock": "constant(500)", "rate": 2.0}])
+        two = synthetic([{"clock": "constant(600)", "rate": 3.0}]).with_columns(pl.col("eval_seed") + 100)
+        frame = pl.concat([one, two])
+        assert "Best clock" not in summary_text(frame)
+        assert "Clocks compared" not in write_report(frame, tmp_path / "none", "x").read_text()
+        some = pl.concat([one, two.with_columns(pl.col("eval_seed") - 96)])  # 4 to 11 beside 0 to 7
+        page = write_report(some, tmp_path / "some", "x").read_text()
+        assert "4 of 4 episodes" in page
+
+    def test_runs_that_agree_have_no_interval_of_width_0(self, synthetic):
+        text = summary_text(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))
+        assert "16 of 16 episodes (the same share in each of 2 training runs)" in text
+
+    def test_nine_of_ten_on_average_holds_whatever_the_rounding(self, synthetic):
+        """19 of 20 and 17 of 20: the mean of the shares is 0.8999999999999999."""
+        ends = [math.inf] * 19 + [5000]
+        first = synthetic([{"rate": 2.0, "ends": ends}], lanes=20, train_seeds=(0,))
+        second = synthetic([{"rate": 2.0, "ends": [math.inf] * 17 + [5000] * 3}], lanes=20, train_seeds=(1,))
+        assert summary_text(pl.concat([first, second])).splitlines()[0].endswith("holds for 100,000 steps")
+
+    def test_a_fall_before_the_first_window_counts_as_0(self, synthetic):
+        frame = synthetic([{"rate": 2.0, "ends": [500] * 4 + [math.inf] * 4}])
+        assert frame.filter(pl.col("end_step") == 500)["end_hold"].is_nan().all()
+        (estimate,) = estimate_table(frame)["Hopper-v3"]
+        assert float(estimate.final_hold.estimate) == 0.5
+
+    def test_where_every_step_pays_the_same_no_gain_is_named(self, synthetic):
+        text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
+        assert "every step pays the same, so only survival is judged." in text
+        assert "gain over an idle robot" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
         falls = [{"clock": f"constant({c})", "rate": 2.0, "ends": [500] * 8} for c in (100, 500)]
@@ -121,7 +168,7 @@ class TestWhatItSays:
         assert "from the start; moving." in summary_text(silent)
 
     def test_pauses_of_episodes_that_hold_are_said(self, synthetic):
-        assert "8 of them earned no more than an idle robot for a while" in summary_text(
+        assert "8 of them gained less than a quarter of that for a while" in summary_text(
             synthetic([{"rate": 2.0, "ever_idle": True}])
         )
 
@@ -134,7 +181,7 @@ class TestWhatItSays:
     def test_where_nothing_beats_an_idle_robot_this_is_said_first(self, synthetic):
         stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_hold": math.nan}
         text = summary_text(synthetic([stands, stands | {"clock": "constant(100)"}]))
-        assert text.startswith("Hopper-v3: no policy does better than an idle robot")
+        assert text.startswith("Hopper-v3: no policy works, even within its training horizon")
         assert "never worked in 8 of 8 episodes; within its training horizon it earns more" in text
 
     def test_the_asked_policy_is_judged_and_not_the_best_number(self, synthetic):
@@ -200,12 +247,15 @@ class TestFigures:
         )
         (group,) = make_groups(frame.with_columns(pl.col("eval_seed").cast(pl.Int64)))
         at = dict(zip(group.steps.tolist(), group.working.tolist(), strict=True))
-        assert (at[100], at[200], at[500], at[100_000]) == pytest.approx((1.0, 0.75, 0.375, 0.375))
+        assert (at[100], at[200], at[500], at[100_000]) == pytest.approx((0.75, 0.75, 0.375, 0.375))
+        (estimate,) = estimate_table(frame.with_columns(pl.col("eval_seed").cast(pl.Int64)))["Hopper-v3"]
+        bounds = dict(zip(estimate.steps.tolist(), np.isfinite(estimate.working.lower).tolist(), strict=True))
+        assert (bounds[100], bounds[200], bounds[100_000]) == (True, False, False), "no interval once one is cut"
 
     def test_survival_falls_where_episodes_end(self, synthetic, tmp_path):
         found, text = drawn(half_fall(synthetic), tmp_path)
         (values,) = by_label(found["survival"], "line").values()
-        assert values == [1.0, 1.0, 1.0, *[0.5] * 7]
+        assert values == [1.0, 1.0, *[0.5] * 8]
         (bar,) = rows(found["survival"], "rule", size=2.6)
         assert (bar["lower"], bar["upper"]) == pytest.approx((0.2152, 0.7848), abs=1e-4)  # Wilson, 4 of 8
         assert "(Wilson score) over n = 8 start states, from one training run" in text["survival"]

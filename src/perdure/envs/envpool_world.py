@@ -104,6 +104,7 @@ def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
         action_low=pool.action_space.low,
         action_high=pool.action_space.high,
         default_horizon=int(envpool.make_spec(name).config.max_episode_steps),
+        hides_divergence=_mujoco_version(pool) is not None,
     )
 
 

@@ -42,6 +42,8 @@ class TaskSpec:
     MultiBinary); otherwise actions are a box."""
     has_step_limit: bool = True
     """Whether `default_horizon` is the environment's own step limit, and not an assumption."""
+    hides_divergence: bool = False
+    """Whether a simulation that diverged may be put back to its start without a report, as MuJoCo does in EnvPool."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies of the bounds, so that no caller can move the box of a running world."""

@@ -92,8 +92,11 @@ def _rows_of(policy: Policy, frame: pl.DataFrame, table: str) -> pl.DataFrame:
     import polars as pl
 
     method, seed = str(policy.provenance.get("method", "unknown")), int(policy.provenance.get("seed", 0))
+    preset = policy.provenance.get("preset")
+    label = pl.col("policy")
+    named = label.str.starts_with(f"{method} ({preset})") if preset else ~label.str.starts_with(f"{method} (zoo)")
     mine = frame.filter(
-        (pl.col("task") == policy.task.name) & (pl.col("method") == method) & (pl.col("train_seed") == seed)
+        (pl.col("task") == policy.task.name) & (pl.col("method") == method) & (pl.col("train_seed") == seed) & named
     )
     if mine["policy"].n_unique() != 1:
         names = ", ".join(sorted(frame.select(name=pl.col("task") + " " + pl.col("policy"))["name"].unique()))

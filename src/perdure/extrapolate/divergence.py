@@ -4,14 +4,16 @@ MuJoCo resets a diverging simulation to its start and only logs a warning. The l
 gives one very large, often positive, reward. Any one of three signs ends the lane as "diverged"; the reward of that
 step is not counted.
 
-1. An observation or reward that is not finite.
+1. An observation or reward that is not finite, or the engine's own report.
 2. A reward far outside the lane's earlier ones. A locomotion reward contains the speed, and a reset from x meters away
    is a speed of x / dt.
 3. A jump back: within one step the observation moves from far away to near the lane's first one, measured in standard
    deviations of the policy's normalizer.
 
-A reset within the first meters of a lane, from an ordinary pose, shows none of the three signs. Single Gymnasium
-environments on MuJoCo read the divergence from the engine, so there it is always detected.
+Signs 2 and 3 count only where the engine hides a divergence (`TaskSpec.hides_divergence`), and not in the last step of
+an episode: elsewhere a reward of 100 is a goal, or the price of a fall. A reset within the first meters of a lane, from
+an ordinary pose, shows none of the three signs. Single Gymnasium environments on MuJoCo read the divergence from the
+engine, so there it is always detected; in a vector environment of somebody else's only sign 1 is.
 """
 
 from __future__ import annotations
@@ -36,13 +38,15 @@ SMALLEST_JUMP = 0.999 * (FAR - NEAR)
 class DivergenceDetector:
     """Detects divergence from the rewards and first observations of each lane."""
 
-    def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64]) -> None:
+    def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64], hidden: bool) -> None:
         """Start at the lanes' first observations.
 
         Args:
             first_observations: Shape (lanes, d).
             scale: Standard deviation of each component as the lane's policy knows it, shape (lanes, d).
+            hidden: Whether the engine hides divergences.
         """
+        self._hidden = hidden
         self._first = first_observations.copy()
         # A component that never varied in training says nothing about distance.
         self._scale = np.where(scale > 1e-6, scale, np.inf)
@@ -59,21 +63,30 @@ class DivergenceDetector:
             largest = self._largest[lanes]
             # The sum is finite only if every term is: one pass instead of two.
             bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | lane_step.step.diverged
-            # The first reward has nothing to be compared with.
-            bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & (lane_step.step.elapsed > 1)
+            if self._hidden:
+                # The first reward has nothing to be compared with.
+                goes_on = (lane_step.step.elapsed > 1) & ~lane_step.step.ended
+                bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & goes_on
             for row in np.flatnonzero(bad):
                 self.signs[lanes[row]] = _first_sign(lane_step, int(row))
-            change = after - lane_step.before
-            change *= self._per_deviation[lanes]
-            jumps = np.abs(change, out=change) > SMALLEST_JUMP
-            if np.count_nonzero(jumps):
-                suspects = np.flatnonzero(jumps.any(axis=1))
-                back = suspects[self._snapped_back(lanes[suspects], lane_step.before[suspects], after[suspects])]
+            if self._hidden:
+                back = self._jumped_back(lane_step)
                 for row in back[~bad[back]]:
                     self.signs[lanes[row]] = "put back to its start within a step"
                 bad[back] = True
         self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
         return bad
+
+    def _jumped_back(self, lane_step: LaneStep) -> NDArray[np.int64]:
+        """Return the rows of the lanes that moved from far away to their start in this step and did not end."""
+        lanes, before, after = lane_step.lanes, lane_step.before, lane_step.step.observations
+        change = after - before
+        change *= self._per_deviation[lanes]
+        jumps = np.abs(change, out=change) > SMALLEST_JUMP
+        if not np.count_nonzero(jumps):
+            return np.zeros(0, np.int64)
+        suspects = np.flatnonzero(jumps.any(axis=1) & ~lane_step.step.ended)
+        return suspects[self._snapped_back(lanes[suspects], before[suspects], after[suspects])]
 
     def _snapped_back(
         self, lanes: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]

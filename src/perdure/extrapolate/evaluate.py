@@ -39,8 +39,6 @@ class LaneRecords:
     """Cause of the end, in words; "" if unknown. Length n."""
     movement: NDArray[np.float64]
     """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
-    last_observation: NDArray[np.float64]
-    """Last finite observation of each lane, shape (n, d)."""
 
 
 def evaluate_lanes(
@@ -63,7 +61,7 @@ def evaluate_lanes(
     world = world or make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
     try:
         loop = ClosedLoop(world, lane_policies)
-        recorder = _Recorder(loop, lane_policies, steps)
+        recorder = _Recorder(loop, lane_policies, steps, world.spec.hides_divergence)
         with one_thread():
             for step in range(1, steps + 1):
                 recorder.take(step)
@@ -79,7 +77,9 @@ def evaluate_lanes(
 class _Recorder:
     """Accumulates the fields of LaneRecords while the loop runs."""
 
-    def __init__(self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int) -> None:
+    def __init__(
+        self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int, hides_divergence: bool
+    ) -> None:
         n = len(lane_policies)
         self._loop = loop
         self._steps = recorded_steps(steps)
@@ -87,9 +87,8 @@ class _Recorder:
         self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
-        self._observation = loop.observations.copy()
         self._divergence = DivergenceDetector(
-            self._observation, np.stack([each.policy.observation_std for each in lane_policies])
+            loop.observations, np.stack([each.policy.observation_std for each in lane_policies]), hides_divergence
         )
         self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
 
@@ -107,24 +106,20 @@ class _Recorder:
         self._movement.take(lane_step, step)
         ended = result.ended | diverged
         if ended.any():
-            self._end(lanes[ended], step, lane_step.before[ended], result.terminated[ended], diverged[ended])
+            self._end(lanes[ended], step, result.terminated[ended], diverged[ended])
         if step == self._steps[self._next]:
             self._returns[:, self._next] = self._total
             self._next += 1
-            running = self._loop.running
-            self._observation[running] = self._loop.observations
 
     def _end(
         self,
         lanes: NDArray[np.int64],
         step: int,
-        observations: NDArray[np.float64],
         terminated: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
     ) -> None:
         self._end_step[lanes] = step
         self._reason[lanes] = np.where(diverged, DIVERGED, np.where(terminated, TERMINATED, TRUNCATED))
-        self._observation[lanes] = observations
 
     def records(self) -> LaneRecords:
         """Return the records; lanes that all ended early keep their values at the recorded steps not reached."""
@@ -137,7 +132,6 @@ class _Recorder:
             end_reason=self._reason,
             end_detail=[self._detail(lane) for lane in range(len(self._total))],
             movement=self._movement.movement,
-            last_observation=self._observation,
         )
 
     def _detail(self, lane: int) -> str:

@@ -50,20 +50,30 @@ class ExtrapolationResult:
     def summary(self, by_training_run: bool = False) -> pl.DataFrame:
         """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure.
 
+        The median is that of the Kaplan-Meier curve; null where less than half of the lanes failed. `policy_state`
+        names every state of the policies in the row, such as "never worked, worked".
+
         Args:
             by_training_run: One row for each training run instead of one for all runs of a method; adds `train_seed`.
         """
         import polars as pl
 
+        from perdure.report.groups import VERDICT, half_failed_by
+
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
+        keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock"]
+        lanes = self.final().with_columns(verdict=VERDICT)
+        medians = [
+            half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
+            for part in lanes.partition_by(keys, maintain_order=True)
+        ]
         return (
-            self.final()
-            .group_by("task", "policy", *(["train_seed"] if by_training_run else []), "clock", maintain_order=True)
+            lanes.group_by(keys, maintain_order=True)
             .agg(
                 lanes=pl.len(),
                 mean_return=pl.col("return").mean(),
-                policy_state=pl.col("policy_state").first(),
-                median_failed_step=pl.col("failed_step").median(),
+                policy_state=pl.col("policy_state").unique().sort().str.join(", "),
                 **{outcome.replace(" ", "_"): (pl.col("outcome") == outcome).mean() for outcome in outcomes},
             )
+            .with_columns(median_failed_step=pl.Series(medians, dtype=pl.Float64).fill_nan(None))
         )

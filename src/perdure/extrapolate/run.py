@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,16 +95,17 @@ def extrapolate(
             raise ExtrapolationError(f"{first} and {path} hold the same policy: name only one of them")
     store = Store(out)
     with store.exclusive("extrapolate", waiting):
-        finished = _finished(store, evaluation.steps, _versions())
+        versions = _versions(policies[0].task.name)
+        finished = _finished(store, evaluation.steps, versions)
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
-        measurements = _measurements(policies, evaluation.policies, digests)
+        measurements = _measurements(policies, evaluation.policies, digests, versions)
         unmeasured = [unit for unit in measurements if not store.done(unit.key, unit.config)]
-        units = [*unmeasured, *_units(missing, evaluation, digests, workers)]
+        units = [*unmeasured, *_units(missing, evaluation, digests, workers, versions)]
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         if units:
             run_units(units, out, make_workers(on, units, cores), observe)
-        frame = _table(store, evaluation, policies, lanes, digests, _versions())
+        frame = _table(store, evaluation, policies, lanes, digests, versions)
         from perdure.report import write_table
 
         return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
@@ -119,13 +121,20 @@ def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
     store = Store(out)
     policies = [load_policy(path) for path in evaluation.policies]
     digests = [file_digest(path) for path in evaluation.policies]
-    return _table(store, evaluation, policies, _plan(evaluation, policies), digests, _stored_versions(store))
+    return _table(
+        store,
+        evaluation,
+        policies,
+        _plan(evaluation, policies),
+        digests,
+        _stored_versions(store, policies[0].task.name),
+    )
 
 
-def finished_lanes(out: str | Path, steps: int) -> set[Identity]:
-    """Return the lanes in ``out``, of so many steps, that `read_lanes` can read."""
+def finished_lanes(out: str | Path, steps: int, task: str) -> set[Identity]:
+    """Return the lanes of a task in ``out``, of so many steps, that `read_lanes` can read."""
     store = Store(out)
-    return set(_finished(store, steps, _stored_versions(store)))
+    return set(_finished(store, steps, _stored_versions(store, task)))
 
 
 def _table(
@@ -200,20 +209,34 @@ Versions = dict[str, str]
 """Of what a lane was computed with."""
 
 
-def _versions() -> Versions:
-    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "numpy")}
+def _versions(task: str) -> Versions:
+    """Return what the lanes of a task depend on: for Gymnasium's also MuJoCo, and the file that defines the task."""
+    names = ("perdure", "envpool", "gymnasium", "numpy")
+    found = {name: version(name) for name in names}
+    if not task.startswith("gymnasium:"):
+        return found
+    found["mujoco"] = version("mujoco")
+    module = task.removeprefix("gymnasium:").rpartition(":")[0]
+    spec = find_spec(module) if module else None
+    if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
+        found[module] = file_digest(Path(spec.origin))
+    return found
 
 
-def _stored_versions(store: Store) -> Versions:
+def _stored_versions(store: Store, task: str) -> Versions:
     """Return the installed versions if a lane was computed with them, otherwise those of most groups."""
     found = [json.dumps(store.config(key).get("versions"), sort_keys=True) for key in store.keys(GROUPS)]
-    installed = json.dumps(_versions(), sort_keys=True)
+    installed = json.dumps(_versions(task), sort_keys=True)
     chosen: Versions = json.loads(installed if installed in found or not found else max(found, key=found.count))
     return chosen
 
 
 def _units(
-    lanes: Sequence[LaneSpec], evaluation: Extrapolation, digests: Sequence[str], workers: int
+    lanes: Sequence[LaneSpec],
+    evaluation: Extrapolation,
+    digests: Sequence[str],
+    workers: int,
+    versions: Versions,
 ) -> Iterator[Unit]:
     """Split lanes into groups, one unit each."""
     for group in split(lanes, evaluation.max_lanes, workers) if lanes else ():
@@ -221,7 +244,7 @@ def _units(
             [digests[lane.policy], None if lane.clock is None else lane.clock.to_json(), lane.eval_seed]
             for lane in group
         ]
-        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": _versions(), "lanes": written}
+        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": versions, "lanes": written}
         paths = {digests[number]: str(path.resolve()) for number, path in enumerate(evaluation.policies)}
         yield Unit(
             f"{GROUPS}/{config_digest(config)[:16]}",
@@ -257,12 +280,14 @@ def _reference_unit(digest: str, versions: Versions, path: Path = Path()) -> Uni
     return Unit(f"{REFERENCES}/{config_digest(config)[:16]}", config, function, arguments, size=20_000.0)
 
 
-def _measurements(policies: Sequence[Policy], paths: Sequence[Path], digests: Sequence[str]) -> Iterator[Unit]:
+def _measurements(
+    policies: Sequence[Policy], paths: Sequence[Path], digests: Sequence[str], versions: Versions
+) -> Iterator[Unit]:
     """Yield the units that verdicts need: the idle robot, and reference episodes that are missing in policy files."""
-    yield idle_unit(policies[0].task.name, _versions())
+    yield idle_unit(policies[0].task.name, versions)
     for policy, path, digest in zip(policies, paths, digests, strict=True):
         if policy.reference is None:
-            yield _reference_unit(digest, _versions(), path)
+            yield _reference_unit(digest, versions, path)
 
 
 def measure_policy(work: Work, *, path: str) -> None:

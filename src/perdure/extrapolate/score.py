@@ -16,6 +16,7 @@ the reference rarely score as idle.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -55,6 +56,8 @@ TASK_RATES = {
     "Walker2d": 4.896,
 }
 """Reward per step of level 1: returns of 1,000 steps / 1,000."""
+_ROBOTS = re.compile(rf"(?:gymnasium:|envpool:)?({'|'.join(TASK_RATES)})-v[2-5]")
+"""Names of these tasks in EnvPool and Gymnasium; an environment of the same name in a module of its own is another."""
 TASK_RATE_SOURCES = {
     **dict.fromkeys(
         ("Ant", "HalfCheetah", "Hopper", "Walker2d"),
@@ -68,7 +71,8 @@ TASK_RATE_SOURCES = {
 
 def task_rate(task: str) -> float:
     """Return the rate of level 1 of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5"; nan where none is known."""
-    return TASK_RATES.get(task.rpartition(":")[2].partition("-")[0], math.nan)
+    found = _ROBOTS.fullmatch(task)
+    return TASK_RATES[found[1]] if found else math.nan
 
 
 @dataclass(frozen=True)
@@ -96,11 +100,6 @@ class ScoreScale:
             return rate / self.reference
         return (rate - self.idle) / (self.reference - self.idle)
 
-    @property
-    def level(self) -> float:
-        """Level of the policy within its training horizon; nan where the task's is unknown."""
-        return (self.reference - self.idle) / (self.task - self.idle)
-
 
 def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
     """Compare reference episodes with an idle robot.
@@ -123,15 +122,16 @@ def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScal
         f"an idle robot {idle.rate:.3g} ({idle.kind})"
     )
     if not gain - error > least:
-        state: State = "never worked" if gain + error <= least or gain <= least else "cannot tell"
-        return ScoreScale(idle.rate, rate, task, 0, state, note)
+        state: State = "never worked" if gain <= least else "cannot tell"
+        return ScoreScale(idle.rate, rate, task, 0, state, f"{note}; a gain above {least:.3g} would count")
     return ScoreScale(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
 
 
 def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
     """Return whether every step pays the same, to the policy and to an idle robot, as in CartPole."""
     rates = reference.rewards.sum(axis=1) / reference.lengths
-    return bool(idle.zero == idle.random > 0.0 and np.allclose(rates, idle.zero, rtol=1e-9, atol=0.0))
+    same = np.isclose([idle.random, *rates], idle.zero, rtol=1e-9, atol=0.0)
+    return bool(idle.zero > 0.0 and same.all())
 
 
 def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:

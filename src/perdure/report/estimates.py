@@ -36,7 +36,7 @@ class Estimate:
     survival: Interval
     """Share of lanes alive, shape (points,)."""
     working: Interval
-    """Share of episodes without a failure so far (Kaplan-Meier within each training run), shape (points,)."""
+    """Share of episodes without a failure so far (Kaplan-Meier), shape (points,); no bounds once an episode is cut."""
     final_hold: Interval
     """Hold score at the end, ended episodes count 0; shape ()."""
     verdict: Verdict
@@ -66,12 +66,18 @@ def estimate_group(group: Group, rng: np.random.Generator, how: Bootstrap = DEFA
 
 
 def _working(group: Group, kept: IntArray, rng: np.random.Generator, how: Bootstrap) -> Interval:
-    """Return the Kaplan-Meier curve over all lanes; the interval is that of the share of failed lanes."""
+    """Return the Kaplan-Meier curve over all lanes; the interval is that of the share of failed lanes.
+
+    Both agree until the first lane is cut or can no longer be judged; from then on there is no interval.
+    """
     unfailed = ~group.failed & (np.array(group.verdicts) != "never worked")
     without = unfailed[:, None] | (group.failed_steps[:, None] > group.steps[None, kept])
     without &= (np.array(group.verdicts) != "never worked")[:, None]
     interval = survival_interval(without, group.runs, rng, how)
-    return replace(interval, estimate=group.working[kept])
+    cut = np.array(group.verdicts) == "cannot tell"
+    watched = np.where(cut, group.failed_steps, group.steps[-1] + 1).min()
+    bounds = [np.where(group.steps[kept] < watched, bound, np.nan) for bound in (interval.lower, interval.upper)]
+    return replace(interval, estimate=group.working[kept], lower=bounds[0], upper=bounds[1])
 
 
 def thin(steps: IntArray, most: int) -> IntArray:

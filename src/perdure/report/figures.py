@@ -10,6 +10,7 @@ import numpy as np
 
 from perdure.report import theme, wording
 from perdure.report.axes import Axis, FloatArray
+from perdure.report.comparisons import best_clock
 from perdure.report.curves import Curve, Level, Marker, curve_chart
 from perdure.report.estimates import Estimate
 from perdure.report.groups import NO_CLOCK
@@ -23,6 +24,7 @@ MOST_CURVES = 8
 MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
+_SELECTED = "Of every kind of clock the best C is shown, chosen on these episodes. "
 _FAILURE = "Failure: a fall, a divergence, or a hold score that stays below 0.75 until the end. "
 
 
@@ -39,13 +41,15 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
     shown = overview(estimates)
     chosen = [("", shown)]
     chosen += [(title, sweep) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
-    figures = []
+    figures: list[Figure] = []
     for title, part in chosen:
-        figures += [
+        selected = _SELECTED if part is shown and len(shown) < len(estimates) else ""
+        made = [
             _share_figure("working", "failed", title, part, _FAILURE),
             _share_figure("survival", "ended", title, part),
             _reward_figure(title, part),
         ]
+        figures += [replace(each, note=f"{selected}{each.note}") for each in made]
     figures += [*_choice_figure(estimates), *_hold_figure(estimates)]
     task = estimates[0].group.task
     return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
@@ -55,17 +59,8 @@ def overview(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Choose the groups of the first figures: all groups, or the best C of each line and kind and all without C."""
     if len(estimates) <= MOST_CURVES:
         return list(estimates)
-    best: dict[tuple[str, str], Estimate] = {}
-    for estimate in estimates:
-        key = (estimate.group.line, estimate.group.clock_kind)
-        if estimate.group.is_tuned_by_steps and (key not in best or _score(estimate) > _score(best[key])):
-            best[key] = estimate
-    chosen = [id(estimate) for estimate in best.values()]
+    chosen = [id(best_clock(sweep)) for sweep in _by_line_and_kind(estimates).values()]
     return [item for item in estimates if not item.group.is_tuned_by_steps or id(item) in chosen]
-
-
-def _score(estimate: Estimate) -> float:
-    return float(np.nan_to_num(estimate.final_return, nan=-np.inf))
 
 
 def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:

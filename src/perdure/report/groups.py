@@ -19,6 +19,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NO_CLOCK = "none"
+ROUNDING = 1e-9
+"""Shares that differ by less are equal."""
 LANE_FAILURES = ("falls", "fails silently", "decays", "diverges")
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 
@@ -42,6 +44,8 @@ class Group:
     """Which training run each lane belongs to, shape (lanes,)."""
     train_seeds: IntArray
     """Training seed of each lane's policy, shape (lanes,)."""
+    keys: tuple[tuple[str, int, int], ...]
+    """Policy, training seed and evaluation seed of each lane: what lanes under two clocks have in common."""
     returns: FloatArray
     """Shape (lanes, steps)."""
     alive: BoolArray
@@ -63,6 +67,8 @@ class Group:
     """Likewise in the last tenth; nan for lanes that ended before."""
     level: FloatArray
     """Level of each lane's policy within its training horizon, shape (lanes,); nan: no level is known."""
+    only_survival: bool
+    """Every step pays the same, to an idle robot too: there is no gain, only how long an episode lasts."""
 
     @property
     def lanes(self) -> int:
@@ -98,32 +104,49 @@ class Group:
         have failed from the start.
         """
         times, shares = self._kaplan_meier
-        return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="left")]
+        return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="right")]
 
     @property
     def half_failed_by(self) -> float:
-        """Steps by which half of the lanes have failed: the median of the Kaplan-Meier curve; nan if they have not."""
-        times, shares = self._kaplan_meier
-        by_then = times[shares <= 0.5]
-        return float(by_then[0]) if by_then.size else float("nan")
+        """Steps by which half of the lanes have failed, see `half_failed_by`."""
+        return half_failed_by(self.verdicts, self.failed_steps)
 
     @cached_property
     def _kaplan_meier(self) -> tuple[IntArray, FloatArray]:
-        """Times of failure, rising, and the share without a failure after each."""
-        never = np.array([verdict == "never worked" for verdict in self.verdicts])
-        times = np.where(never, 0, self.failed_steps)
-        event = self.failed | never
-        at: IntArray = np.unique(times[event]).astype(np.int64)
-        watched = len(times) - np.searchsorted(np.sort(times), at, side="left")
-        failures = np.unique(times[event], return_counts=True)[1]
-        shares: FloatArray = np.cumprod(1.0 - failures / watched, dtype=np.float64)
-        return at, shares
+        return kaplan_meier(self.verdicts, self.failed_steps)
 
     @cached_property
     def final_hold(self) -> FloatArray:
-        """Hold score at the end; 0 for lanes that ended, nan where it is not known; shape (lanes,)."""
+        """Hold score at the end; 0 for lanes that ended, nan where it is not known; shape (lanes,).
+
+        A lane that fell before its first whole window has no score of its own, and is 0 too.
+        """
         ended = ~self.alive[:, -1]
-        return np.where(ended & np.isfinite(self.end_hold), 0.0, self.end_hold)
+        return np.where(ended & (self.failed | np.isfinite(self.end_hold)), 0.0, self.end_hold)
+
+
+def kaplan_meier(verdicts: Sequence[str], failed_steps: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return times of failure, rising, and the share of lanes without a failure after each [Kaplan and Meier, 1958].
+
+    Args:
+        verdicts: As `Group.verdicts`; "never worked" is a failure from the start.
+        failed_steps: As `Group.failed_steps`.
+    """
+    never = np.array([verdict == "never worked" for verdict in verdicts])
+    times = np.where(never, 0, failed_steps)
+    event = np.isin(verdicts, LANE_FAILURES) | never
+    at: IntArray = np.unique(times[event]).astype(np.int64)
+    watched = len(times) - np.searchsorted(np.sort(times), at, side="left")
+    failures = np.unique(times[event], return_counts=True)[1]
+    shares: FloatArray = np.cumprod(1.0 - failures / watched, dtype=np.float64)
+    return at, shares
+
+
+def half_failed_by(verdicts: Sequence[str], failed_steps: IntArray) -> float:
+    """Return the median of the Kaplan-Meier curve [steps]; nan where less than half of the lanes failed."""
+    times, shares = kaplan_meier(verdicts, failed_steps)
+    by_then = times[shares <= 0.5 + ROUNDING]
+    return float(by_then[0]) if by_then.size else float("nan")
 
 
 def make_groups(table: pl.DataFrame | Sequence[Lanes]) -> tuple[Group, ...]:
@@ -180,10 +203,11 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         steps=lanes.steps,
         runs=part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy(),
         train_seeds=part["train_seed"].to_numpy(),
+        keys=tuple(part.select("policy", "train_seed", "eval_seed").iter_rows()),
         returns=lanes.returns[rows],
         alive=lanes.alive[rows],
         end_details=tuple(part["end_detail"]),
-        verdicts=tuple(part.select(_VERDICT).to_series()),
+        verdicts=tuple(part.select(VERDICT).to_series()),
         notes=tuple(part["policy_note"]),
         failed_steps=part["failed_step"].to_numpy(),
         end_hold=part["end_hold"].to_numpy(),
@@ -191,6 +215,7 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         movement_first=part["movement_first"].to_numpy(),
         movement_last=part["movement_last"].to_numpy(),
         level=part.select(_level(pl.col("reference_rate"))).to_series().to_numpy(),
+        only_survival=bool((part["reference_rate"] == part["idle_rate"]).all()),
     )
 
 
@@ -198,10 +223,11 @@ def _level(rate: pl.Expr) -> pl.Expr:
     return (rate - pl.col("idle_rate")) / (pl.col("level_rate") - pl.col("idle_rate"))
 
 
-_VERDICT = (
+VERDICT = (
     pl.when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_state"))
     .when(pl.col("outcome").is_in(["cut", "unknown"]))
     .then(pl.lit("cannot tell"))
     .otherwise(pl.col("outcome"))
 )
+"""Outcome of a lane as reports show it, from the columns of a table."""

@@ -45,7 +45,8 @@ constant.<br>
 After a pause in which it earned no more than an idle robot, the mean is taken over five times the pause.<br>
 <em>Decays</em>: the score is below 0.75, and chance does not explain it. <em>Fails silently</em>: it is below 0.25.<br>
 <em>Falls</em>: the environment ends the episode. <em>Diverges</em>: the simulation becomes invalid.<br>
-<em>Never worked</em>: the policy does no better than idle within its own training horizon.<br>
+<em>Never worked</em>: the policy gains too little over an idle robot within its own training horizon; where every
+step pays the same, its episodes end too early there.<br>
 <em>Verdict on a policy</em>: it holds if at least nine in ten episodes hold; otherwise the most common outcome.<br>
 <em>Ever idle</em>: episodes in which two consecutive windows scored below 0.25.<br>
 <em>Half failed by</em>: median of the Kaplan-Meier curve."""

@@ -24,12 +24,12 @@
 | reference_rate | float | reward per step of the policy within its training horizon |
 | level_rate | float | reward per step of a published policy of the task; nan: none is known |
 | window | int | steps of the windows that are judged; 0: none |
-| policy_state | text | "worked", "never worked" (within its horizon no better than idle), "cannot tell" |
+| policy_state | text | "worked", "never worked" (within its horizon it gains too little over idle), "cannot tell" |
 | policy_note | text | the evidence for that |
 | outcome | text | "holds", "decays", "fails silently", "falls", "diverges", "cut" or "unknown" |
 | failed_step | int | steps before the failure began; without a failure, all steps of the lane |
 | end_hold | float | (rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known |
-| ever_idle | bool | two consecutive windows, at any time, were no better than idle |
+| ever_idle | bool | two consecutive windows, at any time, scored below 0.25: hardly better than idle |
 
 Tables of version 1 are read too; they say nothing about idle robots, so their policies are "cannot tell".
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from perdure.report import wording
-from perdure.report.groups import BoolArray, Group
+from perdure.report.groups import ROUNDING, BoolArray, Group
 from perdure.report.statistics import DEFAULT, Bootstrap, Interval, survival_interval
 
 HOLDING_SHARE = 0.9
@@ -61,8 +61,10 @@ class Verdict:
         counted = ""
         if self.label == "holds" or self.count == self.group.lanes:
             counted = f" in {self.count} of {wording.count(self.group.lanes, 'episode')}"
-        if self.label == "holds" and np.isfinite(low):
+        if self.label == "holds" and low < high:
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
+        elif self.label == "holds" and low == high:  # runs without a difference show no spread, which is no certainty
+            counted += f" (the same share in each of {self.share.count} training runs)"
         return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
 
     @property
@@ -92,7 +94,7 @@ def judge(group: Group, rng: np.random.Generator, how: Bootstrap = DEFAULT) -> V
 
 def _label(counts: Mapping[str, int], holding: float) -> str:
     """Return the verdict on episodes: how many had which outcome, and the share of them that hold."""
-    if holding >= HOLDING_SHARE:
+    if holding >= HOLDING_SHARE - ROUNDING:
         return "holds"
     return max(FAILURES, key=lambda each: (counts.get(each, 0), -FAILURES.index(each)))
 
@@ -114,7 +116,7 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     """
     first = f"{verdicts[0].group.task}: "
     if all(verdict.label == "never worked" for verdict in verdicts):
-        return first + "no policy does better than an idle robot, even within its training horizon"
+        return first + "no policy works, even within its training horizon"
     if len(verdicts) <= _MOST_NAMED:
         return first + "; ".join(verdict.short for verdict in verdicts)
     counts = Counter(verdict.label for verdict in verdicts)
@@ -130,9 +132,11 @@ def _evidence(group: Group, label: str) -> str:
         notes = Counter(note for note, chosen in zip(group.notes, mine, strict=True) if chosen and note)
         return notes.most_common(1)[0][0] if notes else "too few steps, or the environment ended the episodes"
     if label == "holds":
+        if group.only_survival:
+            return "every step pays the same, so only survival is judged"
         rate = wording.share(float(group.end_hold[mine].mean()))
         paused = int(group.ever_idle[mine].sum())
-        pauses = f"; {paused} of them earned no more than an idle robot for a while" if paused else ""
+        pauses = f"; {paused} of them gained less than a quarter of that for a while" if paused else ""
         return f"gain over an idle robot at the end: {rate} of that in training{pauses}"
     middle = float(np.median(group.failed_steps[mine]))
     parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]

@@ -76,7 +76,7 @@ class EvaluateRow(RowStep):
 
     def _finished(self) -> NDArray[np.bool_]:
         """Return which lanes are in the store, shape (policies, clocks, start states)."""
-        lanes = finished_lanes(self.folder, self.grid.steps)
+        lanes = finished_lanes(self.folder, self.grid.steps, self.row.task)
         digests = [file_digest(path) if path.is_file() else "" for path in self.evaluation.policies]
         first = self.split.first_seed
         seeds = range(first, first + self.split.seeds)
