@@ -123,3 +123,9 @@ def test_closing_closes_every_environment_once() -> None:
     world.close()
     world.close()
     assert len(closed) == 2
+
+
+def test_one_environment_for_two_lanes_is_refused() -> None:
+    one = gymnasium.make("Pendulum-v1")
+    with pytest.raises(WorldError, match="two lanes got the same environment"):
+        GymnasiumWorld([lambda: one, lambda: one], [0, 1], "pendulum")

@@ -112,3 +112,30 @@ def test_it_describes_what_gymnasium_knows() -> None:
     assert (spec.name, spec.observation_size, spec.default_horizon) == ("pendulum", 3, 200)
     assert spec.action_low.tolist() == [-2.0]
     assert spec.engine == f"Gymnasium {gymnasium.__version__}"
+
+
+class Reports(Counting):
+    """Says in its info that it diverged, and is cut at the same step."""
+
+    def step(self, action: Any) -> Any:
+        observation, reward, *_ = super().step(action)
+        return observation, reward, False, True, {"diverged": True}
+
+
+@every_mode
+def test_a_divergence_that_a_lane_reports_is_seen_in_every_mode(mode: AutoresetMode) -> None:
+    world = VectorEnvWorld(SyncVectorEnv([Reports, Counting], autoreset_mode=mode), [5, 6])
+    world.reset()
+    assert world.step(np.zeros((2, 1))).diverged.tolist() == [True, False]
+
+
+def test_a_divergence_of_mujoco_in_this_process_is_read_from_the_engine() -> None:
+    def build() -> gymnasium.Env:
+        return gymnasium.make("HalfCheetah-v5", max_episode_steps=-1)
+
+    vector = SyncVectorEnv([build, build])
+    world = VectorEnvWorld(vector, [5, 6])
+    world.reset()
+    assert not world.step(np.zeros((2, 6))).diverged.any()
+    vector.envs[1].unwrapped.data.qvel[:] = 1e12
+    assert world.step(np.zeros((2, 6))).diverged.tolist() == [False, True]

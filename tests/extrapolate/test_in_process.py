@@ -16,6 +16,8 @@ import perdure
 from perdure.envs import UnknownTask, WorldError, make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError
 from perdure.extrapolate.idle import constant_actions, measure_idle
+from perdure.horizon import Fixed
+from perdure.horizon.wrappers import HorizonLimit, VectorHorizonLimit
 from perdure.policy import PolicyError, TaskInfo, save_policy
 from perdure.report import read_table
 
@@ -279,3 +281,24 @@ def test_lanes_of_many_start_states_are_independent_of_their_batch():
     assert ends(few) == ends(many)[:3]
     lasts = many.final().select(pl.col("end_step"))["end_step"].to_numpy()
     assert ends(many) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"
+
+
+def test_a_factory_that_hands_out_one_environment_is_refused():
+    one = gymnasium.make("Pendulum-v1")
+    with pytest.raises(WorldError, match="returned the same environment again"):
+        perdure.extrapolate(lambda seen: np.zeros((len(seen), 1)), lambda: one, steps=5, eval_seeds=2)
+
+
+def test_an_environment_with_a_training_horizon_is_refused():
+    """Every lane would end at T, in a task that cannot fall."""
+
+    def limited():
+        return HorizonLimit(gymnasium.make("Pendulum-v1", max_episode_steps=-1), Fixed(50), "terminated")
+
+    with pytest.raises(WorldError, match="ends episodes at a training horizon"):
+        perdure.extrapolate(lambda seen: np.zeros((len(seen), 1)), limited, steps=5, eval_seeds=1)
+    vector = SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1", max_episode_steps=-1)] * 2)
+    with pytest.raises(WorldError, match="ends episodes at a training horizon"):
+        perdure.extrapolate(
+            lambda seen: np.zeros((len(seen), 1)), VectorHorizonLimit(vector, Fixed(50), "terminated"), steps=5
+        )

@@ -153,6 +153,7 @@ def test_one_embedding_serves_programs_of_both_precisions_in_one_process():
         ("Ant-v3", 111, 10),
         ("Humanoid-v3", 376, 10),
         ("Swimmer-v3", 8, 10),  # the text of the thesis, against its own rule
+        ("gymnasium:Swimmer-v5", 8, 10),
         (None, 8, 5),
         (None, 15, 5),  # 10 < 2 * 15 / 3 is false
         (None, 16, 10),

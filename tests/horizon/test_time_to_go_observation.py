@@ -113,6 +113,19 @@ def test_other_wrappers_may_stand_in_between():
     assert told(TimeToGoObservation(between, Linear()), 2) == [[1.0], [0.75], [0.5]]
 
 
+class Twice(gymnasium.Wrapper):
+    """Repeats every action once."""
+
+    def step(self, action):
+        self.env.step(action)
+        return self.env.step(action)
+
+
+def test_the_time_is_that_of_the_limit_whatever_is_skipped_above_it():
+    limit = HorizonLimit(Stumbling(), Fixed(4), "terminated")
+    assert told(TimeToGoObservation(Twice(limit), Linear()), 2) == [[1.0], [0.5], [0.0]]
+
+
 @pytest.mark.filterwarnings("ignore:.*WARN:UserWarning")
 @pytest.mark.parametrize("as_dict", [False, True])
 @pytest.mark.parametrize("clock", [None, Periodic(3)])

@@ -320,6 +320,16 @@ def test_a_limit_inside_the_vector_environment_is_seen():
         VectorHorizonLimit(pendulums, Infinite(), "truncated")
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "steps"), [("Pendulum-v1", "async", 200), ("CartPole-v1", "vector_entry_point", 500)]
+)
+def test_a_limit_that_only_the_spec_tells_is_seen(name, kind, steps):
+    vector = gymnasium.make_vec(name, num_envs=2, vectorization_mode=kind)
+    with pytest.raises(HorizonError, match=f"cuts its episodes after {steps} steps"):
+        VectorHorizonLimit(vector, Fixed(1000), "terminated")
+    vector.close()
+
+
 def test_an_environment_that_ignores_the_mask_is_found_out():
     # Gymnasium's own vectorised CartPole resets all of its lanes, whatever the mask says.
     poles = gymnasium.make_vec("CartPole-v1", num_envs=2, vectorization_mode="vector_entry_point")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium
 import jax
 import jax.numpy as jnp
@@ -33,6 +35,12 @@ def transitions(rewards, values, last_values=None, terminated=(), cut=(), return
 def estimate(estimator, *args, **kwargs):
     state, found = estimator.estimate(estimator.start(), transitions(*args, **kwargs))
     return state, np.asarray(found.advantages)[:, 0], np.asarray(found.targets)[:, 0]
+
+
+@pytest.mark.parametrize(("change", "name"), [({"end": "terminated"}, "end"), ({"gamma": 0.99}, "gamma")])
+def test_a_protocol_that_discounts_or_ends_at_its_horizon_is_refused(change, name):
+    with pytest.raises(ConfigError, match=rf"average-reward needs protocol\.{name}"):
+        PPOConfig(protocol=replace(CUT, **change), estimator="average-reward")
 
 
 class TestEstimates:

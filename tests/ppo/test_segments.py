@@ -14,12 +14,14 @@ import jax
 import numpy as np
 import polars as pl
 import pytest
+from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from perdure.envs import make_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
-from perdure.ppo import CheckpointError, ConfigError, PPOConfig, TrainRun, on_report, train
+from perdure.ppo import CheckpointError, ConfigError, PPOConfig, TrainRun, method_config, on_report, train
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
+from perdure.ppo.export import command
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
 from perdure.runs import OtherSourceWarning, RunError, StoreError
@@ -222,12 +224,67 @@ class TestCheckpointFiles:
     def test_a_checkpoint_with_another_array_is_refused_by_name(self, chain, tmp_path, change):
         path = tmp_path / "checkpoint.safetensors"
         save_checkpoint(chain[1], path)
+        with safe_open(path, framework="numpy") as file:
+            header = file.metadata()
         arrays = load_file(path)
         name = "params/policy.0.weight"
         arrays[name] = np.ascontiguousarray(change(arrays[name]))
-        save_file(arrays, path, {"perdure.checkpoint": '{"version": "2", "seed": 0, "segment": 1}'})
+        save_file(arrays, path, header)
         with pytest.raises(CheckpointError, match=name):
             load_checkpoint(path, chain[0])
+
+    def test_a_checkpoint_of_another_seed_is_refused(self, chain, tmp_path):
+        path = tmp_path / "checkpoint.safetensors"
+        save_checkpoint(chain[1], path)
+        other = replace(chain[0], seed=chain[0].seed + 1)
+        with pytest.raises(CheckpointError, match=f"of seed {chain[0].seed}, not of {other.seed}"):
+            load_checkpoint(path, other)
+
+
+def test_an_attempt_interrupted_after_its_last_file_is_not_trained_again(tmp_path, monkeypatch):
+    """The store was about to move the finished folder when the process was killed."""
+    from perdure.runs import store
+
+    def killed(folder):
+        raise Killed
+
+    run = TrainRun(TASK, "ppo", TINY, (0,))
+    monkeypatch.setattr(store, "_sync_tree", killed)
+    with pytest.raises(Killed):
+        train(run, tmp_path)
+    monkeypatch.undo()
+    monkeypatch.setattr(SegmentRunner, "run", lambda *_: pytest.fail("a segment was trained again"))
+    (path,) = train(run, tmp_path)
+    assert path.is_file()
+    assert {each.name for each in path.parent.iterdir()} >= set(LEFT_BEHIND)
+    assert "checkpoint.safetensors" not in {each.name for each in path.parent.iterdir()}
+
+
+def test_training_that_diverges_is_named_with_its_iteration(tmp_path):
+    with pytest.raises(RunError, match=r"training diverged in iteration \d+: losses are not finite \(learning rate 1e"):
+        train(TrainRun(TASK, "ppo", replace(TINY, learning_rate=1e38), (0,)), tmp_path)
+
+
+@pytest.mark.parametrize("seeds", [(-1,), (2**31,), (0, 0)])
+def test_seeds_out_of_range_are_refused_before_anything_is_trained(seeds):
+    with pytest.raises(ConfigError, match="seeds must be different numbers from 0 to 2,147,483,647"):
+        TrainRun(TASK, "ppo", TINY, seeds)
+
+
+def test_braces_in_a_command_of_the_caller_s_own_are_kept(tmp_path):
+    run = TrainRun(TASK, "ppo", TINY, (3,), command="python t.py --opts '{\"a\": 1}' --seed {seed}")
+    world = make_world(TASK, [0])
+    assert command(run, world.spec, 3) == "python t.py --opts '{\"a\": 1}' --seed 3"
+    world.close()
+
+
+def test_no_command_is_recorded_where_no_flags_say_the_settings():
+    config = method_config("ppo", TASK, 4)
+    odd = replace(config, protocol=replace(config.protocol, horizon=Uniform(200, 1000)))
+    world = make_world(TASK, [0])
+    assert command(TrainRun(TASK, "ppo", odd), world.spec, 0) == ""
+    assert command(TrainRun(TASK, "ppo", replace(config, n_epochs=3)), world.spec, 0).endswith("--ppo.n-epochs 3")
+    world.close()
 
 
 SCRIPT = """

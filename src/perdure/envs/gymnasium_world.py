@@ -52,6 +52,8 @@ class GymnasiumWorld(TrackedWorld):
         if len(factories) != len(seeds):
             raise WorldError(f"{name}: {len(factories)} environments need as many seeds, got {len(seeds)}.")
         self._envs = [call(name, "making it", factory) for factory in factories]
+        if len({id(env.unwrapped) for env in self._envs}) < len(self._envs):
+            raise WorldError(f"{name}: two lanes got the same environment; the function must build a new one each time")
         self._next_seeds: list[int | None] = list(seeds)
         first = self._envs[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)

@@ -85,6 +85,12 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         raise WorldError(f"{KINDS}, not {type(env).__name__}")
 
 
+_HORIZON_LIMIT = (
+    "it ends episodes at a training horizon (HorizonLimit); give the environment without it, and its steps as "
+    "training_horizon"
+)
+
+
 def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
     from gymnasium import Env
 
@@ -96,6 +102,8 @@ def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
 
     def build() -> Any:
         made = factory()
+        if getattr(made, "unwrapped", None) is probe.unwrapped:
+            raise WorldError(f"{title}: the function returned the same environment again; it must build a new one")
         _lift(made)
         return made
 
@@ -124,13 +132,17 @@ def _title(env: Any) -> str:
 
 
 def _limits(env: Any) -> Iterator[Any]:
-    """Yield the TimeLimit wrappers of a single environment."""
+    """Yield the TimeLimit wrappers of a single environment; refuse a training horizon."""
     from gymnasium import Wrapper
     from gymnasium.wrappers import TimeLimit
+
+    from perdure.horizon.wrappers import HorizonLimit
 
     while isinstance(env, Wrapper):
         if isinstance(env, TimeLimit):
             yield env
+        if isinstance(env, HorizonLimit):
+            raise WorldError(f"{_title(env)}: {_HORIZON_LIMIT}")
         env = env.env
 
 
@@ -146,6 +158,15 @@ def _lift(env: Any) -> list[tuple[Any, int]]:
 @contextmanager
 def _without_limits(vector: Any) -> Iterator[int | None]:
     """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
+    from gymnasium.vector import VectorWrapper
+
+    from perdure.horizon.wrappers import VectorHorizonLimit
+
+    layer = vector
+    while isinstance(layer, VectorWrapper):
+        if isinstance(layer, VectorHorizonLimit):
+            raise WorldError(f"{_title(vector)}: {_HORIZON_LIMIT}")
+        layer = layer.env
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return

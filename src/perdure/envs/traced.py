@@ -114,7 +114,9 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
     @slot.remembers
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
         step = slot.world.step(_float64(actions))
-        return _bits(step.observations), _bits(step.rewards), step.terminated, step.truncated
+        # A state that the engine made up is neither bootstrapped nor paid for.
+        rewards = np.where(step.diverged, 0.0, step.rewards)
+        return _bits(step.observations), _bits(rewards), step.terminated | step.diverged, step.truncated
 
     def step(handle: Handle, actions: jax.Array) -> tuple[Handle, TracedStep]:
         bits = jax.lax.bitcast_convert_type(actions, jnp.uint32)

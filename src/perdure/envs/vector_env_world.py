@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from perdure.envs.checks import MAX_SEED, checked_actions, checked_seeds
+from perdure.envs.divergence import divergence_count
 from perdure.envs.errors import WorldError
 from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
@@ -107,7 +108,7 @@ class VectorEnvWorld(TrackedWorld):
             terminated[chosen],
             truncated[chosen],
             elapsed,
-            np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)[chosen],
+            self._diverged(info)[chosen],
         )
 
     def close(self) -> None:
@@ -179,6 +180,15 @@ class VectorEnvWorld(TrackedWorld):
                 f"returned {array.dtype} of shape {array.shape}"
             )
         return array.astype(np.float64).reshape(self.num_lanes, -1)
+
+    def _diverged(self, info: dict[str, Any]) -> BoolArray:
+        """Return which lanes diverged: by their info or, if the environments are in this process, by their engine."""
+        found = np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)
+        final = info.get("final_info", {})
+        if isinstance(final, dict) and "diverged" in final:  # what a lane said before it was reset in the same step
+            found = np.where(self._over, np.asarray(final["diverged"], dtype=np.bool_), found)
+        here = [divergence_count(env) > 0 for env in getattr(self._env.unwrapped, "envs", ())]
+        return found | np.array(here) if here else found
 
     def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
         """Return observations, with the final one of lanes that the vector has already reset."""

@@ -65,6 +65,11 @@ class Geometric(Embedding):
         return np.power(factors, exponent + 0.0 * factors)[..., : self.size]
 
 
+def robot_of(task: str) -> str:
+    """Return the robot of a task in any version, of EnvPool or Gymnasium: "gymnasium:Hopper-v5" -> "Hopper"."""
+    return task.removeprefix("gymnasium:").split("-")[0]
+
+
 def geometric_size(observation_size: int, task: str | None = None) -> int:
     """Return the thesis' embedding size: 10 if 10 < 2d/3 for observations of length d, else 5 (appendix A.2).
 
@@ -75,6 +80,7 @@ def geometric_size(observation_size: int, task: str | None = None) -> int:
         observation_size: Length d of the observation without phi.
         task: The task's name, for the exception.
     """
-    if task is not None and task.split("-")[0] in SIZE_BY_TASK:
-        return SIZE_BY_TASK[task.split("-")[0]]
+    robot = "" if task is None else robot_of(task)
+    if robot in SIZE_BY_TASK:
+        return SIZE_BY_TASK[robot]
     return 10 if 2 * observation_size > 3 * 10 else 5

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from perdure.envs import TaskSpec, World, make_world
-from perdure.horizon import Clock, Countdown
+from perdure.horizon import Clock, Countdown, TimeFeature
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep
 from perdure.policy.errors import PolicyError, PolicyWarning
 from perdure.policy.one_thread import one_thread
@@ -49,6 +49,12 @@ def training_horizon(policy: PolicyLike, default: int) -> int:
     return int(longest) if math.isfinite(longest) else default
 
 
+def _counted_from(policy: PolicyLike, horizon: int) -> float:
+    """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
+    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
+    return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
+
+
 def measure_reference(
     policy: PolicyLike,
     episodes: int = EPISODES,
@@ -58,7 +64,7 @@ def measure_reference(
     """Run a policy within its training horizon, in this process, and return what it did.
 
     Args:
-        policy: Acts with its mean; if it has a time-to-go input, its clock counts down to T, as in training.
+        policy: Acts with its mean; if it has a time-to-go input, its clock counts down as in training.
         episodes: How many, each from a different start state.
         world: Where to run, one lane for each episode; by default the policy's own task.
         observe: Called with each step.
@@ -69,7 +75,7 @@ def measure_reference(
     world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
     try:
         horizon = training_horizon(policy, world.spec.default_horizon)
-        clock: Clock | None = Countdown(float(horizon)) if policy.has_clock else None
+        clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
         loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
         low, high = loop.observations.min(axis=0), loop.observations.max(axis=0)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))

@@ -21,7 +21,7 @@ from perdure.runs import write_atomic
 from perdure.schema import SchemaError, Table, Text, Whole, read_json
 
 FORMAT = "perdure.checkpoint"
-VERSION = "2"
+VERSION = "3"
 HEADER = ("seed", "segment")
 """Fields of the state that are plain numbers."""
 HEADER_KIND = Table({"version": Text(20), **dict.fromkeys(HEADER, Whole(0))})
@@ -62,6 +62,10 @@ def load_checkpoint(path: Path, start: SeedState) -> SeedState:
     if header["version"] != VERSION:
         raise CheckpointError(
             f"{path} is of version {header['version']}; this perdure reads version {VERSION}; remove it to start afresh"
+        )
+    if header["seed"] != start.seed:
+        raise CheckpointError(
+            f"{path} is the checkpoint of seed {header['seed']}, not of {start.seed}; remove it to start afresh"
         )
     leaves, structure = jax.tree_util.tree_flatten_with_path(_tree(start))
     names = [_name(where) for where, _ in leaves]

@@ -52,15 +52,18 @@ def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
 
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
-    """Return the command that reproduces this policy."""
+    """Return the command that reproduces this policy; "" where no flags say its settings."""
     if run.command is not None:
-        return run.command.format(seed=seed)
+        return run.command.replace("{seed}", str(seed))
     words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
     if run.preset != ZOO:
         words += ["--preset", run.preset]
     if run.method in METHODS:
         usual = method_config(run.method, run.task, spec.observation_size, run.preset)
-        words += _overrides(run.config, usual, "--ppo")
+        try:
+            words += _overrides(run.config, usual, "--ppo")
+        except LookupError:
+            return ""
     return shlex.join(words)
 
 
@@ -73,6 +76,8 @@ def _overrides(config: Any, default: Any, flag: str) -> list[str]:
             continue
         if dataclasses.is_dataclass(value) and type(value) is type(usual):
             words += _overrides(value, usual, name)
+        elif dataclasses.is_dataclass(value):
+            raise LookupError(name)
         elif isinstance(value, bool):
             words.append(name if value else f"{flag}.no-{each.name.replace('_', '-')}")
         elif isinstance(value, tuple):

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from perdure.ppo.estimators import State, Transitions, make_estimator
 from perdure.ppo.networks import Params, forward, log_prob
 from perdure.ppo.rollout import Draws, Episodes, Experience, draw, finish
-from perdure.ppo.state import SeedState, stream
-from perdure.ppo.update import Batch, epoch
+from perdure.ppo.state import ITERATION_COLUMNS, SeedState, stream
+from perdure.ppo.update import LOSSES, Batch, epoch
+from perdure.runs import RunError
 
 if TYPE_CHECKING:
     from perdure.envs.traced import Handle
@@ -76,6 +77,11 @@ class Iteration:
         )
         episodes = _ended_episodes(rollout.episodes, iteration, self._config)
         row = _curve_row(params, losses, prepared, (iteration + 1) * self._config.rollout_size)
+        if not np.isfinite([row[0, ITERATION_COLUMNS.index(name)] for name in LOSSES]).all():
+            raise RunError(
+                f"training diverged in iteration {iteration + 1}: losses are not finite (learning rate "
+                f"{self._config.learning_rate:g})"
+            )
         return handle, rollout.env_state, state.extended(episodes, row)
 
 

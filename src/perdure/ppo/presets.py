@@ -32,6 +32,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+from perdure.horizon.geometric import robot_of
 from perdure.ppo.errors import ConfigError
 
 DEFAULT_GAMMA = 0.99
@@ -148,4 +149,4 @@ def find_preset(task: str, name: str = ZOO) -> Preset:
         near = get_close_matches(name, PRESETS, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         raise ConfigError(f"unknown preset {name!r}{hint}; the presets are {', '.join(PRESETS)}")
-    return PRESETS[name](task.removeprefix("gymnasium:").split("-")[0])
+    return PRESETS[name](robot_of(task))

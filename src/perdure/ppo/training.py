@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from perdure.envs.checks import MAX_SEED
 from perdure.policy import save_policy
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.config import PPOConfig
@@ -35,6 +36,8 @@ from perdure.runs import (
 
 POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
+RECORD = "run.json"
+"""Written last."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,8 @@ class TrainRun:
         """Refuse a list of seeds that names no run, or one twice."""
         if not self.seeds:
             raise ConfigError("a training run needs at least one seed")
-        if min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
-            raise ConfigError(f"seeds must be different numbers from 0 up, got {list(self.seeds)}")
+        if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
+            raise ConfigError(f"seeds must be different numbers from 0 to {MAX_SEED:,}, got {list(self.seeds)}")
 
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
@@ -164,6 +167,9 @@ def train_segment(
     run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset)
     runner = _runner(task, run.config, work.threads)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
+    if (work.folder / RECORD).exists():  # an attempt that was interrupted after its last file
+        checkpoint.unlink(missing_ok=True)
+        return True
     state = start_state(seed, runner.spec, run.config)
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
@@ -174,7 +180,7 @@ def train_segment(
         return False
     save_policy(export_policy(run, runner.spec, state), work.folder / POLICY)
     write_curves(state, work.folder)
-    write_atomic(work.folder / "run.json", json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    write_atomic(work.folder / RECORD, json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
     checkpoint.unlink(missing_ok=True)
     return True
 

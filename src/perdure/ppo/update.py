@@ -53,7 +53,7 @@ LOSSES = ("policy_loss", "value_loss", "approx_kl", "clip_fraction")
 def start_adam(params: Params) -> AdamState:
     """Return zero moments."""
     return AdamState(
-        jax.tree.map(jnp.zeros_like, params), jax.tree.map(jnp.zeros_like, params), jnp.zeros((), jnp.float32)
+        jax.tree.map(jnp.zeros_like, params), jax.tree.map(jnp.zeros_like, params), jnp.zeros((), jnp.int32)
     )
 
 
@@ -85,8 +85,9 @@ def adam_step(
     norm = jnp.sqrt(sum((jnp.vdot(g, g) for g in jax.tree.leaves(gradient)), start=jnp.zeros(())))
     scale = jnp.minimum(1.0, max_grad_norm / (norm + CLIP_NORM_EPSILON))
     count = state.count + 1
-    correction = jnp.sqrt(1 - ADAM_BETA2**count)
-    step_size = learning_rate * correction / (1 - ADAM_BETA1**count)
+    steps = count.astype(jnp.float32)
+    correction = jnp.sqrt(1 - ADAM_BETA2**steps)
+    step_size = learning_rate * correction / (1 - ADAM_BETA1**steps)
     epsilon = ADAM_EPSILON * correction
     first_weight = (1 - ADAM_BETA1) * scale
     second_weight = (1 - ADAM_BETA2) * jnp.square(scale)

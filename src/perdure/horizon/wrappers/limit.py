@@ -65,16 +65,22 @@ def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
 def own_limit(env: Any) -> float:
     """Return the environment's own step limit if it can be read; else infinity.
 
-    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv) and EnvPool's max_episode_steps.
+    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv), the limit in the spec of another vector environment,
+    and EnvPool's max_episode_steps.
 
     Args:
         env: Environment or vector environment.
     """
     if isinstance(env, gymnasium.vector.VectorEnv):
-        parts = getattr(env.unwrapped, "envs", [])
-        pool = getattr(env.unwrapped, "config", {})
-        pooled = pool.get("max_episode_steps", math.inf) if isinstance(pool, dict) else math.inf
-        return min([float(pooled), *(own_limit(part) for part in parts)])
+        inner: Any = env.unwrapped
+        if isinstance(inner, gymnasium.vector.SyncVectorEnv):
+            return min(own_limit(part) for part in inner.envs)
+        pool = getattr(inner, "config", {})
+        pooled = pool.get("max_episode_steps") if isinstance(pool, dict) else None
+        remote = isinstance(inner, gymnasium.vector.AsyncVectorEnv)
+        spec = inner.get_attr("spec")[0] if remote else getattr(inner, "spec", None)
+        known = (pooled, getattr(spec, "max_episode_steps", None), math.inf)
+        return min(float(limit) for limit in known if limit is not None and limit > 0)
     limits = [math.inf]
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, TimeLimit):

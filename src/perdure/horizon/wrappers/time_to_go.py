@@ -72,12 +72,11 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         return self._append(observation), reward, terminated, truncated, info
 
     def _append(self, observation: Any) -> Any:
-        elapsed = np.float64(self._elapsed)
         if self.clock is not None:
-            time = self.clock.time(elapsed)
+            time = self.clock.time(np.float64(self._elapsed))
         else:
             assert self._limit is not None
-            time = elapsed, self._limit.horizon
+            time = np.float64(self._limit.elapsed), self._limit.horizon
         return append(self.observation_space, observation, np.asarray(self.embedding(*time)))
 
 

@@ -153,7 +153,7 @@ def _split(graph: Graph, inputs: Value, first: int) -> tuple[Value, Value]:
 def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None) -> Value:
     """Return the network's input: normalized observation and phi, 32 bits."""
     if phi is not None:
-        phi = _for_each_row(graph, observation, phi)
+        phi = _for_each_row(graph, observation, phi, policy.protocol.embedding_size)
     normalizer = policy.normalizer
     if phi is not None and policy.protocol.normalize_embedding:
         observation, phi = graph.node("Concat", observation, phi, axis=1), None
@@ -162,10 +162,12 @@ def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None)
     return seen if phi is None else graph.node("Concat", seen, graph.cast(phi, np.float32), axis=1)
 
 
-def _for_each_row(graph: Graph, observation: Value, phi: Value) -> Value:
+def _for_each_row(graph: Graph, observation: Value, phi: Value, size: int) -> Value:
     """Repeat a constant phi, which is one row, for every observation."""
-    first = graph.node("Slice", observation, np.array([0]), np.array([1]), np.array([1]))
-    return graph.node("Add", graph.node("Mul", first, np.zeros(1)), phi) if _is_constant(graph, phi) else phi
+    if not _is_constant(graph, phi):
+        return phi
+    rows = graph.node("Slice", graph.node("Shape", observation, ndim=1), np.array([0]), np.array([1]), np.array([0]))
+    return graph.node("Expand", phi, graph.node("Concat", rows, np.array([size]), axis=0), ndim=2)
 
 
 def _is_constant(graph: Graph, value: Value) -> bool:

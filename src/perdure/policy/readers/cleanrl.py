@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.errors import PolicyError, PolicyFileError
 from perdure.policy.measure import measure_reference, resolve_training_horizon
 from perdure.policy.policy import Normalizer, Policy
+from perdure.policy.readers.identity import library_versions
 from perdure.policy.readers.torch_state import TorchState
 from perdure.policy.task import TaskInfo
 from perdure.runs import file_digest
@@ -147,5 +147,5 @@ def _provenance(path: Path, env: str) -> dict[str, object]:
     return {
         "method": f"CleanRL PPO ({path.stem})",
         "source": {"file": path.name, "sha256": file_digest(path), "env": env},
-        "versions": {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")},
+        "versions": library_versions(),
     }

@@ -109,7 +109,11 @@ def _settings(model: Any, what: str) -> Sb3Settings:
     module = type(policy).__module__
     if activation is None or module not in DEFAULT_ACTIVATION:
         raise PolicyFileError(f"{what}: {module} with {policy.activation_fn.__name__} is not read: {USE_A_FUNCTION}")
-    space = model.action_space
+    seen, space = model.observation_space, model.action_space
+    image = len(seen.shape or ()) == 3 and seen.dtype == np.uint8
+    if type(seen).__name__ != "Box" or image:
+        kind = "image" if image else type(seen).__name__
+        raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read: {USE_A_FUNCTION}")
     return Sb3Settings(
         algorithm=type(model).__name__,
         policy_module=module,

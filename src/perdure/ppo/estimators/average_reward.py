@@ -66,8 +66,16 @@ class AverageReward:
 
     @classmethod
     def of(cls, config: PPOConfig, **numbers: float) -> Self:
-        """Return the estimator of a configuration."""
-        return cls(config.gae_lambda, **numbers)
+        """Return the estimator of a configuration.
+
+        Raises:
+            ConfigError: The protocol discounts, or calls reaching the horizon an end: neither has a meaning here.
+        """
+        found = cls(config.gae_lambda, **numbers)
+        for name, value, meant in (("end", config.protocol.end, "truncated"), ("gamma", config.protocol.gamma, 1.0)):
+            if value != meant:
+                raise ConfigError(f"average-reward needs protocol.{name} {meant!r}, got {value!r}")
+        return found
 
     def start(self) -> AverageRewardState:
         """Return moving averages of nothing."""
