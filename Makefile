@@ -5,6 +5,9 @@ DEMO_STEPS  ?= 20000
 DEMO_SEEDS  ?= 10
 DEMO_CLOCKS ?= constant:500
 DEMO_OUT    ?= demo
+ifeq ($(strip $(DEMO_OUT)),)
+$(error DEMO_OUT is empty; name a folder)
+endif
 
 # And at home: episodes of SetTable, release strategies, and what stops a rolling apple (drag, as in Habitat, where the
 # release strategies differ most; friction is the usual setting).
@@ -56,25 +59,25 @@ demo: setup ## Carry the shipped policies far beyond their horizon, set the tabl
 		policies=$$(cd $(SHIPPED) && ls $$task/*.safetensors | grep -v zoo | sed 's/\.safetensors$$//'); \
 		set -x; \
 		$(BIN)/perdure extrapolate $$policies --steps $(DEMO_STEPS) --clocks $(DEMO_CLOCKS) \
-			--eval-seeds $(DEMO_SEEDS) --out $(DEMO_OUT)/$$task; \
+			--eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/$$task"; \
 		{ set +x; } 2>/dev/null; \
 	done; \
-	rm -rf $(DEMO_OUT)/set_table/runs; \
+	rm -rf "$(DEMO_OUT)/set_table/runs"; \
 	for place in $(DEMO_PLACES); do \
 		set -x; \
 		$(BIN)/perdure home run set_table --place $$place --rolling $(DEMO_ROLLING) \
 			--episodes $(DEMO_EPISODES) \
-			--out $(DEMO_OUT)/set_table/runs >/dev/null; \
+			--out "$(DEMO_OUT)/set_table/runs" >/dev/null; \
 		{ set +x; } 2>/dev/null; \
 	done; \
 	set -x; \
-	$(BIN)/perdure home analyze $(DEMO_OUT)/set_table/runs --out $(DEMO_OUT)/set_table; \
+	$(BIN)/perdure home analyze "$(DEMO_OUT)/set_table/runs" --out "$(DEMO_OUT)/set_table"; \
 	{ set +x; } 2>/dev/null; \
 	echo; echo "The reports, to be opened in a browser:"; \
 	for task in $$tasks set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
 
 picture: ## Put the demonstration's figure of Hopper into README.md
-	@cp $(DEMO_OUT)/Hopper-v3/hopper-v3-working.png docs/images/demo.png
+	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working.png docs/images/demo.png
 
 test: check ## Check format, lint and types, then run every test but the long ones
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)
@@ -105,5 +108,5 @@ bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/late
 	@$(BIN)/python benchmarks/bench.py
 
 clean: ## Remove caches, build products and the demonstration; keep .venv and runs
-	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md $(DEMO_OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md "$(DEMO_OUT)" .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests benchmarks examples tools -name __pycache__ -type d -prune -exec rm -rf {} +

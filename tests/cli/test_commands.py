@@ -8,6 +8,8 @@ import polars as pl
 import pytest
 
 import perdure as library
+from perdure.cli import COMMANDS
+from perdure.cli.home import COMMANDS as HOME_COMMANDS
 from perdure.policy import load_policy
 
 SIX = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3", "Humanoid-v3", "Swimmer-v3", "Walker2d-v3")
@@ -27,14 +29,13 @@ def succeeded(process):
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)], ids=["nothing", "--help", "-h"])
 def test_help_lists_every_command(command, tmp_path, arguments):
     text = succeeded(command(*arguments, cwd=tmp_path))
-    assert [
-        name
-        for name in ("train", "extrapolate", "report", "study", "list", "inspect")
-        if f"perdure {name} " not in text
-    ] == []
+    assert [name for name in COMMANDS if f"perdure {name} " not in text] == []
 
 
-@pytest.mark.parametrize("name", ["train", "train Hopper-v3", "extrapolate", "report", "study", "list", "inspect"])
+@pytest.mark.parametrize(
+    "name",
+    [*(name for name in COMMANDS if name != "home"), "train Hopper-v3", *(f"home {name}" for name in HOME_COMMANDS)],
+)
 def test_every_command_explains_itself_on_stdout(command, tmp_path, name):
     process = command(*name.split(), "--help", cwd=tmp_path)
     assert "usage: perdure" in succeeded(process)

@@ -1,9 +1,13 @@
 """Policies go out as ONNX models, films and cards, and models of other makers come in, by command line."""
 
+from dataclasses import dataclass, field
+from pathlib import Path
+
 import numpy as np
 import onnxruntime
 import pytest
 
+from perdure.cli.parse import parse
 from perdure.horizon import Constant
 from perdure.policy import load_policy
 from perdure.report import read_table
@@ -102,3 +106,37 @@ def test_a_mistake_ends_in_one_line(command, files, tmp_path, arguments, message
     line = refused(command(*(each.format(**names) for each in arguments), cwd=tmp_path))
     assert message in line
     assert not any(path.suffix in (".onnx", ".mp4") for path in tmp_path.iterdir())
+
+
+@dataclass(frozen=True)
+class Inner:
+    total_steps: int = 5
+
+
+@dataclass(frozen=True)
+class Flags:
+    out: Path = Path("out")
+    name: str = ""
+    steps: int = 1
+    seeds: tuple[int, ...] = (0,)
+    cores: int | None = None
+    rate: float = 1.0
+    inner: Inner = field(default_factory=Inner)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (["--steps", "1e5"], Flags(steps=100_000)),
+        (["--steps=1e5"], Flags(steps=100_000)),
+        (["--seeds", "1e1", "2", "3"], Flags(seeds=(10, 2, 3))),
+        (["--cores", "1e1"], Flags(cores=10)),
+        (["--inner.total-steps", "1e6"], Flags(inner=Inner(1_000_000))),
+        (["--inner.total_steps=1e6"], Flags(inner=Inner(1_000_000))),
+        (["--out", "1e2"], Flags(out=Path("1e2"))),
+        (["--name", "5e2"], Flags(name="5e2")),
+        (["--steps", "7", "--rate", "1e2"], Flags(steps=7, rate=100.0)),
+    ],
+)
+def test_only_whole_numbers_are_written_out(given, expected):
+    assert parse(Flags, given, "test") == expected

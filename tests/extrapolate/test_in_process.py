@@ -302,3 +302,11 @@ def test_an_environment_with_a_training_horizon_is_refused():
         perdure.extrapolate(
             lambda seen: np.zeros((len(seen), 1)), VectorHorizonLimit(vector, Fixed(50), "terminated"), steps=5
         )
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_policy_is_called(tmp_path):
+    (tmp_path / "blocked").write_text("")
+    called = []
+    with pytest.raises(NotADirectoryError):
+        perdure.extrapolate(called.append, "envpool:InvertedPendulum-v4", steps=5, out=tmp_path / "blocked" / "out")
+    assert called == []

@@ -65,3 +65,8 @@ def test_pictures_of_another_size_and_none_at_all_are_refused(tmp_path):
         write(tmp_path / "none.mp4", [])
     with pytest.raises(RenderError, match="96 x 48 pixels, the first one 64 x 48"):
         write(tmp_path / "two.mp4", [*pictures(1), *pictures(1, (96, 48))])
+
+
+def test_a_colon_in_a_name_is_no_protocol(tmp_path):
+    write(tmp_path / "film-12:30.mp4", pictures(3))
+    assert [path.name for path in tmp_path.iterdir()] == ["film-12:30.mp4"]

@@ -1,5 +1,7 @@
 """write_atomic: the old file or the new one, never half of it."""
 
+import errno
+import fcntl
 import os
 import resource
 import signal
@@ -9,7 +11,7 @@ import textwrap
 
 import pytest
 
-from perdure.runs import write_atomic
+from perdure.runs import StoreError, write_atomic
 
 
 def names(folder):
@@ -104,3 +106,13 @@ def test_a_folder_in_the_way_is_an_error_that_names_it(tmp_path):
     with pytest.raises(OSError, match="taken"):
         write_atomic(tmp_path / "taken", "x")
     assert names(tmp_path) == ["taken"]
+
+
+def test_on_a_file_system_without_locks_it_says_so_and_leaves_nothing(tmp_path, monkeypatch):
+    def refuse(descriptor, operation):
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(StoreError, match=r"is on a file system without file locks \(flock\); choose another"):
+        write_atomic(tmp_path / "file", b"text")
+    assert list(tmp_path.iterdir()) == []

@@ -208,3 +208,23 @@ def test_a_worker_ends_whose_parent_ended_while_it_started():
     assert worker.wait(60) == 1
     worker.stdin.close()
     worker.stdout.close()
+
+
+def test_a_worker_that_dies_while_idle_stops_nothing(tmp_path):
+    """The first unit ends, its worker is killed while it waits, and the others go on."""
+    units = [unit(f"row/{k}") for k in range(2)]
+    pool = LocalWorkers(2)
+    with pool:
+        pool.start(tmp_path / "store", units[0])
+        while not pool.wait(1.0):
+            pass
+        (idle,) = pool._idle
+        os.kill(idle._process.pid, signal.SIGKILL)
+        idle._process.wait()
+        assert pool.wait(1.0) == []
+        assert pool.free == 2
+        pool.start(tmp_path / "store", units[1])
+        ended = []
+        while not ended:
+            ended = pool.wait(1.0)
+        assert [(each.key, each.error) for each in ended] == [("row/1", "")]

@@ -1,12 +1,13 @@
 """Steps are carried out in order; what fails stops only what depends on it; status and cost are read from stores."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
 from perdure.runs import RunError, Store, StoreError, Unit, attempt, run_units
 from perdure.studies import RunOptions, StepProgress, StudyError, find_study
-from perdure.studies.run import read_folder, run_steps
+from perdure.studies.run import check_results, run_steps
 from perdure.studies.status import cost_text, count_units, failed_steps, lines, read_step_progress, status_text
 
 
@@ -125,5 +126,22 @@ def test_an_unknown_study_or_scale_names_the_nearest():
 
 
 def test_results_that_are_not_there_are_an_error(tmp_path):
-    with pytest.raises(StudyError, match="there are no results in"):
-        read_folder(tmp_path / "none")
+    with pytest.raises(StudyError, match="there are no results of the study horizon in"):
+        check_results(find_study("horizon"), tmp_path / "none")
+    with pytest.raises(StudyError, match="there are no results of the study placement"):
+        check_results(find_study("placement"), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["horizon", "placement"])
+def test_a_page_that_is_not_of_the_study_is_not_touched(tmp_path, name):
+    study = find_study(name)
+    (tmp_path / study.holds[0]).mkdir()
+    check_results(study, tmp_path)
+    (tmp_path / "README.md").write_text("mine")
+    with pytest.raises(StudyError, match=f"is not a page of the study {name}; move it"):
+        check_results(study, tmp_path)
+
+
+@pytest.mark.parametrize("folder", ["horizon", "horizon-replication", "placement"])
+def test_the_pages_of_this_repository_have_the_mark(folder):
+    check_results(find_study(folder.partition("-")[0]), Path(__file__).parents[2] / "results" / folder)

@@ -7,6 +7,7 @@ from typing import Literal
 
 import tyro
 
+from perdure.cli.errors import CommandError
 from perdure.cli.parse import parse
 
 
@@ -24,6 +25,9 @@ def main(args: list[str]) -> None:
     """``perdure list``."""
     flags = parse(ListFlags, args, "list")
     from perdure.cli import texts
+
+    if flags.suite is not None and flags.what != "tasks":
+        raise CommandError(f"--suite is for tasks, not for {flags.what}")
 
     print({"tasks": lambda: texts.tasks(flags.suite), "methods": texts.methods, "policies": texts.policies}[
         flags.what

@@ -8,9 +8,10 @@ import os
 import re
 import sys
 from contextlib import redirect_stderr
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import tyro
 
@@ -26,7 +27,7 @@ def parse(kind: type[T], args: list[str], command: str, default: T | None = None
     Raises:
         SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
     """
-    box, args = io.StringIO(), [_whole(arg) for arg in args]
+    box, args = io.StringIO(), _whole_numbers(args, _whole_flags(kind))
     try:
         with redirect_stderr(box):
             return _fill(kind, args, f"perdure {command}", default)
@@ -52,8 +53,40 @@ def check_folder(path: Path) -> None:
             return
 
 
+def _whole_flags(kind: Any, prefix: str = "--") -> set[str]:
+    """Return the flags of a dataclass whose values are whole numbers, those of its dataclasses included."""
+    found: set[str] = set()
+    hints = get_type_hints(kind)
+    for each in fields(kind):
+        name, hint = f"{prefix}{each.name.replace('_', '-')}", hints[each.name]
+        if is_dataclass(hint):
+            found |= _whole_flags(hint, f"{name}.")
+        elif int in _parts(hint):
+            found.add(name)
+    return found
+
+
+def _parts(hint: Any) -> set[Any]:
+    """Return the classes that a type hint is made of: {int, NoneType} for int | None."""
+    inner = get_args(hint)
+    return {hint} if not inner else {part for each in inner for part in _parts(each)}
+
+
+def _whole_numbers(args: list[str], flags: set[str]) -> list[str]:
+    """Return the arguments with numbers such as 1e5 written out behind these flags."""
+    found, counts = list[str](), False
+    for arg in args:
+        if arg.startswith("--"):
+            counts = flag_name(arg) in flags
+            name, equals, value = arg.partition("=")
+            found.append(f"{name}={_whole(value)}" if counts and equals else arg)
+        else:
+            found.append(_whole(arg) if counts else arg)
+    return found
+
+
 def _whole(arg: str) -> str:
-    """Return 100000 for 1e5 or 100_000, anything else unchanged."""
+    """Return 100000 for 1e5, anything else unchanged."""
     if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", arg) and float(arg).is_integer():
         return str(int(float(arg)))
     return arg

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from perdure.cli.errors import CommandError
 from perdure.cli.flags import Cores, On
 from perdure.cli.parse import check_folder, parse
 
@@ -43,14 +44,16 @@ def main(args: list[str]) -> None:
     flags = parse(StudyFlags, args, "study")
     from perdure.runs import check_on, core_count
     from perdure.studies import find_study
-    from perdure.studies.run import read_folder
+    from perdure.studies.run import check_results
 
+    if flags.status and flags.analyze_only:
+        raise CommandError("--status and --analyze-only exclude each other")
     study = find_study(flags.name)
     scale, phases = flags.scale, flags.phases or study.phases
     out = flags.out or study.folder(scale)
     check_folder(out)
     if flags.analyze_only:
-        read_folder(out)
+        check_results(study, out)
     elif flags.status:
         _show_status(study, scale, out, phases)
         return

@@ -80,7 +80,7 @@ def _train(flags: TrainFlags) -> None:
     with ExitStack() as stack:
         observers = [stack.enter_context(show_progress(f"{run_.task} {run_.method}", "steps"))]
         if flags.tensorboard:
-            folder = flags.out / "tensorboard" / run_.task / run_.method
+            folder = flags.out / "tensorboard" / Path(run_.key(0)).parent
             observers.append(on_report(run_, stack.enter_context(tensorboard(folder))))
 
         def observe(status: Status) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,6 +39,10 @@ def extrapolate_policy(
 ) -> ExtrapolationResult:
     """Evaluate one policy in this process; `perdure.extrapolate.extrapolate` explains the arguments."""
     chosen = _Options(**options)
+    if out is not None:  # fails before the work begins
+        Path(out).mkdir(parents=True, exist_ok=True)
+        if not os.access(out, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(chosen.env_of(subject, env)) as source:
         actor = with_reference(chosen.actor(subject, source), source)

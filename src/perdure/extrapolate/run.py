@@ -7,11 +7,11 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.envs import make_world, refuse_import
+from perdure.envs.source import source_digest
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.idle import idle_unit, read_idle
@@ -210,17 +210,12 @@ Versions = dict[str, str]
 
 
 def _versions(task: str) -> Versions:
-    """Return what the lanes of a task depend on: for Gymnasium's also MuJoCo, and the file that defines the task."""
+    """Return what the lanes of a task depend on: for Gymnasium's also MuJoCo, and the module that defines the task."""
     names = ("perdure", "envpool", "gymnasium", "numpy")
     found = {name: version(name) for name in names}
     if not task.startswith("gymnasium:"):
         return found
-    found["mujoco"] = version("mujoco")
-    module = task.removeprefix("gymnasium:").rpartition(":")[0]
-    spec = find_spec(module) if module else None
-    if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
-        found[module] = file_digest(Path(spec.origin))
-    return found
+    return {**found, "mujoco": version("mujoco"), **source_digest(task)}
 
 
 def _stored_versions(store: Store, task: str) -> Versions:

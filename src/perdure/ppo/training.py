@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from perdure.envs.checks import MAX_SEED
+from perdure.envs.source import source_digest
 from perdure.policy import save_policy
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.config import PPOConfig
@@ -70,7 +71,9 @@ class TrainRun:
     def identity(self, seed: int) -> dict[str, Any]:
         """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
-        return identity if self.preset == ZOO else {**identity, "preset": self.preset}
+        identity |= {"preset": self.preset} if self.preset != ZOO else {}
+        source = source_digest(self.task)
+        return identity | ({"source": source} if source else {})
 
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""

@@ -57,7 +57,7 @@ class Mp4Writer:
         self._size = (width, height)
         command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
         command += ["-s", f"{width}x{height}", "-r", self._rate, "-i", "-", "-an", "-vcodec", "libx264"]
-        command += ["-pix_fmt", "yuv420p", *self._options, str(self._path)]
+        command += ["-pix_fmt", "yuv420p", *self._options, f"file:{self._path}"]  # a colon is no protocol
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._messages, start_new_session=True
         )

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from perdure.runs.errors import StoreError
-from perdure.runs.lock import is_still_at
+from perdure.runs.lock import is_still_at, lock
 
 
 def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
@@ -90,7 +90,12 @@ def _open_temporary(target: Path) -> tuple[Path, int]:
     while True:
         temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        try:
+            lock(descriptor, temporary, wait=True)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            os.close(descriptor)
+            raise
         if is_still_at(descriptor, temporary):
             return temporary, descriptor
         os.close(descriptor)  # another writer took it for a leftover before it was locked

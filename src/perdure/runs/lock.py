@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from perdure.runs.errors import StoreError
 
 
 def acquire(path: Path, wait: bool = False) -> int | None:
@@ -22,7 +25,7 @@ def acquire(path: Path, wait: bool = False) -> int | None:
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor, path, wait)
         except BlockingIOError:
             os.close(descriptor)
             return None
@@ -33,6 +36,36 @@ def acquire(path: Path, wait: bool = False) -> int | None:
             return descriptor
         # Between open and flock the former holder removed the file: what we locked is no longer at this path.
         os.close(descriptor)
+
+
+def lock(descriptor: int, path: Path, wait: bool) -> None:
+    """Lock an open file, which lies at `path`.
+
+    Raises:
+        BlockingIOError: Somebody else has locked it, and `wait` is False.
+        StoreError: Its file system has no locks.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
+            raise StoreError(f"{path.parent} is on a file system without file locks (flock); choose another") from error
+        raise
+
+
+def is_locked(path: Path) -> bool:
+    """Return whether a process holds the lock at `path`; needs no permission to write, and removes nothing."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def is_still_at(descriptor: int, path: Path) -> bool:

@@ -50,6 +50,9 @@ class RayWorkers:
             environment = {"env_vars": {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}}
             self._ray.init(address=self._address, runtime_env=environment, log_to_driver=False, configure_logging=False)
             self._mine = True
+        # What the largest node has: a task that asks for more would never start.
+        nodes = [int(node["Resources"].get("CPU", 0)) for node in self._ray.nodes() if node["Alive"]]
+        self._cores = max(1, min(self._cores, max(nodes, default=1)))
         # Any number of retries: they are for nodes that die. An error of the unit itself is an answer.
         self._task = self._ray.remote(num_cpus=self._cores, max_retries=-1)(answer)
         return self

@@ -76,13 +76,7 @@ class Store:
 
     def is_busy(self, key: str) -> bool:
         """Return whether a process is running the unit."""
-        if not self._lock_path(key).exists():
-            return False
-        descriptor = lock.acquire(self._lock_path(key))
-        if descriptor is None:
-            return True
-        lock.release(descriptor, self._lock_path(key))
-        return False
+        return lock.is_locked(self._lock_path(key))
 
     @contextmanager
     def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:

@@ -165,8 +165,12 @@ class LocalWorkers:
         for selected, _ in self._selector.select(seconds):
             process: _Process = selected.data
             answer = process.receive()
-            key = self._busy.pop(process, "")
-            if answer is None:
+            key = self._busy.pop(process, None)
+            if key is None:  # it died while it had nothing to do
+                self._idle.remove(process)
+                self._places.append(process.cores)
+                process.end()
+            elif answer is None:
                 self._places.append(process.cores)
                 ended.append(Ended(key, None, process.end()))
             else:

@@ -10,7 +10,7 @@ from pathlib import Path
 from perdure.runs import Observer, OtherSourceWarning, RunError, Status, UnitProgress
 from perdure.studies.errors import StudyError
 from perdure.studies.status import read_step_progress
-from perdure.studies.study import RunOptions, StepProgress, StudyStep
+from perdure.studies.study import RunOptions, StepProgress, Study, StudyStep
 
 
 def run_steps(
@@ -103,12 +103,16 @@ class _Board:
         return observe
 
 
-def read_folder(path: Path) -> Path:
-    """Return a folder of results that is there.
+def check_results(study: Study, path: Path) -> None:
+    """Refuse a folder that holds no results of a study, or a README that the study did not write.
 
     Raises:
-        StudyError: It is not.
+        StudyError: It is such a folder.
     """
-    if not path.is_dir():
-        raise StudyError(f"there are no results in {path}; run the study first, or name another folder with --out")
-    return path
+    if not any((path / name).is_dir() for name in study.holds):
+        raise StudyError(
+            f"there are no results of the study {study.name} in {path}; run it first, or name another folder with --out"
+        )
+    page = path / "README.md"
+    if page.is_file() and study.mark not in page.read_text(errors="replace"):
+        raise StudyError(f"{page} is not a page of the study {study.name}; move it, or name another folder with --out")

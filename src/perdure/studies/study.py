@@ -103,6 +103,10 @@ class Study:
     scales: tuple[Scale, ...]
     phases: tuple[int, ...]
     """Phases that run by default."""
+    holds: tuple[str, ...]
+    """Folders of which a folder with results has at least one."""
+    mark: str
+    """Text that every page of the study contains."""
     plan: Callable[[str, Path, Sequence[int]], Sequence[StudyStep]]
     """From (scale, folder of the results, phases) to all steps, in their order."""
     analyze: Callable[[str, Path], Sequence[Path]]

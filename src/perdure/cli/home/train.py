@@ -8,6 +8,7 @@ from typing import Literal
 
 import tyro
 
+from perdure.cli.errors import CommandError
 from perdure.cli.flags import Cores, On
 from perdure.cli.home.flags import parse_home
 
@@ -45,6 +46,8 @@ def main(args: list[str]) -> None:
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress
 
+    if flags.test_episodes < 1:
+        raise CommandError(f"--test-episodes must be 1 or more, not {flags.test_episodes}")
     usual = HomeTrain(flags.skill)
     options = {name: value for name in FLAGS if (value := getattr(flags, name)) != getattr(usual, name)}
     with show_progress(f"{flags.task} {flags.skill}", "steps") as observe:

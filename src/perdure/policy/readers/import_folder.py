@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from perdure.envs import task_of_environment
+from perdure.envs.source import source_digest
 from perdure.policy.errors import PolicyFileError
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.readers.identity import library_versions
@@ -27,7 +28,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
         options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
     """
     normalizer = options.get("normalizer")
-    identity = {
+    identity: dict[str, Any] = {
         **options,
         "env": task_of_environment(env),
         "model": file_digest(path),
@@ -35,6 +36,8 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
         "no normalizer": normalizer == NO_NORMALIZER,
         "versions": library_versions(),
     }
+    source = source_digest(identity["env"])
+    identity |= {"source": source} if source else {}
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     target = folder / f"{path.stem}-{digest[:12]}.safetensors"
     try:

@@ -42,6 +42,8 @@ STUDY = Study(
         ),
     ),
     DEFAULT_PHASES,
+    ("runs", "tables"),
+    "Written by `perdure study placement`",
     plan,
     analyze,
 )
