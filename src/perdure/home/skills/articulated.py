@@ -31,7 +31,10 @@ FACE = obs.vector("face", "direction in which the handle faces", "xy", "1", 1.0)
 
 @dataclass(frozen=True)
 class Articulated(Skill):
-    """A skill that brings a drawer or door to a wanted position by its handle. Reward and failures are M3's."""
+    """A skill that brings a drawer or door to a wanted position by its handle.
+
+    Reward and failures follow M3, with the differences that docs/home/differences.md lists.
+    """
 
     rewards: ClassVar = {
         "approach": f"{DISTANCE_REWARD:g} per meter nearer to the handle, until it is held for the first time",

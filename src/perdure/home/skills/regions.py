@@ -1,6 +1,8 @@
 """Where navigation should end: the cells from which the next skill can begin.
 
-The regions are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`).
+The regions are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (OURS):
+for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our
+robot may stop in front of the door's edge.
 """
 
 from __future__ import annotations

@@ -39,9 +39,9 @@ SUCCESS_REWARD = 2.5
 SLACK = 0.002
 """Cost of every step (M3; 0 when a drawer or door is opened or closed)."""
 PENALTY = 1.0
-"""Cost of a failure (M3)."""
+"""Cost of a failure (M3; OURS for letting go of a handle early and for leaving the goal, which cost nothing there)."""
 FORCE_COST, FORCE_CAP = 0.001, 0.2
-"""Cost per newton of increase in contact force, and its cap per step (M3)."""
+"""Cost per newton of increase in contact force, and its cap per step (M3's numbers; see `progress.FORCE_MARGIN`)."""
 RETRACTED = 0.05
 """Largest distance of a retracted gripper point from its rest position in [m] (M3)."""
 

@@ -45,6 +45,15 @@ def test_units_cover_every_episode_of_every_seed_once():
     assert len(set(keys)) == len(keys)
 
 
+@pytest.mark.parametrize("policies", [ORACLES, {**ORACLES, "place": "shipped"}])
+def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
+    if policies["place"] == "shipped":
+        policies = {**policies, "place": EvaluationProtocol("set_table").assignment(0)["place"].source}
+    protocol = EvaluationProtocol("set_table", episodes=1, train_seeds=2, policies=policies)
+    with pytest.raises(HomeError, match=r"training seeds 0 and 1 have the same policies: name files with \{seed\}"):
+        list(protocol_units(protocol, ""))
+
+
 def test_what_was_run_is_not_run_again(tmp_path):
     protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     seen = []

@@ -1,6 +1,7 @@
 """Learning a skill from end to end, small, and the score that comes out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from perdure.home.agents import Learned
 from perdure.home.errors import HomeError
 from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.training import evaluate_skill, skill_config, train, train_skill
-from perdure.policy import load_policy
+from perdure.policy import TaskInfo, load_policy
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,17 @@ def test_a_policy_acts_in_its_own_skill_only(policy):
     agent.begin(None, 0, get_skill("place"))
     with pytest.raises(HomeError, match="navigate has"):
         agent.begin(None, 0, get_skill("navigate"))
+
+
+def test_a_policy_of_another_skill_with_the_same_sizes_is_refused():
+    fridge = [get_skill(name) for name in ("open_fridge", "close_fridge")]
+    sizes = {(len(skill.elements), len(skill.active_columns)) for skill in fridge}
+    ((seen, moved),) = sizes  # the control: sizes tell nothing
+    task = TaskInfo("perdure/HomeCloseFridge-v0", seen, (-1.0,) * moved, (1.0,) * moved)
+    agent = Learned(SimpleNamespace(task=task))
+    agent.begin(None, 0, get_skill("close_fridge"))
+    with pytest.raises(HomeError, match="was trained for another skill than open_fridge"):
+        agent.begin(None, 0, get_skill("open_fridge"))
 
 
 @pytest.mark.parametrize("skill", learned_skills())

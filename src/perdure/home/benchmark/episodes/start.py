@@ -30,6 +30,8 @@ def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
 
 def start_poses(apartment: Apartment, episode: Episode, seed: int) -> Iterator[Pose]:
     """Yield start poses in the order in which they are drawn, for a world with a stricter test."""
+    if seed < 0:
+        raise HomeError(f"an evaluation seed is 0 or more, not {seed}")
     if apartment.fingerprint != episode.apartment_fingerprint:
         raise HomeError(f"{episode.name} does not play in {apartment.name} {apartment.fingerprint}")
     space = free_space(apartment, episode.opened)

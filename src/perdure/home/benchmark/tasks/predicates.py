@@ -1,6 +1,6 @@
 """The seven conditions of which the benchmark's stages are made.
 
-As in M3 (hab-mobile-manipulation, `habitat_extensions/tasks/rearrange/composite_state.py`):
+As in M3 (hab-mobile-manipulation, `habitat_extensions/tasks/rearrange/composite_sensors.py`):
 
 | written | true when |
 |---|---|

@@ -62,7 +62,7 @@ def paired_table(comparison: Comparison) -> str:
         return ""
     headings = ("release strategies", "same episodes", "better", "worse", "mean difference")
     note = (
-        "Goal-stabilizing success with the same policies from the same start. Mean difference [95 % interval over "
+        "Goal-stabilizing success of the same training seed from the same start. Mean difference [95 % interval over "
         "training seeds, Student t; over episodes where there is one training seed]. Not corrected for the number of "
         "comparisons."
     )

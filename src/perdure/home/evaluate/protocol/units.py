@@ -62,6 +62,14 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
         HomeError: If a policy is missing.
     """
     policies = {seed: protocol.assignment(seed) for seed in range(protocol.train_seeds)}
+    seen: dict[str, int] = {}
+    for seed, acting in policies.items():
+        same = seen.setdefault(json.dumps(_digests(acting), sort_keys=True), seed)
+        if same != seed:
+            raise HomeError(
+                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
+                "--train-seeds 1"
+            )
     for block in episode_blocks(protocol):
         acting = policies[block.train_seed]
         arguments = {

@@ -2,7 +2,7 @@
 
 Contents:
     SceneOptions, Scene, build_scene                   compiled models
-    World                                              many lanes in a pool of threads
+    VectorSimulator                                    many lanes in a pool of threads
     Simulator                                               one of them
     PrivilegedState, SkillGoal                         privileged state of all lanes, and the goal of the current skill
     ACTION_SIZE, FORWARD, TURN, ARM, GRIP, ...         parts and sizes of an action

@@ -45,6 +45,8 @@ class SkillEnvOptions:
 
     def __post_init__(self) -> None:
         """Raise HomeError for options that do not exist or do not fit together."""
+        if self.targets is not None and not isinstance(self.targets, int):
+            object.__setattr__(self, "targets", tuple(self.targets))
         if self.skill not in learned_skills():
             raise HomeError(f"no environment for the skill {self.skill!r}; {choices(self.skill, learned_skills())}")
         for each in fields(self):
@@ -56,6 +58,9 @@ class SkillEnvOptions:
         if self.episodes is not None and self.episodes < 1:
             raise HomeError(f"episodes must be at least 1, not {self.episodes}")
         split_apartments(self.split)
+        published = 0 if self.split == "train" else len(load_episodes(self.task, self.split).episodes)
+        if published and self.episodes is not None and self.episodes > published:
+            raise HomeError(f"episodes must be 1 to {published}, all of {self.split}, not {self.episodes}")
         used = targets_of(self.skill, get_task(self.task))
         if not used:
             raise HomeError(f"{self.task} never uses the skill {self.skill}")
