@@ -10,7 +10,14 @@ from perdure.home.evaluate.outcomes import paired_difference
 def episodes(shares, count=20):
     """A table of episodes: for each training seed, the first so many are successes."""
     rows = [
-        {"train_seed": seed, "eval_seed": 0, "index": k, "stabilizing": k < round(share * count), "success": True}
+        {
+            "train_seed": seed,
+            "eval_seed": 0,
+            "index": k,
+            "episode_hash": f"episode {k}",
+            "stabilizing": k < round(share * count),
+            "success": True,
+        }
         for seed, share in enumerate(shares)
         for k in range(count)
     ]
@@ -39,3 +46,5 @@ def test_only_common_episodes_count_and_none_is_refused():
     assert float(paired_difference(left, right, "success").estimate) == 0.0
     with pytest.raises(HomeError, match="in common"):
         paired_difference(left, right.with_columns(eval_seed=pl.lit(1, pl.Int64)))
+    with pytest.raises(HomeError, match="in common"):
+        paired_difference(left, right.with_columns(episode_hash=pl.lit("of another benchmark")))

@@ -13,7 +13,7 @@ from perdure.report.statistics import Interval, estimate_interval, make_units
 if TYPE_CHECKING:
     import polars as pl
 
-SAME_EPISODE = ("train_seed", "eval_seed", "index")
+SAME_EPISODE = ("train_seed", "eval_seed", "index", "episode_hash")
 SAME_PLACEMENT = (*SAME_EPISODE, "target")
 
 
@@ -22,9 +22,9 @@ def paired_difference(
 ) -> Interval:
     """Return the mean difference in success, second minus first, over the episodes that both ran.
 
-    Episodes are paired by training seed, evaluation seed and number: the same policies from the same start. The
-    differences are averaged within a training seed; training seeds are the units of the 95 % interval. With one
-    training seed the episodes are, and the interval says nothing about training again.
+    Episodes are paired by training seed, evaluation seed, number and hash: the same start and goals. The differences
+    are averaged within a training seed; training seeds are the units of the 95 % interval. With one training seed the
+    episodes are, and the interval says nothing about training again.
 
     Args:
         first: Rows of `Analysis.episodes` of one release strategy, or of `Analysis.placements`.

@@ -73,7 +73,7 @@ def failure_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
             found = label(log, counting)
             if found is not None:
                 rows.append({**{n: getattr(log, n) for n in IDENTITY}, "counting": counting, **vars(found)})
-    kinds = (pl.String, pl.String, pl.String, pl.Int64, pl.Int64, pl.Int64)
+    kinds = (pl.String, pl.String, pl.String, pl.Int64, pl.Int64, pl.Int64, pl.String)
     extra = {"counting": pl.String, "stage": pl.String, "cause": pl.String, "target": pl.Int64}
     return pl.DataFrame(rows, schema={**dict(zip(IDENTITY, kinds, strict=True)), **extra})
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STAYED = "stayed"
 """Value of `cause` where a placement is goal-stabilizing."""
-IDENTITY = ("task", "split", "strategy", "train_seed", "eval_seed", "index")
+IDENTITY = ("task", "split", "strategy", "train_seed", "eval_seed", "index", "episode_hash")
 GROUP = ("task", "split", "strategy")
 
 
@@ -31,7 +31,7 @@ def placement_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
 
     | column | meaning |
     |---|---|
-    | task, split, strategy, train_seed, eval_seed, index, target | which |
+    | task, split, strategy, train_seed, eval_seed, index, episode_hash, target | which |
     | kind, cylinder | the object |
     | skill, forced | in which skill it was let go; whether the hand was opened by force |
     | release_height | where its middle was let go, above where it would rest in its goal [m] |
@@ -49,7 +49,7 @@ def placement_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
     rows = [row for log in logs for row in _rows(log)]
     text, whole, real, flag = pl.String, pl.Int64, pl.Float64, pl.Boolean
     kinds = {
-        **dict(zip(IDENTITY, (text, text, text, whole, whole, whole), strict=True)),
+        **dict(zip(IDENTITY, (text, text, text, whole, whole, whole, text), strict=True)),
         **{"target": whole, "kind": text, "cylinder": flag, "skill": text, "forced": flag},
         **dict.fromkeys(("release_height", "release_offset", "tilt", "object_speed", "gripper_speed"), real),
         "base_speed": real,

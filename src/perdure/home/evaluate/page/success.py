@@ -119,7 +119,10 @@ def error_note(comparison: Comparison, what: str = "Bars") -> str:
 
 def unequal_note(comparison: Comparison) -> str:
     """Return a warning where the strategies did not run the same episodes from the same start poses; else nothing."""
-    ran = [set(comparison.episodes[strategy].select("eval_seed", "index").rows()) for strategy in comparison.strategies]
+    ran = [
+        set(comparison.episodes[strategy].select("eval_seed", "index", "episode_hash").rows())
+        for strategy in comparison.strategies
+    ]
     if all(each == ran[0] for each in ran):
         return ""
     counts = listed([f"{label}: {len(each)}" for label, each in zip(comparison.labels, ran, strict=True)])
