@@ -197,6 +197,11 @@ class TestWhatItSays:
         falls = [{"clock": f"periodic({c})", "rate": 2.0, "ends": [90] * 8} for c in range(2)]
         assert summary_text(synthetic(holds + falls)).startswith("Hopper-v3: 8 policies and clocks: holds 6, falls 2")
 
+    def test_what_the_text_leaves_out_is_counted(self, synthetic):
+        clocks = [{"clock": f"constant({c})", "rate": 2.0} for c in range(14)]
+        assert "  2 more policies and clocks are in the table." in summary_text(synthetic(clocks))
+        assert "more policies" not in summary_text(synthetic(clocks[:12]))
+
     def test_seven_of_eight_is_not_holding(self, synthetic):
         frame = synthetic([{"rate": 2.0, "ends": [math.inf] * 7 + [900]}])
         assert summary_text(frame).splitlines()[0].endswith(": falls in 1 of 8 episodes")

@@ -100,7 +100,9 @@ def _headline(estimates: Sequence[Estimate]) -> str:
 def _points(estimates: Sequence[Estimate]) -> list[str]:
     """Return the sentences under the headline: the evidence for each verdict, and the best clock of each policy."""
     clocks = best_clocks(estimates, np.random.default_rng(SEED))
-    return [*(item.verdict.sentence for item in estimates[:MOST_POINTS]), *clocks]
+    more = len(estimates) - MOST_POINTS
+    rest = [f"{more} more policies and clocks are in the table."] if more > 0 else []
+    return [*(item.verdict.sentence for item in estimates[:MOST_POINTS]), *rest, *clocks]
 
 
 def write_report(

@@ -82,6 +82,8 @@ def watch(
     check_film(out)
     if steps < 1 or eval_seeds < 1:
         raise FilmError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
+    if first_eval_seed < 0:
+        raise FilmError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
     if beside is not None and not policy.has_clock:
         raise FilmError(
             f"this {policy.task.name} policy has no time-to-go input, so there is no clock to set beside it"
