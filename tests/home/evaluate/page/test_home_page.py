@@ -203,6 +203,14 @@ class TestWords:
 
 
 class TestPolicies:
+    def test_an_episode_in_two_files_is_named_with_both(self, tmp_path):
+        """As after a trial run of ten episodes and the whole run."""
+        for name in ("trial", "whole"):
+            (tmp_path / name).mkdir()
+            write_logs(tmp_path / name / "logs.parquet", records("rl", [good(0)]), {"arm": "rl"})
+        with pytest.raises(HomeError, match=r"trial/logs\.parquet and .*whole/logs\.parquet both hold "):
+            read_assignment([tmp_path / "trial" / "logs.parquet", tmp_path / "whole" / "logs.parquet"])
+
     def test_notes_of_the_logs_are_shown(self, tmp_path):
         run = {
             "arm": "rl",

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from perdure.home.errors import HomeError
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.home.evaluate.outcomes import noted_hand_overs, noted_policies, read_logs, read_notes
 from perdure.home.evaluate.outcomes.fields import POLICIES
@@ -41,14 +42,19 @@ def read_assignment(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Episo
     Files of another simulator record no policies.
 
     Raises:
-        HomeError: A file holds no logs, see `read_logs`, or its note `policies` is no JSON object.
+        HomeError: A file holds no logs, see `read_logs`, its note `policies` is no JSON object, or two files hold the
+            same episode of a strategy and its seeds, such as those of a trial run and of the whole run.
     """
     records: list[EpisodeLog] = []
     acting: dict[Group, dict[str, dict[str, None]]] = {}
     commands: dict[str, None] = {}
     hand_overs: dict[Group, Counter[str]] = {}
+    found: dict[tuple[object, ...], str | os.PathLike[str]] = {}
     for path in paths:
         read, notes = read_logs(path), read_notes(path)
+        for record in read:
+            if (other := found.setdefault(record.key, path)) != path:
+                raise HomeError(f"{other} and {path} both hold {record.name}; leave one of the two files out")
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         policies = noted_policies(notes)
