@@ -9,8 +9,9 @@ from perdure.home.benchmark.episodes import load_episodes
 from perdure.home.benchmark.tasks import goal_stabilizing, handling_of, latched_stages
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.execute.executor import OVERTIME
 from perdure.home.evaluate.outcomes import latched
-from perdure.home.sim.world import ACTION_SIZE
+from perdure.home.sim.world import ACTION_SIZE, GRIP
 from perdure.home.skills import SKILLS, get_skill
 
 
@@ -94,3 +95,33 @@ def test_an_execution_without_settling_time_is_refused():
 def test_skills_without_an_actor_are_refused():
     with pytest.raises(HomeError, match="pick"):
         Executor({"pick": get_skill("pick")}, {}, None)
+
+
+class Holding(Idle):
+    """Keeps the hand closed for ever; `patient` asks for more time, as the release strategies do."""
+
+    def __init__(self, patient):
+        self.patient = patient
+
+    def act(self, world, lanes, skill, state, progress):
+        actions = super().act(world, lanes, skill, state, progress)
+        actions[:, GRIP] = 1.0
+        return actions
+
+    def overtime(self, lane):
+        return self.patient
+
+
+@pytest.mark.parametrize(("patient", "extra"), [(False, 0), (True, OVERTIME)])
+def test_a_hand_that_never_opens_is_opened_by_force_at_the_time_limit_or_after_the_overtime(set_table, patient, extra):
+    skills = {name: get_skill(name) for name in SKILLS}
+    agents = {name: Scripted() if name == "reset_arm" else Oracle() for name in SKILLS} | {"place": Holding(patient)}
+    (log,) = Executor(skills, agents, ExecutorOptions(lanes=1)).run([set_table[0]])
+    run = next(each for each in log.runs if each.skill == "place")
+    held = np.asarray(log.history.facts.held)
+    assert held[run.begin] == run.target, "the control: the object is in the hand"
+    assert (run.ending, run.forced_release, run.end - run.begin) == ("timed out", True, skills["place"].limit + extra)
+    assert held[run.end - 1] == run.target
+    assert held[run.end + 1] != run.target
+    (release,) = (each for each in log.releases if each.target == run.target)
+    assert release.step == run.end - 1
