@@ -102,7 +102,8 @@ def test_a_mean_over_tasks_that_survives_holm_is_shown_as_decided(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR}, tasks=tasks)
     found = decide_claims([claim(tasks=tasks, over="mean")], results)
     text = write_page(tmp_path / "README.md", results, found, ()).read_text()
-    assert "1 sentence is decided:\n  - supported on average over the tasks: A sentence." in text
+    assert "1 claim is decided as a whole, of 1, and 1 sentence about single tasks or means (none by" in text
+    assert "\n  - supported on average over the tasks: A sentence.\n" in text
     assert "undecided on" not in text
     assert "undecided again if the difference moved by" in claims_text(found)
     rows = claims_frame(found).select("task", "decision", "after Holm").rows()

@@ -77,7 +77,8 @@ def test_the_mean_over_tasks_is_student_with_more_freedom(tmp_path):
     assert (row["gain"], row["upper"] - row["gain"]) == pytest.approx((200.0 / 3000.0, half))
     figures = list(make_figures(results))
     text = write_page(tmp_path / "README.md", results, (), figures).read_text()
-    assert "mean of 2 tasks (95 % interval over training runs): discounted PPO 0.07 (0.03 to 0.10);" in text
+    assert "mean over Swimmer-v3, HalfCheetah-v3 (95 % interval; training runs of each task): " in text
+    assert "discounted PPO 0.07 (0.03 to 0.10; 3);" in text
     assert "The method minus discounted PPO: 0.10 (" in text
     assert "](figures/gain.png)" in text
     (figure,) = (each for each in figures if each.name == "gain")

@@ -29,6 +29,8 @@ class MeanGain:
 
     condition: Condition
     tasks: int
+    runs: str
+    """Of each task, such as "3" or "5 to 10"."""
     gain: Difference
     """The gain itself: its right side is 0."""
     beside_ppo: Difference | None
@@ -64,7 +66,9 @@ def _mean_gain(results: Results, condition: Condition, names: tuple[str, ...]) -
         return None
     gain = mean_difference([compare_with(runs, 0.0) for runs in by_task])
     beside = mean_difference([compare_unpaired(*sides) for sides in zip(by_task, of_ppo, strict=True)])
-    return MeanGain(condition, len(names), gain, None if condition == PPO else beside)
+    counts = sorted({len(runs) for runs in by_task})
+    runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return MeanGain(condition, len(names), runs, gain, None if condition == PPO else beside)
 
 
 def gain_table(results: Results) -> pl.DataFrame:

@@ -29,7 +29,7 @@ CLAIMS: tuple[Claim, ...] = (
         "short-training-horizon-extrapolates-worse",
         "section 3.2.2, figure 3-1",
         "Policies trained in episodes of 200 steps do not match those trained in episodes of 1,000 steps. The thesis "
-        "sees it on Ant, Hopper and Walker2d, not on the fourth task.",
+        "sees it on Ant, Hopper and Walker2d, not on HalfCheetah.",
         tasks=("Ant-v3", "Hopper-v3", "Walker2d-v3"),
         left=Condition("ppo-short"),
         right=PPO,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from perdure.studies.horizon.estimates import bounds, interval_note, run_interva
 from perdure.studies.horizon.results import Results
 
 NAME = "gain"
+FEWEST = 5
+"""Runs of a task that get an interval: that of three would be wider than the figure."""
 
 
 def gain_figure(results: Results) -> Iterator[Figure]:
@@ -35,10 +38,11 @@ def gain_figure(results: Results) -> Iterator[Figure]:
     shown = [each for each in compared if any(each == key[1] for key in values)]
     head = [f"mean of {next(iter(means.values())).tasks} tasks"] if means else []
     points = [_points(each, names, values, means) for each in shown]
-    intervals = [run_interval(found) for found in values.values()]
+    intervals = [run_interval(found) for found in values.values() if len(found) >= FEWEST]
     note = (
         "Return minus that of an idle robot, as a share of a published policy's: 0 is an idle robot, 1 a published "
-        f"policy that never fails. Hollow: training runs. {interval_note(intervals, 'Bars')} "
+        "policy that never fails; an early fall is near 0 too. Hollow: training runs. "
+        f"{interval_note(intervals, 'Bars')} None for fewer than {FEWEST} runs of a task. "
         f"{words.start_states({results.start_states(setting, each.method) for setting, each in values})}"
     )
     chart = point_chart([*head, *map(words.setting, names)], points, Axis("gain over an idle robot"), theme.WIDE)
@@ -59,7 +63,8 @@ def _points(
     for row, name in enumerate(names, first):
         if runs := values.get((name, condition)):
             rows.append(row)
-            found.append(bounds(run_interval(runs)))
+            few = len(runs) < FEWEST
+            found.append((fmean(runs.values()), np.nan, np.nan) if few else bounds(run_interval(runs)))
             rings.append(list(runs.values()))
     x, lower, upper = (np.array(each) for each in zip(*found, strict=True))
     return Points(words.condition(condition), rows, x, styles.style(condition), lower, upper, rings)

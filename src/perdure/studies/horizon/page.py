@@ -109,8 +109,11 @@ def _coverage(results: Results) -> str:
         for setting in settings
     )
     head = f"| task | {' | '.join(words.method(each) for each in methods)} |\n|---{'|---' * len(methods)}|\n"
+    partial = any("(" in cell for cell in cells.values())
+    brackets = "Brackets: clocks evaluated so far. " if partial else ""
     what = (
-        f"Number of test start states of each training run ({planned} are planned). Brackets: clocks evaluated so far. "
+        f"Number of test start states of each training run ({planned} are planned). "
+        f"{brackets}"
         '"\u2013": none. More start states make the mean of a run more precise; the intervals count training runs.'
     )
     return f"## Evaluated so far\n\n{what}\n\n{head}{lines}\n"

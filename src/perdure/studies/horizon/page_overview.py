@@ -10,13 +10,13 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.report.render import Figure
-from perdure.studies.comparison import Difference
+from perdure.studies.comparison import Difference, holm
 from perdure.studies.horizon import across_tasks, figure_gain, words
 from perdure.studies.horizon.across_tasks import mean_gains
 from perdure.studies.horizon.claim import Condition
 from perdure.studies.horizon.claim_table import places
 from perdure.studies.horizon.claims import MAIN_SETTINGS
-from perdure.studies.horizon.decide import ClaimDecision, p_values
+from perdure.studies.horizon.decide import LEVEL, ClaimDecision, Decision, p_values
 from perdure.studies.horizon.results import Results
 from perdure.studies.horizon.tables import WITHIN
 
@@ -54,10 +54,11 @@ def _means(results: Results) -> Iterator[str]:
     means = mean_gains(results)
     if not means:
         return
-    found = [f"{words.condition(each.condition)} {_between(each.gain)}" for each in means]
+    found = [f"{words.condition(each.condition)} {_between(each.gain)[:-1]}; {each.runs})" for each in means]
     text = (
-        f"Gain over an idle robot in {wording.whole(float(results.grid.steps))} steps, mean of {means[0].tasks} tasks "
-        f"(95 % interval over training runs): {'; '.join(found)}."
+        f"Gain over an idle robot in {wording.whole(float(results.grid.steps))} steps, mean over "
+        f"{', '.join(map(words.setting, across_tasks.settings(results)))} (95 % interval; training runs of each task): "
+        f"{'; '.join(found)}."
     )
     beside = next((each.beside_ppo for each in means if each.condition == results.constant), None)
     yield text + (f" The method minus discounted PPO: {_between(beside)}." if beside else "")
@@ -113,20 +114,41 @@ def _mostly_never_worked(results: Results, setting: str, method: str) -> bool:
 def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
     tests = [p for each in decided for p in p_values(each)]
     lines = [
-        f"  - {decision} {where}: {each.claim.statement}"
+        f"  - {decision} {where}: {each.claim.statement}{_numbers(each, decision)}"
         for each in decided
         for decision, where in places(each).items()
         if decision in ("supported", "contradicted")
     ]
     if lines:
-        sentences = f"{wording.count(len(lines), 'sentence')} {'is' if len(lines) == 1 else 'are'} decided"
+        count = sum(each.after_holm in ("supported", "contradicted") for each in decided)
+        whole = "1 claim is" if count == 1 else f"{count or 'no'} claims are"
         head = (
             f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
-            f"correction for those registered together {sentences}:"
+            f"correction for those registered together {whole} decided as a whole, of {len(decided)}, and "
+            f"{wording.count(len(lines), 'sentence')} about single tasks or means ({_by_permutation(decided)} by a permutation test of the same runs):"
         )
         yield "\n".join([head, *lines])
     elif decided:
         yield "No comparison of the claims below is decided after Holm's correction."
+
+
+def _numbers(each: ClaimDecision, decision: Decision) -> str:
+    """Return the means of both sides of a decision on one task, and where its interval says otherwise, as text."""
+    mine = [task.difference for task in each.tasks if task.after_holm == decision and task.difference is not None]
+    if each.claim.over == "mean" or len(mine) != 1:
+        return ""
+    shown = f" {wording.quantity(mine[0].left)} against {wording.quantity(mine[0].right)}."
+    other = "contradicted" if decision == "supported" else "supported"
+    against = [words.setting(task.task) for task in each.tasks if task.decision == other]
+    return shown + (f" Before the correction it is {other} on {', '.join(against)}." if against else "")
+
+
+def _by_permutation(decided: Sequence[ClaimDecision]) -> str:
+    """Return how many tasks would be decided by permutation tests, after Holm's correction, as a word."""
+    tests = [(task, task.permutation_p) for each in decided if each.claim.over == "each" for task in each.tasks]
+    adjusted = holm([p for _, p in tests])
+    count = sum(p <= LEVEL and task.decision != "undecided" for (task, _), p in zip(tests, adjusted, strict=True))
+    return str(count) if count else "none"
 
 
 def _advice(results: Results) -> Iterator[str]:
@@ -145,8 +167,8 @@ def _advice(results: Results) -> Iterator[str]:
             losses.append(f"{words.setting(setting)} {size} {'lower' if loss >= 0 else 'higher'}")
     if losses:
         yield (
-            "Clock: where the geometric method worked, its mean return under the default, `constant:500`, beside that "
-            f"under the cross-validated constant: {'; '.join(losses)} (means, not a test)."
+            "Clock: where the geometric method worked in training, its mean return under the default, `constant:500`, "
+            f"beside that under the cross-validated constant: {'; '.join(losses)} (means, not a test)."
         )
     if failing:
         where = ", ".join(failing)
@@ -159,9 +181,10 @@ def _method_head(results: Results, columns: Sequence[Condition]) -> str:
     what = (
         f"Mean return of {steps} steps on test start states. In brackets: gain; share of episodes that failed; "
         "training runs x start states. *Gain*: return minus that of an idle robot in the same steps, as a share of a "
-        "published policy's over all steps. *Failed*: fell, diverged, never worked, or ended with less than three "
-        "quarters of the gain over an idle robot that it had in training. Runs that cannot be judged "
-        "are left out of that share. Most runs either fail early or keep nearly "
+        "published policy's over all steps: 0 for a robot that falls at once, less for one that stands worse than an "
+        "idle robot. *Failed*: fell, diverged, never worked (counted from step 0), or ended with less than three "
+        "quarters of the gain over an idle robot that it had in training (*decays* and *fails silently*). Runs that "
+        "cannot be judged are left out of that share. Most runs either fail early or keep nearly "
         "full reward, so the means have wide intervals. C is the constant number of steps to go given to the "
         f"policy. {_choice(results)}Tasks without a name in brackets use the settings of RL Baselines3 Zoo. A robot "
         "that stands still for the reward of being alive can have a high return and fail."
@@ -220,7 +243,8 @@ def _clock_table(results: Results) -> str:
             lines.append(f"| {words.setting(setting)} | {' | '.join(cells)} |\n")
     names = " | ".join(words.rule(clock) for clock in shown)
     what = (
-        "Mean return of the geometric method by clock. In brackets: share of episodes that failed; values of C chosen."
+        "Mean return of the geometric method by clock. In brackets: share of episodes that failed; values of C chosen. "
+        "A countdown to the end shows more than 1,000 steps to go nearly all the time, as no training episode did."
     )
     return f"{what}\n\n| task | {names} |\n|---{'|---' * len(shown)}|\n{''.join(lines)}\n"
 
