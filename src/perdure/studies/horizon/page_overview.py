@@ -125,7 +125,8 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
         head = (
             f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
             f"correction for those registered together {whole} decided as a whole, of {len(decided)}, and "
-            f"{wording.count(len(lines), 'sentence')} about single tasks or means ({_by_permutation(decided)} by a permutation test of the same runs):"
+            f"{wording.count(len(lines), 'sentence')} about single tasks or means ({_by_permutation(decided)} by a "
+            "permutation test of the same runs):"
         )
         yield "\n".join([head, *lines])
     elif decided:
