@@ -168,7 +168,7 @@ class TestWhatItSays:
         assert "from the start; moving." in summary_text(silent)
 
     def test_pauses_of_episodes_that_hold_are_said(self, synthetic):
-        assert "8 of them gained less than a quarter of that for a while" in summary_text(
+        assert "8 of them fell below a quarter of it for a while" in summary_text(
             synthetic([{"rate": 2.0, "ever_idle": True}])
         )
 

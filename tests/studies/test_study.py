@@ -7,7 +7,7 @@ import pytest
 
 from perdure.runs import RunError, Store, StoreError, Unit, attempt, run_units
 from perdure.studies import RunOptions, StepProgress, StudyError, find_study
-from perdure.studies.run import check_results, run_steps
+from perdure.studies.run import check_page, check_results, run_steps
 from perdure.studies.status import cost_text, count_units, failed_steps, lines, read_step_progress, status_text
 
 
@@ -135,13 +135,14 @@ def test_results_that_are_not_there_are_an_error(tmp_path):
 @pytest.mark.parametrize("name", ["horizon", "placement"])
 def test_a_page_that_is_not_of_the_study_is_not_touched(tmp_path, name):
     study = find_study(name)
-    (tmp_path / study.holds[0]).mkdir()
-    check_results(study, tmp_path)
+    check_page(study, tmp_path)
     (tmp_path / "README.md").write_text("mine")
     with pytest.raises(StudyError, match=f"is not a page of the study {name}; move it"):
-        check_results(study, tmp_path)
+        check_page(study, tmp_path)
 
 
 @pytest.mark.parametrize("folder", ["horizon", "horizon-replication", "placement"])
 def test_the_pages_of_this_repository_have_the_mark(folder):
-    check_results(find_study(folder.partition("-")[0]), Path(__file__).parents[2] / "results" / folder)
+    study, results = find_study(folder.partition("-")[0]), Path(__file__).parents[2] / "results" / folder
+    check_results(study, results)
+    check_page(study, results)

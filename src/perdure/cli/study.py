@@ -44,7 +44,7 @@ def main(args: list[str]) -> None:
     flags = parse(StudyFlags, args, "study")
     from perdure.runs import check_on, core_count
     from perdure.studies import find_study
-    from perdure.studies.run import check_results
+    from perdure.studies.run import check_page, check_results
 
     if flags.status and flags.analyze_only:
         raise CommandError("--status and --analyze-only exclude each other")
@@ -52,11 +52,12 @@ def main(args: list[str]) -> None:
     scale, phases = flags.scale, flags.phases or study.phases
     out = flags.out or study.folder(scale)
     check_folder(out)
-    if flags.analyze_only:
-        check_results(study, out)
-    elif flags.status:
+    if flags.status:
         _show_status(study, scale, out, phases)
         return
+    check_page(study, out)
+    if flags.analyze_only:
+        check_results(study, out)
     else:
         check_on(flags.on)
         _carry_out(study, scale, out, phases, flags, core_count(flags.cores))

@@ -1,4 +1,4 @@
-"""The source code of an environment of the user's own, as part of the identity of what was computed with it."""
+"""Digest of a user's environment code: cached results depend on it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from perdure.envs.suites import module_of
 def source_digest(task: str) -> dict[str, str]:
     """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports; {} for other tasks.
 
-    Of a package it is the digest of all its Python files, the top package's included. Code that the module imports from
-    elsewhere is not seen.
+    For a module inside a package, all Python files of the top-level package are included. Code that it imports from
+    other packages is not.
     """
     top = (module_of(task) or "").partition(".")[0]
     try:

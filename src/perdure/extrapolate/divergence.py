@@ -12,8 +12,9 @@ step is not counted.
 
 Signs 2 and 3 count only where the engine hides a divergence (`TaskSpec.hides_divergence`), and not in the last step of
 an episode: elsewhere a reward of 100 is a goal, or the price of a fall. A reset within the first meters of a lane, from
-an ordinary pose, shows none of the three signs. Single Gymnasium environments on MuJoCo read the divergence from the
-engine, so there it is always detected; in a vector environment of somebody else's only sign 1 is.
+an ordinary pose, shows none of the three signs. For Gymnasium environments in this process, also inside a
+SyncVectorEnv, perdure reads MuJoCo's warnings, so that every divergence is detected. In other vector environments only
+sign 1 applies.
 """
 
 from __future__ import annotations

@@ -57,7 +57,8 @@ TASK_RATES = {
 }
 """Reward per step of level 1: returns of 1,000 steps / 1,000."""
 _ROBOTS = re.compile(rf"(?:gymnasium:|envpool:)?({'|'.join(TASK_RATES)})-v[2-5]")
-"""Names of these tasks in EnvPool and Gymnasium; an environment of the same name in a module of its own is another."""
+"""Names of these tasks in EnvPool and Gymnasium. A name with a module, such as "gymnasium:my_env:Hopper-v0", is a
+different environment, whose level is unknown."""
 TASK_RATE_SOURCES = {
     **dict.fromkeys(
         ("Ant", "HalfCheetah", "Hopper", "Walker2d"),

@@ -119,7 +119,7 @@ class Group:
     def final_hold(self) -> FloatArray:
         """Hold score at the end; 0 for lanes that ended, nan where it is not known; shape (lanes,).
 
-        A lane that fell before its first whole window has no score of its own, and is 0 too.
+        A lane that fell before its first whole window counts as 0.
         """
         ended = ~self.alive[:, -1]
         return np.where(ended & (self.failed | np.isfinite(self.end_hold)), 0.0, self.end_hold)

@@ -42,7 +42,7 @@ higher. An early fall does not lower the rate; an ended episode counts as 0 in t
 constant.<br>
 <em>Level</em>: the same score with a published policy of the task as reference.<br>
 <em>Holds</em>: the episode runs to the end, with a mean hold score of at least 0.75 in the last tenth of the steps.
-After a pause in which it earned no more than an idle robot, the mean is taken over five times the pause.<br>
+After a pause with a score below 0.25, the mean is taken over five times the pause.<br>
 <em>Decays</em>: the score is below 0.75, and chance does not explain it. <em>Fails silently</em>: it is below 0.25.<br>
 <em>Falls</em>: the environment ends the episode. <em>Diverges</em>: the simulation becomes invalid.<br>
 <em>Never worked</em>: the policy gains too little over an idle robot within its own training horizon; where every

@@ -136,7 +136,7 @@ def _evidence(group: Group, label: str) -> str:
             return "every step pays the same, so only survival is judged"
         rate = wording.share(float(group.end_hold[mine].mean()))
         paused = int(group.ever_idle[mine].sum())
-        pauses = f"; {paused} of them gained less than a quarter of that for a while" if paused else ""
+        pauses = f"; {paused} of them fell below a quarter of it for a while" if paused else ""
         return f"gain over an idle robot at the end: {rate} of that in training{pauses}"
     middle = float(np.median(group.failed_steps[mine]))
     parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from perdure.runs.errors import StoreError
-from perdure.runs.lock import is_still_at, lock
+from perdure.runs.lock import is_still_at, lock_file
 
 
 def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
@@ -91,7 +91,7 @@ def _open_temporary(target: Path) -> tuple[Path, int]:
         temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
-            lock(descriptor, temporary, wait=True)
+            lock_file(descriptor, temporary, wait=True)
         except BaseException:
             temporary.unlink(missing_ok=True)
             os.close(descriptor)

@@ -25,7 +25,7 @@ def acquire(path: Path, wait: bool = False) -> int | None:
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            lock(descriptor, path, wait)
+            lock_file(descriptor, path, wait)
         except BlockingIOError:
             os.close(descriptor)
             return None
@@ -38,15 +38,16 @@ def acquire(path: Path, wait: bool = False) -> int | None:
         os.close(descriptor)
 
 
-def lock(descriptor: int, path: Path, wait: bool) -> None:
+def lock_file(descriptor: int, path: Path, wait: bool, shared: bool = False) -> None:
     """Lock an open file, which lies at `path`.
 
     Raises:
-        BlockingIOError: Somebody else has locked it, and `wait` is False.
+        BlockingIOError: Another process has locked it, and `wait` is False.
         StoreError: Its file system has no locks.
     """
+    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, kind if wait else kind | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
             raise StoreError(f"{path.parent} is on a file system without file locks (flock); choose another") from error
@@ -60,7 +61,7 @@ def is_locked(path: Path) -> bool:
     except FileNotFoundError:
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        lock_file(descriptor, path, wait=False, shared=True)
     except BlockingIOError:
         return True
     finally:

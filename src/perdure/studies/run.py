@@ -104,15 +104,15 @@ class _Board:
 
 
 def check_results(study: Study, path: Path) -> None:
-    """Refuse a folder that holds no results of a study, or a README that the study did not write.
-
-    Raises:
-        StudyError: It is such a folder.
-    """
+    """Raise StudyError for a folder without results of a study."""
     if not any((path / name).is_dir() for name in study.holds):
         raise StudyError(
             f"there are no results of the study {study.name} in {path}; run it first, or name another folder with --out"
         )
+
+
+def check_page(study: Study, path: Path) -> None:
+    """Raise StudyError for a folder whose README is not a page of the study; the analysis would overwrite it."""
     page = path / "README.md"
     if page.is_file() and study.mark not in page.read_text(errors="replace"):
         raise StudyError(f"{page} is not a page of the study {study.name}; move it, or name another folder with --out")

@@ -11,9 +11,6 @@ from perdure.home.sim.world import PrivilegedState, VectorSimulator
 from perdure.home.skills import Skill, SkillProgress
 from perdure.policy import Policy
 
-OWN = "perdure/Home"
-"""How the names of our environments begin; a policy of another maker may have any name."""
-
 
 class Learned(SkillAgent):
     """Acts with the mean of a policy that was trained on the skill's Gymnasium environment.
@@ -34,9 +31,11 @@ class Learned(SkillAgent):
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
-        trained = self.policy.task.name.partition("-")[0]
-        if trained.startswith(OWN) and trained.removeprefix(OWN) != skill.name.title().replace("_", ""):
-            raise HomeError(f"the policy of {self.policy.task.name} was trained for another skill than {skill.name}")
+        from perdure.home.skills.gym.register import PREFIX, env_id
+
+        trained = self.policy.task.name  # another maker's policy may have any name
+        if trained.startswith(PREFIX) and trained != env_id(skill.name):
+            raise HomeError(f"the policy of {trained} was trained for another skill than {skill.name}")
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress

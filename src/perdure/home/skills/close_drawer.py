@@ -11,7 +11,7 @@ from perdure.home.skills.starts import DRAWER_OPEN, Rectangle
 
 @dataclass(frozen=True)
 class CloseDrawer(Articulated):
-    """M3's success condition (`close_drawer_v0A`), and its start states but for the other drawers, which are closed."""
+    """M3's success condition and start states (`close_drawer_v0A`), except that the other drawers are closed."""
 
     name = "close_drawer"
     closes = True

@@ -14,13 +14,13 @@ from perdure.home.skills.starts import Rectangle
 GIVE = 0.005
 """Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (OURS)."""
 OTHERS = 0.1
-"""The other drawers begin open by up to this, uniformly, in [m] (OURS; in M3 they are closed, and a random subset of
-them is open so far when a drawer is to be closed)."""
+"""Largest initial opening of the other drawers, drawn uniformly, in [m] (OURS; in M3 they are closed here, and a random
+subset of them is open by up to this in `close_drawer`)."""
 
 
 @dataclass(frozen=True)
 class OpenDrawer(Articulated):
-    """M3's success condition (`open_drawer_v0A`), and its start states but for the other drawers."""
+    """M3's success condition and start states (`open_drawer_v0A`), except for the other drawers, see `OTHERS`."""
 
     name = "open_drawer"
     wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + GIVE)

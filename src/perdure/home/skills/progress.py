@@ -13,8 +13,8 @@ from perdure.home.sim.world import PrivilegedState
 Record = TypeVar("Record", bound=Any)
 
 FORCE_MARGIN = 20.0
-"""Contact forces up to this count as 0, in [N] (M3's number). Only increases are charged (OURS): M3's `RobotForce` does
-not raise the force that it compares with, so that there a lasting contact is charged in every step."""
+"""Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (OURS). M3's
+`RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 """Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
 

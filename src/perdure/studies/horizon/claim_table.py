@@ -77,7 +77,7 @@ def places(each: ClaimDecision) -> dict[Decision, str]:
 
 
 def claims_frame(decided: Sequence[ClaimDecision]) -> pl.DataFrame:
-    """Return one row for each comparison, for tables/claims.csv; a mean over tasks is a row of its own."""
+    """Return one row for each comparison and one for each mean over tasks, for tables/claims.csv."""
     rows = [_row(each.claim, task) for each in decided for task in (*each.tasks, *_mean_row(each))]
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -229,7 +229,7 @@ def _change(name: str, claim: Claim, found: Difference, margin: float, decision:
         slack, where = wording.quantity(away - found.half), wording.quantity(edge)
         return f"{name}: undecided again if the difference moved by {slack} towards {where}."
     if away == 0.0:
-        return f"{name}: a difference, of which there is none."
+        return f"{name}: nothing, the difference is exactly at the threshold."
     if found.error == 0.0:
         runs = max(found.n_left, found.n_right)
         return f"{name}: more training runs that agree; {runs} cannot decide at {LEVEL:g}."

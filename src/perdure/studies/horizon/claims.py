@@ -1,8 +1,8 @@
 """Testable claims of chapter 3 and appendix A, and our own first questions, written before test seeds were run.
 
 The grid, the seeds and these claims were fixed after looking at training curves and validation seeds, and at four of
-the policies over 100,000 steps from other start states, which labeled the shipped policies. A claim that is added later
-goes below `CLAIMS`, into a tuple of its own, with the reason.
+the policies over 100,000 steps from other start states, which labeled the shipped policies. Add later claims to a
+new tuple below `CLAIMS`, with the reason.
 
 Two settings occur for Hopper and Walker2d: RL Zoo's, which the thesis used, and CleanRL's ("@cleanrl"), which were
 chosen on separate seeds because Hopper stands still under RL Zoo's.

@@ -130,7 +130,7 @@ class Release:
 
     target: int
     object_speed: float
-    """In the hand, in [m/s]: before a world with a release velocity of its own sets another."""
+    """Measured in the hand, in [m/s]. A world that removes release velocity changes it afterwards."""
     gripper_speed: float
     base_speed: float
     """Of the base's middle, turning left out, in [m/s]."""

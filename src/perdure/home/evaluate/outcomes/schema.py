@@ -28,7 +28,7 @@ to be it. `stages` and `targets.stabilizing` follow from the events; a file in w
 
 `force` is the largest normal contact force at arm, hand and held object (not the base), `reach` the smallest distance
 of the gripper point from the target's middle in the run; nan where unknown. A track holds lists of equal length:
-`step`, `x`, `y`, `z` and `up` of the object (`up`: height of its own z axis, 1 upright), `gripper_x`, `gripper_y`,
+`step`, `x`, `y`, `z` and `up` of the object (`up`: height of the object's z axis, 1 upright), `gripper_x`, `gripper_y`,
 `gripper_z`, `base_x`, `base_y`, `base_yaw`. It begins with the last step in the hand and ends with the last step of
 all, or before the hand takes the object again. Steps at which the object is within 2 mm (and 0.01 in `up`) of the step
 before them in the track may be left out.

@@ -13,9 +13,12 @@ SUITE = VectorSuite("Home", "perdure.home.skills.gym", "perdure/Home")
 """The suite of these environments, which `pyproject.toml` names as an entry point."""
 
 
+PREFIX = "perdure/Home"
+
+
 def env_id(skill: str) -> str:
     """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
-    return f"perdure/Home{''.join(word.capitalize() for word in skill.split('_'))}-v0"
+    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
 
 
 def default_task(skill: str) -> str:
