@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -96,3 +97,16 @@ def test_a_table_of_other_policies_is_refused_with_what_it_holds(made, tmp_path)
         foreign = write_table(tmp_path / "lanes.parquet", frame, {})
         with pytest.raises(ExtrapolationError, match=f"true on Hopper-v3.*{held}"):
             write_card(policy, foreign)
+
+
+def test_a_card_is_not_made_from_another_preset_s_episodes(made, tmp_path):
+    """Same task, method and training seed: only the preset in the label differs."""
+    _, result, _ = made
+    subject = policy_for(HOPPER, seed=2, phi=True, method="true")
+    preset = replace(subject, provenance={**subject.provenance, "preset": "cleanrl"})
+    path = save_policy(preset, tmp_path / "policy.safetensors")
+    with pytest.raises(ExtrapolationError, match="does not say which episodes are those of this policy"):
+        write_card(path, result.path)
+    asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "out": tmp_path / "own"}
+    assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (cleanrl)"]
+    assert write_card(path, tmp_path / "own" / "lanes.parquet").is_file()

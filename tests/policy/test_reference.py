@@ -11,8 +11,8 @@ import pytest
 from make_policy import HOPPER, random_policy
 
 from perdure.envs import GymnasiumWorld, make_world
-from perdure.horizon import Countdown, Fixed, HorizonProtocol
-from perdure.policy import PolicyError, TaskInfo, load_policy, measure_reference, save_policy
+from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
+from perdure.policy import Normalizer, Policy, PolicyError, TaskInfo, load_policy, measure_reference, save_policy
 from perdure.policy.measure import FIRST_SEED
 from perdure.policy.reference import BIN_STEPS
 
@@ -61,6 +61,30 @@ def test_rewards_lengths_falls_and_ranges_of_a_known_world():
     assert found.rewards[0, 1:].tolist() == [0, 0]
     assert (found.observation_low.tolist(), found.observation_high.tolist()) == ([-25.0], [0.0])
     assert found.rate == (28 + 2 * 325) / 57
+
+
+def test_a_time_feature_counts_down_from_its_own_steps_however_short_the_episodes():
+    """sb3-contrib's wrapper shows 1 - t/N. The action is phi, which the world records."""
+    seen = []
+
+    class Recording(Ramp):
+        def step(self, action):
+            seen.append(float(action[0]))
+            return super().step(action)
+
+    protocol = HorizonProtocol(TimeFeature(100), Fixed(5), "truncated", 0.99, 0.99)
+    weights = {"policy.0.weight": np.array([[0.0], [1.0]]), "policy.0.bias": np.zeros(1), "log_std": np.zeros(1)}
+    weights |= {"value.0.weight": np.zeros((2, 1)), "value.0.bias": np.zeros(1)}
+    policy = Policy(
+        task=RAMP,
+        weights={name: array.astype(np.float32) for name, array in weights.items()},
+        activation="tanh",
+        normalizer=Normalizer(np.zeros(1), np.ones(1)),
+        protocol=protocol,
+        clock=Countdown(100.0),
+    )
+    measure_reference(policy, 1, GymnasiumWorld([partial(Recording, 1000)], [0]))
+    assert seen == pytest.approx([1.0, 0.99, 0.98, 0.97, 0.96])
 
 
 def test_a_policy_with_time_to_go_is_told_the_countdown_of_training():

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.score import HOLDS_FROM
+from perdure.extrapolate.table import method_label
 from perdure.policy import Policy, load_policy
 from perdure.policy.shipped import find_policy
 from perdure.report import read_table
@@ -92,9 +93,9 @@ def _rows_of(policy: Policy, frame: pl.DataFrame, table: str) -> pl.DataFrame:
     import polars as pl
 
     method, seed = str(policy.provenance.get("method", "unknown")), int(policy.provenance.get("seed", 0))
-    preset = policy.provenance.get("preset")
-    label = pl.col("policy")
-    named = label.str.starts_with(f"{method} ({preset})") if preset else ~label.str.starts_with(f"{method} (zoo)")
+    # Policies of equal labels are told apart by their paths, which the table has in brackets.
+    label = re.escape(method_label(policy, method))
+    named = pl.col("policy").str.contains(rf"^{label}( \(.*/.*\))?$")
     mine = frame.filter(
         (pl.col("task") == policy.task.name) & (pl.col("method") == method) & (pl.col("train_seed") == seed) & named
     )

@@ -17,7 +17,7 @@ from perdure.extrapolate.idle import Idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec
 from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import make_score_scale, task_rate
-from perdure.extrapolate.table import judge_table, lane_table
+from perdure.extrapolate.table import judge_table, lane_table, method_label
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, load_policy
 from perdure.policy.measure import resolve_training_horizon
@@ -137,7 +137,7 @@ class _Options:
         if self.name is not None:
             return self.name
         if isinstance(subject, Policy):
-            return str(subject.provenance.get("method", "policy"))
+            return method_label(subject, "policy")
         given = getattr(subject, "__name__", type(subject).__name__)
         return "function" if given == "<lambda>" else str(given)
 

@@ -18,7 +18,7 @@ from perdure.extrapolate.idle import idle_unit, read_idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
 from perdure.extrapolate.result import TABLE, ExtrapolationResult
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
-from perdure.extrapolate.table import judge_table, lane_table
+from perdure.extrapolate.table import judge_table, lane_table, method_label
 from perdure.horizon import HorizonError, clock_from_json
 from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
@@ -157,18 +157,13 @@ def _table(
 
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
     """Return a short name for each policy: its method and preset, and what else distinguishes it."""
-    labels = [_method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
+    labels = [method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
     seeds = [int(policy.provenance.get("seed", 0)) for policy in policies]  # as in the table
     if len(set(zip(labels, seeds, strict=True))) == len(labels):
         return labels
     short = [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
     whole = [f"{label} ({path})" for label, path in zip(labels, paths, strict=True)]
     return [printable(name) for name in (short if len(set(short)) == len(short) else whole)]
-
-
-def _method_label(policy: Policy, default: str) -> str:
-    method, preset = str(policy.provenance.get("method", default)), policy.provenance.get("preset")
-    return f"{method} ({preset})" if preset else method
 
 
 def _check(policies: Sequence[Policy]) -> None:

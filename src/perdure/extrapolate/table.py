@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 
+def method_label(policy: PolicyLike, default: str) -> str:
+    """Return how tables call a policy: its method, and its preset if that is not the usual one; "ppo (cleanrl)"."""
+    method, preset = str(policy.provenance.get("method", default)), policy.provenance.get("preset")
+    return f"{method} ({preset})" if preset else method
+
+
 def lane_table(
     labels: Sequence[str], policies: Sequence[PolicyLike], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:

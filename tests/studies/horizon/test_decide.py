@@ -102,7 +102,7 @@ def test_a_mean_over_tasks_that_survives_holm_is_shown_as_decided(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR}, tasks=tasks)
     found = decide_claims([claim(tasks=tasks, over="mean")], results)
     text = write_page(tmp_path / "README.md", results, found, ()).read_text()
-    assert "1 claim is decided as a whole, of 1, and 1 sentence about single tasks or means (none by" in text
+    assert "1 of 1 claim is decided as a whole. On single tasks or on average, 1 is decided by Student's t, " in text
     assert "\n  - supported on average over the tasks: A sentence.\n" in text
     assert "undecided on" not in text
     assert "undecided again if the difference moved by" in claims_text(found)

@@ -33,7 +33,7 @@ class Learned(SkillAgent):
             )
         from perdure.home.skills.gym.register import PREFIX, env_id
 
-        trained = self.policy.task.name  # another maker's policy may have any name
+        trained = self.policy.task.name.partition(",")[0]  # options follow; another maker's policy may have any name
         if trained.startswith(PREFIX) and trained != env_id(skill.name):
             raise HomeError(f"the policy of {trained} was trained for another skill than {skill.name}")
 

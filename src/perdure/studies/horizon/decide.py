@@ -32,6 +32,8 @@ class TaskDecision:
     """The same by a permutation test. It decides only where no side has any spread."""
     adjusted_p: float = math.nan
     """The same by Holm's method, over all comparisons of the claim table."""
+    adjusted_permutation_p: float = math.nan
+    """Holm's method over the permutation tests of all comparisons."""
     planned: bool = True
     """Whether the study measures both sides."""
 
@@ -69,9 +71,12 @@ class ClaimDecision:
 def decide_claims(claims: Sequence[Claim], results: Results) -> list[ClaimDecision]:
     """Decide every claim; Holm's method counts the comparisons of all of them."""
     decided = [decide(claim, results) for claim in claims]
-    tests = [p for each in decided for p in p_values(each)]
-    adjusted = iter(holm(tests))
-    return [_count_all(each, [next(adjusted) for _ in p_values(each)]) for each in decided]
+    adjusted = iter(holm([p for each in decided for p in p_values(each)]))
+    permuted = iter(holm([p for each in decided for p in _permutation_p_values(each)]))
+    return [
+        _count_all(each, [next(adjusted) for _ in p_values(each)], [next(permuted) for _ in p_values(each)])
+        for each in decided
+    ]
 
 
 def p_values(each: ClaimDecision) -> list[float]:
@@ -79,11 +84,19 @@ def p_values(each: ClaimDecision) -> list[float]:
     return [each.pooled_p] if each.claim.over == "mean" else [task.p for task in each.tasks]
 
 
-def _count_all(each: ClaimDecision, adjusted: Sequence[float]) -> ClaimDecision:
+def _permutation_p_values(each: ClaimDecision) -> list[float]:
+    """Return the same by permutation tests, of which a mean over tasks has none."""
+    return [math.nan] if each.claim.over == "mean" else [task.permutation_p for task in each.tasks]
+
+
+def _count_all(each: ClaimDecision, adjusted: Sequence[float], permuted: Sequence[float]) -> ClaimDecision:
     if each.claim.over == "mean":
         after = _survivor(each.decision, adjusted[0])
         return replace(each, after_holm=after, adjusted_pooled_p=adjusted[0])
-    tasks = tuple(replace(task, adjusted_p=p) for task, p in zip(each.tasks, adjusted, strict=True))
+    tasks = tuple(
+        replace(task, adjusted_p=p, adjusted_permutation_p=permutation_p)
+        for task, p, permutation_p in zip(each.tasks, adjusted, permuted, strict=True)
+    )
     return replace(each, tasks=tasks, after_holm=combine([task.after_holm for task in tasks]))
 
 

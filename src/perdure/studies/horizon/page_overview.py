@@ -10,7 +10,7 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.report.render import Figure
-from perdure.studies.comparison import Difference, holm
+from perdure.studies.comparison import Difference
 from perdure.studies.horizon import across_tasks, figure_gain, words
 from perdure.studies.horizon.across_tasks import mean_gains
 from perdure.studies.horizon.claim import Condition
@@ -54,7 +54,7 @@ def _means(results: Results) -> Iterator[str]:
     means = mean_gains(results)
     if not means:
         return
-    found = [f"{words.condition(each.condition)} {_between(each.gain)[:-1]}; {each.runs})" for each in means]
+    found = [f"{words.condition(each.condition)} {_between(each.gain, f'; {each.runs}')}" for each in means]
     text = (
         f"Gain over an idle robot in {wording.whole(float(results.grid.steps))} steps, mean over "
         f"{', '.join(map(words.setting, across_tasks.settings(results)))} (95 % interval; training runs of each task): "
@@ -64,9 +64,10 @@ def _means(results: Results) -> Iterator[str]:
     yield text + (f" The method minus discounted PPO: {_between(beside)}." if beside else "")
 
 
-def _between(found: Difference) -> str:
+def _between(found: Difference, note: str = "") -> str:
+    """Return an estimate with its interval and a note in brackets, as text."""
     numbers = (f"{number + 0.0:.2f}".replace("-", "\u2212") for number in (found.estimate, found.lower, found.upper))
-    return "{} ({} to {})".format(*numbers)
+    return "{} ({} to {}{})".format(*numbers, note)
 
 
 def _failures(results: Results) -> Iterator[str]:
@@ -121,12 +122,12 @@ def _after_holm(decided: Sequence[ClaimDecision]) -> Iterator[str]:
     ]
     if lines:
         count = sum(each.after_holm in ("supported", "contradicted") for each in decided)
-        whole = "1 claim is" if count == 1 else f"{count or 'no'} claims are"
+        whole = f"{count or 'none'} of {wording.count(len(decided), 'claim')} {'is' if count < 2 else 'are'}"
         head = (
             f"Of {len(tests)} registered comparisons {sum(map(math.isfinite, tests))} are evaluated. After Holm's "
-            f"correction for those registered together {whole} decided as a whole, of {len(decided)}, and "
-            f"{wording.count(len(lines), 'sentence')} about single tasks or means ({_by_permutation(decided)} by a "
-            "permutation test of the same runs):"
+            f"correction {whole} decided as a whole. On single tasks or on average, {len(lines)} "
+            f"{'is' if len(lines) == 1 else 'are'} decided by Student's t, {_by_permutation(decided)} by permutation "
+            "tests of the same runs:"
         )
         yield "\n".join([head, *lines])
     elif decided:
@@ -138,17 +139,17 @@ def _numbers(each: ClaimDecision, decision: Decision) -> str:
     mine = [task.difference for task in each.tasks if task.after_holm == decision and task.difference is not None]
     if each.claim.over == "mean" or len(mine) != 1:
         return ""
-    shown = f" {wording.quantity(mine[0].left)} against {wording.quantity(mine[0].right)}."
+    measure = each.claim.measure[0].upper() + each.claim.measure[1:]
+    shown = f" {measure}: {wording.quantity(mine[0].left)} against {wording.quantity(mine[0].right)}."
     other = "contradicted" if decision == "supported" else "supported"
     against = [words.setting(task.task) for task in each.tasks if task.decision == other]
     return shown + (f" Before the correction it is {other} on {', '.join(against)}." if against else "")
 
 
 def _by_permutation(decided: Sequence[ClaimDecision]) -> str:
-    """Return how many tasks would be decided by permutation tests, after Holm's correction, as a word."""
-    tests = [(task, task.permutation_p) for each in decided if each.claim.over == "each" for task in each.tasks]
-    adjusted = holm([p for _, p in tests])
-    count = sum(p <= LEVEL and task.decision != "undecided" for (task, _), p in zip(tests, adjusted, strict=True))
+    """Return on how many tasks permutation tests decide after Holm's correction, as text."""
+    tasks = [task for each in decided for task in each.tasks if each.claim.over == "each"]
+    count = sum(task.adjusted_permutation_p <= LEVEL and task.decision != "undecided" for task in tasks)
     return str(count) if count else "none"
 
 

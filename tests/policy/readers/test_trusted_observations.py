@@ -1,0 +1,43 @@
+"""Models that Stable-Baselines3 itself loads: what perdure cannot feed them is refused."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Dict
+
+from perdure.policy import PolicyFileError
+from perdure.policy.readers.sb3_data import ACTOR_CRITIC
+from perdure.policy.readers.trusted import _settings
+
+POLICY = type("ActorCriticPolicy", (), {"__module__": ACTOR_CRITIC, "squash_output": False, "activation_fn": None})
+
+
+def model(space):
+    """As much of a loaded PPO as the reader asks for."""
+    policy = POLICY()
+    policy.activation_fn = type("Tanh", (), {})
+    return SimpleNamespace(
+        policy=policy,
+        observation_space=space,
+        action_space=Box(-1.0, 1.0, (2,)),
+        use_sde=False,
+        gamma=0.99,
+        _last_original_obs=None,
+        seed=0,
+        num_timesteps=10,
+    )
+
+
+def test_a_vector_is_read():
+    assert _settings(model(Box(-1.0, 1.0, (3,))), "x.zip").activation == "tanh"
+
+
+@pytest.mark.parametrize(
+    ("space", "kind"),
+    [(Box(0, 255, (96, 96, 3), np.uint8), "image"), (Dict({"a": Box(-1.0, 1.0, (3,))}), "Dict")],
+)
+def test_images_and_compositions_are_refused(space, kind):
+    """Stable-Baselines3 divides images by 255 and transposes them before the policy sees them."""
+    with pytest.raises(PolicyFileError, match=f"x.zip is for {kind} observations; only vectors"):
+        _settings(model(space), "x.zip")
