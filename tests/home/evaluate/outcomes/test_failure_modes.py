@@ -1,5 +1,6 @@
 """One hand-built log for each cause, and the same log a hair on the other side of the threshold."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ def placed_and_gone(first=None, then=None, wait=0, base=None):
 
 GONE = {
     "let go at 0.51 m/s": ({"first": {"speed": 0.51}}, "thrown"),
+    "0.51 m/s in the hand, let go without it": ({"first": {"speed": 0.51, "above": 0.0}}, "rolled"),
     "let go at 0.49 m/s": ({"first": {"speed": 0.49}}, "rolled"),
     "let go 0.11 m too high": ({"first": {"above": 0.11}}, "dropped"),
     "let go 0.09 m too high": ({"first": {"above": 0.09}}, "rolled"),
@@ -42,6 +44,7 @@ GONE = {
     "let go lying, stands up": ({"first": {"tilt": 90.0}, "then": {"tilt": -90.0}}, "tipped"),
     "dropped and falls over counts as dropped": ({"first": {"above": 0.11}, "then": {"tilt": 90.0}}, "dropped"),
     "2100 N in its place skill": ({"first": {"force": 2100.0}}, "collision"),
+    "an unknown force": ({"first": {"force": math.nan}}, "rolled"),
     "1900 N in its place skill": ({"first": {"force": 1900.0}}, "rolled"),
     "hand opened by force": ({"first": {"forced": True}}, "time-out"),
     "at rest, then the hand beside it": ({"wait": 30, "then": {"gripper": BESIDE}}, "displaced by the robot"),

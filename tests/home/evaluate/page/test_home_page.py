@@ -1,5 +1,6 @@
 """The page of the home benchmark: what it says about logs that were made by hand, and whether a browser draws it."""
 
+import math
 import re
 import shutil
 import subprocess
@@ -79,6 +80,15 @@ class TestNumbers:
         assert (calm["tilt [deg]"], calm["of the base [m/s]"]) == ("0 (0 to 0)", "0.000 (0.000 to 0.000)")
         # One of three is let go with a tilt of 30 deg by a robot that moves by 0.01 m in 1/30 s.
         assert (found["tilt [deg]"], found["of the base [m/s]"]) == ("0 (0 to 30)", "0.000 (0.000 to 0.300)")
+
+    def test_logs_without_contact_forces_are_named(self, page, tmp_path):
+        assert "contact forces" not in figure_note(page, "modes-latched")
+        unknown = Story(index=3).go(0).go(1, beside=0.5).go(2)
+        unknown.force = math.nan
+        for each in unknown.rows:
+            each["force"] = math.nan
+        note = figure_note(page_of(records("rl", [unknown.log()]), tmp_path), "modes-latched")
+        assert "The logs of policy alone hold no contact forces, so none of their causes is a collision." in note
 
 
 class TestRuns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -25,7 +26,7 @@ class Analysis:
 
     episodes: pl.DataFrame
     """One row per episode: identity, `success` (latched), `stabilizing` (the task's success with every placement
-    goal-stabilizing), `outcome`, `seconds`, `settle_seconds`, `force` (largest in [N]), `diverged`."""
+    goal-stabilizing), `outcome`, `seconds`, `settle_seconds`, `force` (largest in [N]; nan if unknown), `diverged`."""
     stages: pl.DataFrame
     """Success per stage over runs, both ways of counting (figure 2-2); see `stage_table`."""
     outcomes: pl.DataFrame
@@ -79,6 +80,11 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     )
 
 
+def _largest_force(log: EpisodeLog) -> float:
+    known = [run.force for run in log.runs if not math.isnan(run.force)]
+    return max(known, default=math.nan if log.runs else 0.0)
+
+
 def _episode_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
     import polars as pl
 
@@ -90,7 +96,7 @@ def _episode_table(logs: Sequence[EpisodeLog]) -> pl.DataFrame:
             "outcome": outcome(log),
             "seconds": log.steps / log.control_hz,
             "settle_seconds": (log.length - log.steps) / log.control_hz,
-            "force": max((run.force for run in log.runs), default=0.0),
+            "force": _largest_force(log),
             "diverged": log.diverged,
         }
         for log in logs

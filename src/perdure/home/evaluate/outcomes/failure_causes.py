@@ -29,7 +29,7 @@ For a placement, blamed or counted as not goal-stabilizing:
 | 6 | it came to rest in its goal, and left | rolled |
 | 7 | the hand was opened by force | time-out |
 | 8 | contact force above `COLLISION_FORCE` in the skill in which it was let go | collision |
-| 9 | its speed at the release was above `THROWN_SPEED` | thrown |
+| 9 | its speed in the hand was above `THROWN_SPEED`, and the step after it moved at half of that or more | thrown |
 | 10 | it was let go beside its goal and never came into it | not reached |
 | 11 | it was let go more than `DROPPED_HEIGHT` above where it would rest | dropped |
 | 12 | it fell over | tipped |
@@ -37,7 +37,11 @@ For a placement, blamed or counted as not goal-stabilizing:
 
 It "left" at the first step out of its goal after the last one in it. It "fell over" when its tilt changed by more than
 `FELL_OVER` before it left or within half a second after, but not while it was falling off its support; a ball has no
-upright to fall from. A box that slides "rolled" too.
+upright to fall from. A box that slides "rolled" too. A world may take an object's velocity at the release
+(`SceneOptions.release_velocity`): what then drops straight down was not thrown.
+
+A log of another simulator may lack `force` or `reach` (nan). Without `force` nothing is a collision, and the page says
+so; without `reach` a pick is never "not reached".
 """
 
 from __future__ import annotations
@@ -162,7 +166,7 @@ def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
         return "time-out"
     if run is not None and run.force > COLLISION_FORCE:
         return "collision"
-    if release.object_speed > THROWN_SPEED:
+    if _thrown(log, release):
         return "thrown"
     away, above = release_offset(log, release)
     if away > AT and not inside.any():
@@ -171,6 +175,14 @@ def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
         return "dropped"
     last = len(inside) - 1 if left is None else left
     return "tipped" if _fell_over(log, release, 0, last) else "rolled"
+
+
+def _thrown(log: EpisodeLog, release: Release) -> bool:
+    """Return whether the object was fast in the hand, and still at the first step after it was let go."""
+    track = release.track.thin
+    first, second = track.position[track.rows(release.step, min(release.step + 1, int(track.step[-1])))][[0, -1]]
+    after = float(np.linalg.norm(second - first)) * log.control_hz
+    return release.object_speed > THROWN_SPEED and after > THROWN_SPEED / 2
 
 
 def release_offset(log: EpisodeLog, release: Release) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from perdure.home.evaluate.outcomes import FAILURE_CAUSES, Counting
 from perdure.home.evaluate.page import words
-from perdure.home.evaluate.page.comparison import Comparison
+from perdure.home.evaluate.page.comparison import Comparison, listed
 from perdure.report import theme, wording
 from perdure.report.axes import Axis
 from perdure.report.render import Figure
@@ -68,9 +68,21 @@ def mode_figure(comparison: Comparison, counting: Counting) -> Figure | None:
         name=f"modes-{counting}",
         title=f"Why episodes failed, {way} counting",
         chart=bar_chart(names, bars, Axis("share of all episodes", percent=True), theme.WIDE),
-        note="One cause for each failed episode: what went wrong in the first stage that failed or did not last.",
+        note="One cause for each failed episode: what went wrong in the first stage that failed or did not last."
+        + _force_note(comparison),
         wide=True,
     )
+
+
+def _force_note(comparison: Comparison) -> str:
+    without = [
+        label
+        for strategy, label in zip(comparison.strategies, comparison.labels, strict=True)
+        if not comparison.episodes[strategy]["force"].is_finite().any()
+    ]
+    if not without:
+        return ""
+    return f" The logs of {listed(without)} hold no contact forces, so none of their causes is a collision."
 
 
 def mode_labels(comparison: Comparison, counting: Counting) -> list[tuple[str, str]]:
