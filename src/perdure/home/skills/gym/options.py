@@ -85,6 +85,14 @@ class SkillEnvOptions:
         own = option_names(SKILLS[self.skill])
         return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
 
+    def check_step_limit(self, max_episode_steps: int | None) -> None:
+        """Raise HomeError for a limit in which the object cannot stay for `delta` steps."""
+        if max_episode_steps is not None and max_episode_steps < self.delta:
+            raise HomeError(
+                f"no episode of {max_episode_steps} steps can succeed with delta={self.delta}; "
+                f"also give max_episode_steps={self.make_skill().limit}"
+            )
+
     def load(self) -> tuple[Episode, ...]:
         """Return the episodes to draw from."""
         if self.split == "train":

@@ -23,8 +23,10 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """See `gymnasium.Env.reset`."""
+        """See `gymnasium.Env.reset`; HomeError for a step limit of `gymnasium.make` that is shorter than `delta`."""
         super().reset(seed=seed)
+        if self.spec is not None:
+            self.lanes.options.check_step_limit(self.spec.max_episode_steps)
         observations, _ = self.lanes.reset(seed=seed)
         return observations[0], {}
 

@@ -58,6 +58,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             HomeError: If an option is unknown or does not fit the others.
         """
         self.options = checked_options(options)
+        self.options.check_step_limit(max_episode_steps)
         self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode), "render_modes": []}
         self.skill: Skill = self.options.make_skill()
         self.sampler = episode_sampler(self.options)
