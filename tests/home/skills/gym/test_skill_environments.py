@@ -255,12 +255,6 @@ def _lane(step, lane):
 
 
 def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
-    env = gymnasium.make(env_id("place"), delta=250)  # the default limit is 200 steps
     with pytest.raises(HomeError, match="max_episode_steps=450"):
-        env.reset(seed=0)
-    env.close()
-    with pytest.raises(HomeError, match="max_episode_steps=450"):
-        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)
-    env = gymnasium.make(env_id("place"), delta=250, max_episode_steps=450)
-    env.reset(seed=0)
-    env.close()
+        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)  # the default limit is 200 steps
+    gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()

@@ -23,10 +23,8 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """See `gymnasium.Env.reset`; HomeError for a step limit of `gymnasium.make` that is shorter than `delta`."""
+        """See `gymnasium.Env.reset`."""
         super().reset(seed=seed)
-        if self.spec is not None:
-            self.lanes.options.check_step_limit(self.spec.max_episode_steps)
         observations, _ = self.lanes.reset(seed=seed)
         return observations[0], {}
 
