@@ -89,3 +89,10 @@ def test_a_ceiling_above_the_start_is_refused():
     with pytest.raises(ConfigError, match=r"log_std_end is 1.*at most log_std_init = 0"):
         replace(CONFIG, log_std_end=1.0)
     assert "log_std_end" not in CONFIG.to_json()
+
+
+def test_a_run_of_one_iteration_which_would_learn_nothing_is_refused():
+    with pytest.raises(ConfigError, match=r"total_steps is 32.*more than one rollout of 32 steps"):
+        replace(CONFIG, total_steps=32)
+    replace(CONFIG, total_steps=32, learning_rate_decay="none")
+    replace(CONFIG, total_steps=33)

@@ -125,6 +125,13 @@ class PPOConfig:
             self.batch_size,
             f"a divisor of n_envs * n_steps = {self.rollout_size}",
         )
+        _require(
+            self.learning_rate_decay == "none" or self.total_steps > self.rollout_size,
+            "total_steps",
+            self.total_steps,
+            f"more than one rollout of {self.rollout_size} steps, because learning_rate_decay is 'linear': the step size "
+            "of the last iteration is 0",
+        )
         make_estimator(self)  # refuses a name or a number that it does not know
 
     @property
