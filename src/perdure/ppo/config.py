@@ -129,8 +129,8 @@ class PPOConfig:
             self.learning_rate_decay == "none" or self.total_steps > self.rollout_size,
             "total_steps",
             self.total_steps,
-            f"more than one rollout of {self.rollout_size} steps, because learning_rate_decay is 'linear': the step size "
-            "of the last iteration is 0",
+            f"more than one rollout of {self.rollout_size} steps, because learning_rate_decay is 'linear': the last "
+            "iteration learns nothing",
         )
         make_estimator(self)  # refuses a name or a number that it does not know
 
