@@ -50,6 +50,43 @@ def test_steps_run_in_order_and_a_failure_stops_only_what_depends_on_it():
     assert log == ["a", "c", "d"]
 
 
+@dataclass
+class Busy(Scripted):
+    """Another command is running it for the first `times` attempts."""
+
+    times: int = 0
+
+    def run(self, options):
+        self.log.append(self.key)
+        self.times -= 1
+        if self.times >= 0:
+            options.waiting()
+
+
+def test_a_step_that_another_command_runs_is_put_off_and_waited_for_when_nothing_else_is_left():
+    log = []
+    steps = [Busy("a", log, times=4), Scripted("b", log, after=("a",)), Busy("c", log, times=1), Scripted("d", log)]
+    states = []
+    observe = lambda status: states.append(status["a"].state)  # noqa: E731
+    run_steps(steps, RunOptions("here", observe=observe, waiting=lambda: log.append("waits")))
+    assert log == ["a", "c", "d", "a", "c", "a", "a", "waits", "b"]
+    assert list(dict.fromkeys(states)) == ["busy", "finished"]
+
+
+def test_a_step_that_fails_after_it_was_put_off_stops_what_depends_on_it():
+    log = []
+
+    class Fails(Busy):
+        def run(self, options):
+            super().run(options)
+            raise RunError("broken")
+
+    steps = [Fails("a", log, times=1), Scripted("b", log, after=("a",)), Scripted("c", log)]
+    with pytest.raises(RunError, match="2 of 3 steps failed: a: broken"):
+        run_steps(steps, RunOptions("here"))
+    assert log == ["a", "c", "a"]
+
+
 def test_a_fault_of_the_program_is_not_hidden():
     broken = Scripted("a")
     broken.run = lambda options: int("no number")
@@ -86,6 +123,10 @@ def note(work, done, total):
     return False
 
 
+def done(work):
+    """Finish at once."""
+
+
 def fail(work):
     raise OSError("disk full")
 
@@ -108,6 +149,21 @@ def test_units_of_a_store_are_counted_by_their_work(tmp_path):
     assert running == StepProgress(3, 0, running=1, failed=1, share=10.0 * 3 / 4 / 60.0)
     finished = count_units(store.root, sizes, {unit.key: unit.config for unit in UNITS})
     assert finished == StepProgress(3, 1, running=0, failed=1, share=(10.0 * 3 / 4 + 30.0) / 60.0)
+
+
+def test_a_run_says_when_only_other_commands_units_are_left(tmp_path):
+    class OtherError(Exception):
+        pass
+
+    def told():
+        raise OtherError
+
+    store = Store(tmp_path / "store")
+    units = (Unit("row/a", {}, f"{__name__}:done"), Unit("row/b", {}, f"{__name__}:done"))
+    with store.workspace("row/a", {}), pytest.raises(OtherError):
+        run_units(units, store.root, waiting=told)
+    assert store.done("row/b")
+    run_units(units, store.root, waiting=told)
 
 
 def test_a_finished_unit_of_another_config_is_not_counted(tmp_path):

@@ -113,6 +113,7 @@ def train(
     cores: int | None = None,
     on: str = "here",
     observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Train every seed that is not finished and return the policy files in the order of the seeds.
 
@@ -126,6 +127,7 @@ def train(
         on: Where seeds are trained: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`. Results
             do not depend on it.
         observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`.
+        waiting: Called once, before waiting for seeds that other commands train.
 
     Raises:
         ConfigError: If the run makes no sense.
@@ -138,7 +140,7 @@ def train(
     store.warn_of_other_source(unit.key for unit in units)
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]
     if missing:
-        run_units(units, out, make_workers(on, missing, cores), observe, threads=core_count(cores))
+        run_units(units, out, make_workers(on, missing, cores), observe, threads=core_count(cores), waiting=waiting)
     return [store.get(unit.key) / POLICY for unit in units]
 
 

@@ -60,6 +60,7 @@ def run_units(
     observe: Observer = lambda status: None,
     retry: bool = True,
     threads: int = 1,
+    waiting: Callable[[], None] = lambda: None,
 ) -> None:
     """Run every unit that is not finished. The same call resumes a killed one.
 
@@ -73,12 +74,13 @@ def run_units(
         observe: Called with the status of all units, about four times a second and at every report in this process.
         retry: Whether units whose failure is on record are tried again.
         threads: Cores for a unit that runs in this process.
+        waiting: Called once, when all units that are left are run by other commands, before waiting for them.
 
     Raises:
         RunError: Units failed; raised when nothing more can be run.
         StoreError: A unit cannot be stored, or two of one key differ.
     """
-    run = _Run(units, Store(root), observe)
+    run = _Run(units, Store(root), observe, waiting)
     if not retry:
         run.skip_failed()
     if workers is None:
@@ -118,8 +120,9 @@ def _recorded_error(path: Path) -> str:
 
 
 class _Run:
-    def __init__(self, units: Sequence[Unit], store: Store, observe: Observer) -> None:
-        self._store, self._observe = store, observe
+    def __init__(self, units: Sequence[Unit], store: Store, observe: Observer, waiting: Callable[[], None]) -> None:
+        self._store, self._observe, self._waiting = store, observe, waiting
+        self._told = False
         self._units = {unit.key: unit for unit in units}
         if len(self._units) < len(units):
             keys = [unit.key for unit in units]
@@ -210,6 +213,9 @@ class _Run:
         """Wait a little if another command is running a unit; return whether there is one."""
         if not any(each.state == "busy" for each in self._status.values()):
             return False
+        if not self._told:
+            self._told = True
+            self._waiting()
         time.sleep(POLL_SECONDS)
         self._observe(self.look())
         return True

@@ -1,4 +1,4 @@
-"""Run a study: every unfinished step, in order; then the analysis."""
+"""Run a study: every unfinished step, in order."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from perdure.runs import Observer, OtherSourceWarning, RunError, Status, UnitProgress
+from perdure.runs import Observer, OtherSourceWarning, RunError, State, Status, UnitProgress
 from perdure.studies.errors import StudyError
 from perdure.studies.status import read_step_progress
 from perdure.studies.study import RunOptions, StepProgress, Study, StudyStep
@@ -21,11 +21,14 @@ def run_steps(
 ) -> None:
     """Finish every step. A step is skipped if its predecessors failed; the others continue.
 
+    A step that another command is finishing is put off: several commands share the steps of a study, and wait for each
+    other only when nothing else is left.
+
     Args:
         steps: In their order.
         options: Where; its observer is called with the progress of the whole study.
         sizes: Work of each step beside others, by key, such as its seconds; the step's own amount by default.
-        report: Called with a line when a step begins or fails.
+        report: Called with a line when a step begins, is put off or fails.
 
     Raises:
         RunError: Steps failed; raised when all others are done.
@@ -34,25 +37,56 @@ def run_steps(
     failed: dict[str, str] = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OtherSourceWarning)
-        for step in steps:
-            if any(key in failed for key in step.after):
-                failed[step.key] = "a step it depends on failed"
-                board.set(step.key, "blocked")
-                continue
-            report(step.key)
-            try:
-                step.run(replace(options, observe=board.observer(step.key)))
-                board.set(step.key, "finished")
-            except ValueError as error:
-                if not type(error).__module__.startswith("perdure."):  # a fault of the program
-                    raise
-                failed[step.key] = str(error)
-                board.set(step.key, "failed")
-                report(f"{step.key} failed: {error}")
+        left, may_wait = list(steps), False
+        while left:
+            put_off: dict[str, StudyStep] = {}
+            for step in left:
+                if any(key in failed for key in step.after):
+                    failed[step.key] = "a step it depends on failed"
+                    board.set(step.key, "blocked")
+                    continue
+                if any(key in put_off for key in step.after):
+                    put_off[step.key] = step
+                    continue
+                waiting = options.waiting if may_wait else _put_off
+                here = replace(options, observe=board.observer(step.key), waiting=waiting)
+                state, error = _attempt(step, here, report)
+                board.set(step.key, state)
+                may_wait = False
+                if state == "busy":
+                    put_off[step.key] = step
+                elif state == "failed":
+                    failed[step.key] = error
+            may_wait = len(put_off) == len(left)
+            left = list(put_off.values())
     _show(caught)
     if failed:
         first = next(iter(failed))
         raise RunError(f"{len(failed)} of {len(steps)} steps failed: {first}: {failed[first]}")
+
+
+def _attempt(step: StudyStep, options: RunOptions, report: Callable[[str], None]) -> tuple[State, str]:
+    """Run a step; return what became of it, and the error if it failed."""
+    report(step.key)
+    try:
+        step.run(options)
+    except _PutOffError:
+        report(f"{step.key}: another command is running what is left; later")
+        return "busy", ""
+    except ValueError as error:
+        if not type(error).__module__.startswith("perdure."):  # a fault of the program
+            raise
+        report(f"{step.key} failed: {error}")
+        return "failed", str(error)
+    return "finished", ""
+
+
+class _PutOffError(Exception):
+    """Another command is running the step."""
+
+
+def _put_off() -> None:
+    raise _PutOffError
 
 
 def _show(caught: Sequence[warnings.WarningMessage]) -> None:
@@ -86,9 +120,9 @@ class _Board:
             finished = state.done >= state.total
             self._all[step.key] = UnitProgress("finished" if finished else "waiting", state.share, 1.0, {}, "", size)
 
-    def set(self, key: str, state: str) -> None:
+    def set(self, key: str, state: State) -> None:
         """Record the state of a step."""
-        self._all[key] = replace(self._all[key], state=state)  # type: ignore[arg-type]
+        self._all[key] = replace(self._all[key], state=state)
         self._observe(self._all)
 
     def observer(self, key: str) -> Observer:

@@ -39,7 +39,7 @@ class RunOptions:
     cores: int | None = None
     observe: Observer = lambda status: None
     waiting: Callable[[], None] = lambda: None
-    """Called once if another command is running the same step, before waiting for it."""
+    """Called once, before waiting for another command that runs the same step, or what is left of it."""
 
 
 class StudyStep(Protocol):

@@ -66,7 +66,8 @@ class PerSeed(RowStep):
         store, units = Store(self.store), self.units()
         missing = [unit for unit in units if not store.done(unit.key, unit.config)]
         if missing:
-            run_units(units, self.store, make_workers(options.on, missing, options.cores), options.observe)
+            workers = make_workers(options.on, missing, options.cores)
+            run_units(units, self.store, workers, options.observe, waiting=options.waiting)
 
     def folders(self) -> dict[int, Path]:
         """Return the folder of each finished unit, by training seed.

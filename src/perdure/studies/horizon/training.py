@@ -64,7 +64,14 @@ class TrainRow(RowStep):
         """See `StudyStep`."""
         from perdure.ppo.training import train
 
-        train(self.run_, training_folder(self.out), cores=options.cores, on=options.on, observe=options.observe)
+        train(
+            self.run_,
+            training_folder(self.out),
+            cores=options.cores,
+            on=options.on,
+            observe=options.observe,
+            waiting=options.waiting,
+        )
 
 
 def train_run(grid: Grid, row: Row) -> TrainRun:

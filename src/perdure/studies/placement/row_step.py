@@ -84,6 +84,7 @@ class RunRow:
             "on": options.on,
             "command": self.row.command,
             "observe": options.observe,
+            "waiting": options.waiting,
         }
         try:
             run_protocol(self.row.protocol(), runs_folder(self.out), **settings)

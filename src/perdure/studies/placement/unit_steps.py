@@ -71,9 +71,8 @@ class Measurement:
         store = Store(runs_folder(self.out))
         missing = [unit for unit in self.units if not store.done(unit.key, unit.config)]
         if missing:
-            run_units(
-                self.units, runs_folder(self.out), make_workers(options.on, missing, options.cores), options.observe
-            )
+            workers = make_workers(options.on, missing, options.cores)
+            run_units(self.units, runs_folder(self.out), workers, options.observe, waiting=options.waiting)
 
     @property
     def _row(self) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from perdure.home.evaluate.protocol.protocol import EvaluationProtocol
@@ -17,6 +18,7 @@ def run_protocol(
     on: str = "here",
     command: str = "",
     observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Run what is missing of a protocol and return the paths of all its logs.
 
@@ -27,6 +29,7 @@ def run_protocol(
         on: Where to run, see `perdure.runs.make_workers`.
         command: The command that asked for it, noted in new logs.
         observe: Called with the progress of every unit, measured in episodes.
+        waiting: Called once, before waiting for units that other commands run.
 
     Raises:
         HomeError: If a policy is missing, before anything is run.
@@ -36,5 +39,5 @@ def run_protocol(
     store.warn_of_other_source(unit.key for unit in units)
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]
     if missing:
-        run_units(missing, out, make_workers(on, missing, cores), observe, threads=core_count(cores))
+        run_units(missing, out, make_workers(on, missing, cores), observe, threads=core_count(cores), waiting=waiting)
     return [store.get(unit.key, unit.config) / LOGS for unit in units]
