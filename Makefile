@@ -51,7 +51,7 @@ endef
 setup: ## Create .venv and install perdure into it (quick when nothing changed)
 	$(call install,.venv,echo '-e .[$(EXTRAS)]')
 
-demo: setup ## Carry the shipped policies far beyond their horizon, set the table twice, and write the reports
+demo: setup ## Run the shipped policies for 20,000 steps and two home demonstrations, and write the reports
 	@set -e; \
 	tasks=$$(find $(SHIPPED) -mindepth 2 -maxdepth 2 -name '*.safetensors' 2>/dev/null | sed 's|^$(SHIPPED)/||; s|/[^/]*$$||' | sort -u); \
 	if [ -z "$$tasks" ]; then echo "There are no shipped policies in $(SHIPPED)." >&2; exit 1; fi; \

@@ -15,12 +15,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 
-from perdure.horizon import Geometric, HorizonProtocol, Uniform
+from perdure.horizon import Constant, Geometric, HorizonProtocol, Uniform
 from perdure.horizon.wrappers import VectorHorizonLimit, VectorTimeToGoObservation
 
 
 def make_envs(task: str, num_envs: int, protocol: HorizonProtocol) -> VectorTimeToGoObservation:
-    """From the inside out: worlds, horizon, statistics, normalizer, phi. So phi is not normalized."""
+    """Wrap in this order: time limit, statistics, normalizer, time-to-go, which is therefore not normalized."""
     worlds = [lambda: gymnasium.make(task, max_episode_steps=-1)] * num_envs
     envs = SyncVectorEnv(worlds, autoreset_mode=AutoresetMode.NEXT_STEP)
     envs = VectorHorizonLimit(envs, protocol.horizon, protocol.end)
@@ -29,9 +29,16 @@ def make_envs(task: str, num_envs: int, protocol: HorizonProtocol) -> VectorTime
     return VectorTimeToGoObservation(envs, protocol.embedding)
 
 
+def make_deployment(task: str, trained: VectorTimeToGoObservation, steps_to_go: float) -> VectorTimeToGoObservation:
+    """One environment without a time limit, with the normalizer as it was trained and a constant time-to-go."""
+    normalizer = NormalizeObservation(SyncVectorEnv([lambda: gymnasium.make(task, max_episode_steps=-1)]))
+    normalizer.obs_rms, normalizer.update_running_mean = trained.env.obs_rms, False
+    return VectorTimeToGoObservation(normalizer, trained.embedding, clock=Constant(steps_to_go))
+
+
 @dataclass
 class Rollout:
-    """What `num_steps` steps of every environment leave behind; first axis steps, second environments."""
+    """`num_steps` steps of every environment; first axis steps, second environments."""
 
     values: np.ndarray
     next_values: np.ndarray
@@ -76,6 +83,7 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=4)
     parser.add_argument("--num-steps", type=int, default=512)
     parser.add_argument("--iterations", type=int, default=5)
+    parser.add_argument("--test-steps", type=int, default=5_000)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
@@ -99,6 +107,17 @@ def main() -> None:
             f"{int(rollout.terminated.sum())} terminated, {int(rollout.truncated.sum())} truncated, "
             f"mean advantage {estimates[~rollout.is_reset].mean():.2f}"
         )
+
+    deployed = make_deployment(args.task, envs, steps_to_go=500.0)
+    observations, _ = deployed.reset(seed=args.seed)
+    total, steps, fell = 0.0, 0, False
+    low, high = deployed.action_space.low, deployed.action_space.high
+    while steps < args.test_steps and not fell:
+        actions = np.clip(observations @ policy, low, high).astype(deployed.action_space.dtype)
+        observations, rewards, terminated, _, _ = deployed.step(actions)
+        total, steps, fell = total + float(rewards[0]), steps + 1, bool(terminated[0])
+    print(f"deployed for {steps} of {args.test_steps} steps: return {total:.1f}")
+    deployed.close()
     envs.close()
 
 

@@ -67,7 +67,7 @@ def _parser(kind: type) -> Any:
 
 
 def _row(action: Any) -> tuple[str, bool, str, str, str]:
-    text, _, rest = (action.help or "").rpartition("(default:")
+    text, _, rest = (action.help or "").replace("%%", "%").rpartition("(default:")
     default = rest.rstrip(")").strip() if text else ""
     text = text if text else re.sub(r"\((required|fixed to:.*)\)$", "", action.help or "")
     is_flag = bool(action.option_strings)

@@ -144,6 +144,17 @@ def test_extrapolate_writes_one_row_for_each_lane_and_recorded_step(extrapolated
     assert len(frame) == len(lanes) * frame["step"].n_unique()
 
 
+def test_clocks_of_a_policy_without_a_time_to_go_are_told_to_have_no_effect(command, extrapolated, tmp_path):
+    few = ("--steps", 20, "--eval-seeds", 1, "--on", "here", "--out", "few")
+    told = "no policy here has a time-to-go input, so --clocks has no effect"
+    process = command("extrapolate", "Hopper-v3/ppo", "--clocks", "constant:500", *few, cwd=tmp_path)
+    succeeded(process)
+    assert told in process.stderr
+    process = command("extrapolate", "Hopper-v3/geometric", "--clocks", "constant:500", *few, cwd=tmp_path)
+    succeeded(process)
+    assert told not in process.stderr
+
+
 def test_extrapolate_writes_its_report_and_says_where(extrapolated):
     folder, printed = extrapolated
     page = folder / "carried" / "report.html"

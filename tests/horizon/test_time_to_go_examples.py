@@ -27,7 +27,9 @@ def cleanrl():
 
 def test_the_cleanrl_example_counts_every_step_as_a_transition_or_a_reset():
     # A pendulum never falls, so each of 4 x 300 steps an iteration is a transition unless a horizon ended just before.
-    lines = run("cleanrl_time_to_go.py", "--iterations", "5", "--num-steps", "300").splitlines()
+    short = ("--iterations", "5", "--num-steps", "300", "--test-steps", "400")
+    *lines, deployed = run("cleanrl_time_to_go.py", *short).splitlines()
+    assert deployed.startswith("deployed for 400 of 400 steps: return -")  # no horizon ends it
     counts = [
         [int(number) for number in re.findall(r": (\d+) transitions, (\d+) term\w+, (\d+) ", line)[0]] for line in lines
     ]

@@ -81,6 +81,8 @@ def main(args: list[str]) -> None:
         max_lanes=flags.max_lanes,
         modules=(*flags.modules, *options.modules),
     )
+    if "--clocks" in {flag_name(arg) for arg in args} and not any(map(_takes_clock, evaluation.policies)):
+        print("perdure: no policy here has a time-to-go input, so --clocks has no effect", file=sys.stderr)
     with show_progress("extrapolate", "steps") as observe:
         table = evaluate(
             evaluation,
@@ -93,6 +95,12 @@ def main(args: list[str]) -> None:
         ).path  # the table itself is not kept: the report needs the memory
     assert table is not None
     write_and_show(table, flags.out)
+
+
+def _takes_clock(path: Path) -> bool:
+    from perdure.policy import load_policy
+
+    return load_policy(path).protocol.embedding is not None
 
 
 _SB3_ONLY = "for models of Stable-Baselines3 (.zip) only"

@@ -27,7 +27,8 @@ class UnknownTask(WorldError):  # noqa: N818 - reads as the sentence it prints
         hint = f"Did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
         super().__init__(
             f"There is no task named {task!r}. {hint}`perdure list` shows every task; "
-            "any Gymnasium environment works as gymnasium:<id>."
+            "any Gymnasium environment works as gymnasium:<id>, "
+            "and one that your own module registers as gymnasium:<module>:<id>."
         )
 
 

@@ -88,7 +88,9 @@ class GymnasiumWorld(TrackedWorld):
             spec = gymnasium.spec(registered)
         except (gymnasium.error.Error, ImportError) as problem:
             if module and isinstance(problem, ImportError):
-                raise WorldError(f"gymnasium:{env_id} cannot be imported: {problem}") from problem
+                absent = isinstance(problem, ModuleNotFoundError) and problem.name == module.partition(".")[0]
+                hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
+                raise WorldError(f"gymnasium:{env_id} cannot be imported: {problem}{hint}") from problem
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
             raise UnknownTask(f"gymnasium:{env_id}", known) from None
 

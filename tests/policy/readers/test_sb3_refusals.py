@@ -156,7 +156,7 @@ class TestWhatDoesNotFitTheEnvironment:
         refused(model(), tmp_path, r"takes 3 numbers, but gymnasium:Hopper-v5 gives 11", PolicyError, env="Hopper-v5")
 
     def test_observations_that_lack_the_time_feature(self, tmp_path):
-        refused(model("sac-time"), tmp_path, r"takes 4 .* gives 3 .*--time-feature linear", PolicyError)
+        refused(model("sac-time"), tmp_path, r"takes 4 .* gives 3 .*add --time-feature linear\)", PolicyError)
 
     def test_a_time_feature_too_many(self, tmp_path):
         refused(model(), tmp_path, r"takes 3 .* gives 4 with the time feature", PolicyError, time_feature="linear:200")

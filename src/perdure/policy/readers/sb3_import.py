@@ -129,7 +129,8 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
     inputs, outputs = len(model.layers[0][0]), len(model.layers[-1][1])
     expected = spec.observation_size + (steps is not None)
     if inputs != expected:
-        hint = " (was it wrapped in TimeFeatureWrapper? --time-feature linear:1000)" if inputs == expected + 1 else ""
+        wrapped = inputs == expected + 1 and steps is None
+        hint = " (was it trained with TimeFeatureWrapper? add --time-feature linear)" if wrapped else ""
         raise PolicyError(
             f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
             f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {USE_A_FUNCTION}"

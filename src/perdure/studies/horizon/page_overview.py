@@ -24,6 +24,7 @@ METHODS = (*across_tasks.METHODS, Condition("linear", "countdown"))
 """Columns of the first table, before that of the method; one without a number is left out."""
 CLOCKS = ("constant:500", "chosen", "countdown", "chosen periodic", "constant:0")
 """Of the geometric method, with the chosen ones cross-validated."""
+MAIN_CLAIM = "cross-validated-clock-matches-or-beats-discounted-ppo"
 NEVER = 0.5
 """Share of training runs above which a method counts as not learned."""
 NONE = "\u2013"
@@ -45,8 +46,26 @@ def overview(results: Results, decided: Sequence[ClaimDecision], figures: Sequen
 
 
 def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
-    found = [*_means(results), *_failures(results), *_never_worked(results), *_after_holm(decided), *_advice(results)]
+    found = [
+        *_main_claim(decided),
+        *_means(results),
+        *_failures(results),
+        *_never_worked(results),
+        *_after_holm(decided),
+        *_advice(results),
+    ]
     return "".join(f"- {line}\n" for line in found) + "\n" if found else ""
+
+
+def _main_claim(decided: Sequence[ClaimDecision]) -> Iterator[str]:
+    """Yield the claim of the thesis about the whole method, and what was decided, as text."""
+    for each in decided:
+        if each.claim.id == MAIN_CLAIM:
+            decisions = "; ".join(f"{decision} {where}" for decision, where in places(each).items())
+            yield (
+                f"Main claim of the thesis ({each.claim.source}): {each.claim.statement} After Holm's correction: "
+                f"{decisions}."
+            )
 
 
 def _means(results: Results) -> Iterator[str]:

@@ -43,7 +43,9 @@ STUDY = Study(
             "(three methods, 3 seeds), 1,000,000 training steps, 100,000 test steps; a night on four cores",
         ),
         Scale(
-            "thesis", "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days", Path("results", "horizon")
+            "thesis",
+            "five tasks, ten methods, up to 10 seeds, 100,000 test steps; days on two cores",
+            Path("results", "horizon"),
         ),
         Scale(
             "replication",
