@@ -53,6 +53,16 @@ def test_a_downloaded_model_is_its_main_branch_by_folder_and_by_name(cache, monk
         find_policy("lab/hopper-policy")
 
 
+def test_the_cache_is_where_hugging_faces_tools_put_it(cache, monkeypatch, tmp_path):
+    (tmp_path / "huggingface").mkdir()
+    (tmp_path / "huggingface" / "hub").symlink_to(cache.parent)
+    monkeypatch.delenv("HF_HOME")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert find_policy("lab/hopper-policy").parent.name == COMMIT
+    monkeypatch.setenv("HF_HOME", "$XDG_CACHE_HOME/huggingface")
+    assert find_policy("lab/hopper-policy").parent.name == COMMIT
+
+
 def test_without_a_branch_the_only_snapshot_is_taken_and_of_two_none(cache):
     (cache / "refs" / "main").unlink()
     with pytest.raises(PolicyFileError, match="2 snapshots and no branch main"):
@@ -61,9 +71,9 @@ def test_without_a_branch_the_only_snapshot_is_taken_and_of_two_none(cache):
     assert same(load_policy(cache))
 
 
-@pytest.mark.parametrize("content", ["../../../../etc", "", "c" * 40])
+@pytest.mark.parametrize("content", [b"../../../../etc", b"", b"c" * 40, b"\xff\xfe\x00"])
 def test_a_branch_that_points_elsewhere_is_not_followed(cache, content):
-    (cache / "refs" / "main").write_text(content)
+    (cache / "refs" / "main").write_bytes(content)
     with pytest.raises(PolicyFileError, match="2 snapshots"):
         load_policy(cache)
 
@@ -75,6 +85,14 @@ def test_a_folder_without_a_policy_or_with_several_is_refused(tmp_path, data):
         (tmp_path / f"{name}.safetensors").write_bytes(data)
     with pytest.raises(PolicyFileError, match=r"holds 2: a\.safetensors, b\.safetensors"):
         load_policy(tmp_path)
+
+
+def test_training_runs_of_the_same_name_do_not_hide_a_shipped_policy(tmp_path, data, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "Hopper-v3" / "geometric" / "seed-0").mkdir(parents=True)
+    assert "shipped" in find_policy("Hopper-v3/geometric").parts
+    (tmp_path / "Hopper-v3" / "geometric" / "policy.safetensors").write_bytes(data)
+    assert same(load_policy("Hopper-v3/geometric"))
 
 
 def test_a_shipped_name_is_not_looked_for_in_the_cache(cache):

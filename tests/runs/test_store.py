@@ -117,6 +117,7 @@ def test_the_digest_is_the_sha256_of_sorted_compact_json_whatever_the_order():
         ({"path": object()}, "path"),
         ({3: "x"}, "3"),
         ([1, 2], "mapping"),
+        ({"text": "x" * 100_001}, "cannot be stored: config.text"),
     ],
 )
 def test_what_json_cannot_hold_is_refused_by_its_field(tmp_path, config, named):

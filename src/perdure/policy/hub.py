@@ -50,16 +50,21 @@ def policy_in_cache(name: str) -> Path | None:
 def _cache() -> Path:
     """Return the folder of models in Hugging Face's cache, by their environment variables."""
     if cache := os.environ.get("HF_HUB_CACHE"):
-        return Path(cache).expanduser()
-    home = os.environ.get("HF_HOME")
-    return (Path(home).expanduser() if home else Path.home() / ".cache" / "huggingface") / "hub"
+        return _expanded(cache)
+    if home := os.environ.get("HF_HOME"):
+        return _expanded(home) / "hub"
+    return _expanded(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "huggingface" / "hub"
+
+
+def _expanded(path: str) -> Path:
+    return Path(os.path.expandvars(os.path.expanduser(path)))
 
 
 def _snapshot(model: Path) -> Path:
     """Return the commit that the main branch points to; without branches the only one there is."""
     reference = model / "refs" / BRANCH
     if reference.is_file():
-        commit = reference.read_text().strip()
+        commit = reference.read_text(errors="replace").strip()
         if re.fullmatch(r"[0-9a-f]{6,64}", commit) and (model / "snapshots" / commit).is_dir():
             return model / "snapshots" / commit
     snapshots = sorted(path for path in (model / "snapshots").iterdir() if path.is_dir())

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,9 @@ from perdure.policy.policy_lanes import PolicyLanes
 from perdure.policy.reference import Reference
 from perdure.policy.squash import TanhSquash
 from perdure.policy.task import TaskInfo
+
+if TYPE_CHECKING:
+    from perdure.policy.readers.cleanrl import ObservationStatistics
 
 FloatArray = NDArray[np.float64]
 
@@ -162,7 +165,7 @@ class Policy:
         path: str | Path,
         env: str,
         *,
-        normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+        normalizer: ObservationStatistics | None = None,
         training_horizon: int | None = None,
         measure: bool = True,
     ) -> Policy:

@@ -45,9 +45,10 @@ def find_policy(name: str | Path) -> Path:
     Raises:
         PolicyFileError: If there is none; the message offers the nearest names.
     """
-    if Path(name).exists():
-        return policy_in_folder(Path(name)) if Path(name).is_dir() else Path(name)
-    shipped = shipped_policies()
+    shipped, path = shipped_policies(), Path(name)
+    is_run_folder = path.is_dir() and not any(path.glob("*.safetensors"))  # of a training in the current folder
+    if path.exists() and not (is_run_folder and str(name) in shipped):
+        return policy_in_folder(path) if path.is_dir() else path
     if str(name) in shipped:
         return shipped[str(name)]
     if downloaded := policy_in_cache(str(name)):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import secrets
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -16,8 +18,8 @@ from perdure.runs.lock import is_still_at, lock_file
 def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
 
-    Missing folders are made. A symbolic link at `path` stays, its target is replaced. What a killed writer of the same
-    path left behind is removed.
+    Missing folders are made. A symbolic link at `path` stays, its target is replaced. The permissions of the old file
+    stay. What a killed writer of the same path left behind is removed.
 
     Args:
         path: Where the file shall be.
@@ -27,15 +29,19 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
         `path` as a `Path`.
 
     Raises:
-        OSError: The disk is full, the folder cannot be written, ...; it names `path`, and the old file is untouched.
+        OSError: The disk is full, the folder cannot be written, `path` is a device, ...; it names `path`, and the old
+            file is untouched.
     """
     target = Path(os.path.realpath(path))
     payload = data.encode() if isinstance(data, str) else data
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(target)
+        mode = _mode(target)
         temporary, descriptor = _open_temporary(target)
         try:
+            if mode is not None:
+                os.fchmod(descriptor, mode)
             _write_all(descriptor, payload)
             os.replace(temporary, target)
         except BaseException:
@@ -76,6 +82,17 @@ def sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _mode(target: Path) -> int | None:
+    """Return the permissions of the file at `target`; None if there is none."""
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "is not a regular file", target)
+    return stat.S_IMODE(mode) if stat.S_ISREG(mode) else None
 
 
 def _write_all(descriptor: int, payload: bytes) -> None:

@@ -51,7 +51,12 @@ class Identity:
             StoreError: The key leaves the store or is not readable, or the config holds something JSON cannot.
         """
         checked, text = check_key(key), canonical_json(config, f"the config of {key!r}")
-        return cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
+        identity = cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
+        try:
+            UNIT.check({"key": identity.key, "sha256": identity.digest, "config": identity.config})
+        except SchemaError as error:  # before the work: its record could not be read again
+            raise StoreError(f"{key!r} cannot be stored: {error}") from error
+        return identity
 
     def write(self, folder: Path) -> None:
         """Write the record of this unit into `folder`; add the digest of the current source code to earlier ones."""

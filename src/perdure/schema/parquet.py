@@ -116,8 +116,13 @@ class _Decoder:
             )
             self._owner = os.getpid()
             assert self._process.stdout is not None
-            if self._process.stdout.readline() != b"ready\n":
-                self.end()
+            ready = False
+            try:
+                ready = self._process.stdout.readline() == b"ready\n"
+            finally:
+                if not ready:  # also after an interrupt: the next answer would be this one
+                    self.end()
+            if not ready:
                 raise OSError("the process that decodes Parquet files does not start")
         return self._process
 

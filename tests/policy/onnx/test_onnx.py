@@ -138,6 +138,9 @@ def test_without_onnx_the_extra_is_named(tmp_path, monkeypatch):
         export_onnx(POLICIES["plain"], tmp_path / "policy.onnx")
 
 
+SIZES = {"obs": 3, "actions": 1}
+
+
 class TestModelsOfOtherMakers:
     def made(self, path, nodes, inputs, outputs, constants=(), opsets=(("", 17),)):
         graph = helper.make_graph(nodes, "theirs", inputs, outputs, list(constants))
@@ -199,6 +202,53 @@ class TestModelsOfOtherMakers:
         onnx.save(model, path, save_as_external_data=True, location="weights.bin", size_threshold=0)
         with pytest.raises(PolicyFileError, match="keeps weights in another file"):
             OnnxModel.load(path)
+
+    @pytest.mark.parametrize("place", ["initializer", "attribute"])
+    def test_sparse_weights_in_another_file_are_refused(self, tmp_path, place):
+        values = TensorProto(name="W", data_type=TensorProto.FLOAT, dims=[2], data_location=TensorProto.EXTERNAL)
+        values.external_data.add(key="location", value="weights.bin")
+        indices = numpy_helper.from_array(np.array([0, 1], np.int64), "W_indices")
+        weight = helper.make_sparse_tensor(values, indices, [3, 1])
+        nodes = [helper.make_node("MatMul", ["obs", "W"], ["actions"])]
+        if place == "attribute":
+            nodes.insert(0, helper.make_node("Constant", [], ["W"], sparse_value=weight))
+        info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", k]) for name, k in SIZES.items()]
+        graph = helper.make_graph(nodes, "sparse", info[:1], info[1:])
+        if place == "initializer":
+            graph.sparse_initializer.append(weight)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        with pytest.raises(PolicyFileError, match="keeps weights in another file"):
+            OnnxModel(model.SerializeToString(), "sparse")
+
+    def cast(self, kind, shape):
+        """A model of observations of a kind: the sum of each."""
+        nodes = [
+            helper.make_node("Cast", ["obs"], ["numbers"], to=TensorProto.FLOAT),
+            helper.make_node("Flatten", ["numbers"], ["flat"]),
+            helper.make_node("ReduceSum", ["flat", "axis"], ["actions"]),
+        ]
+        info = [
+            helper.make_tensor_value_info("obs", kind, shape),
+            helper.make_tensor_value_info("actions", TensorProto.FLOAT, None),
+        ]
+        axis = numpy_helper.from_array(np.array([1], np.int64), "axis")
+        graph = helper.make_graph(nodes, "cast", info[:1], info[1:], [axis])
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        return OnnxModel(model.SerializeToString(), "cast")
+
+    @pytest.mark.parametrize("kind", [TensorProto.INT32, TensorProto.INT64, TensorProto.BOOL, TensorProto.DOUBLE])
+    def test_observations_may_have_another_type(self, kind):
+        rows = np.array([[0, 1, 1], [1, 1, 1]])
+        assert self.cast(kind, ["n", 3])(rows)[:, 0].tolist() == [2.0, 3.0]
+
+    def test_an_unknown_type_and_batches_of_nothing_are_refused_when_it_is_loaded(self):
+        with pytest.raises(PolicyFileError, match=r"an input of type tensor\(int8\) cannot hold observations"):
+            self.cast(TensorProto.INT8, ["n", 3])
+        with pytest.raises(PolicyFileError, match="batches of 0 observations"):
+            self.cast(TensorProto.FLOAT, [0, 3])
+
+    def test_several_open_dimensions_are_those_of_the_observations(self):
+        assert self.cast(TensorProto.FLOAT, ["n", "a", "b"])(np.ones((4, 2, 3)))[:, 0].tolist() == [6.0] * 4
 
     @pytest.mark.parametrize("data", [b"", b"a shopping list", b"\x08\x08", bytes(1000)])
     def test_what_is_no_model_is_refused(self, tmp_path, data):

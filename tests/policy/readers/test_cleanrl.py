@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gymnasium.wrappers.utils import RunningMeanStd
 
 import perdure
 from perdure.policy import Policy, PolicyError, PolicyFileError, load_policy, save_policy
@@ -39,6 +40,14 @@ def test_without_its_statistics_it_acts_otherwise():
     assert np.abs(raw.act(TRUTH["raw"], NOW) - TRUTH["actions"]).max() > 0.1
 
 
+def test_statistics_come_from_the_wrapper_itself_too(policy):
+    running = RunningMeanStd(shape=(3,))
+    running.mean, running.var = STATISTICS
+    for given in (running, np.array(STATISTICS)):
+        same = Policy.from_cleanrl(MODEL, "Pendulum-v1", normalizer=given, measure=False)
+        assert np.array_equal(same.act(TRUTH["raw"], NOW), policy.act(TRUTH["raw"], NOW))
+
+
 def test_statistics_come_from_a_file_too_and_the_policy_is_saved_and_evaluated(policy, tmp_path):
     path = tmp_path / "statistics.npz"
     np.savez(path, mean=STATISTICS[0], var=STATISTICS[1])
@@ -58,6 +67,9 @@ def test_statistics_come_from_a_file_too_and_the_policy_is_saved_and_evaluated(p
         ({"normalizer": (np.zeros(3), [1.0, np.nan, 1.0])}, "3 finite numbers each"),
         ({"normalizer": (np.zeros(3), -np.ones(3))}, "not negative"),
         ({"normalizer": FIXTURES / "ppo.pkl"}, "npz file with the arrays mean and var"),
+        ({"normalizer": np.zeros((3, 3))}, "must be a mean and a variance"),
+        ({"normalizer": ("a mean", "a variance")}, "must be a mean and a variance"),
+        ({"normalizer": object()}, "must be a mean and a variance"),
     ],
 )
 def test_wrong_statistics_are_refused(options, message):

@@ -18,7 +18,7 @@ TIMED = ("ppo-time", "sac-time")
 
 def imported(name, folder=FIXTURES, **options):
     normalizer = folder / f"{name}.pkl"
-    options.setdefault("normalizer", normalizer if normalizer.exists() else None)
+    options.setdefault("normalizer", normalizer if normalizer.exists() else "none")
     options.setdefault("time_feature", f"linear:{HORIZON}" if "time" in name else None)
     return Policy.from_sb3(folder / f"{name}.zip", "Pendulum-v1", measure=False, **options)
 

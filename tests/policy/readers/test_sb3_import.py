@@ -67,6 +67,23 @@ def test_a_training_horizon_of_the_user_s_own_replaces_the_step_limit():
         imported("trpo", training_horizon=0)
 
 
+def test_a_model_that_cannot_show_its_vecnormalize_gives_a_warning_unless_the_user_says_so():
+    with pytest.warns(PolicyWarning, match=r"sac\.zip does not say .* VecNormalize.*--normalizer none"):
+        imported("sac", normalizer=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        imported("sac", normalizer="none")
+        imported("trpo", normalizer=None)  # it shows that there was none
+
+
+def test_statistics_for_a_model_that_had_none_give_a_warning():
+    with pytest.warns(PolicyWarning, match=r"trpo\.zip was not trained behind VecNormalize.*ppo\.pkl"):
+        imported("trpo", normalizer=FIXTURES / "ppo.pkl")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        imported("ppo", normalizer=FIXTURES / "ppo.pkl")
+
+
 def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():
     gymnasium.register("Endless-v0", PendulumEnv)
     try:

@@ -151,6 +151,31 @@ def test_a_gamma_that_is_none_is_refused(value, tmp_path):
     refused(with_settings(lambda s: s.update(gamma=value)), tmp_path, "gamma must be a number")
 
 
+@pytest.mark.parametrize(
+    "extractor",
+    [
+        "<class 'mine.ScaledFlattenExtractor'>",
+        "<class 'mine.FlattenExtractor'>",
+        "<class 'stable_baselines3.common.torch_layers.CombinedExtractor'>",
+        ["FlattenExtractor"],
+    ],
+    ids=str,
+)
+def test_a_features_extractor_that_is_not_flattening_is_refused(extractor, tmp_path):
+    def change(settings):
+        settings["policy_kwargs"]["features_extractor_class"] = extractor
+
+    refused(with_settings(change), tmp_path, "the setting features_extractor_class, which is not read")
+
+
+def test_the_flattening_extractor_is_read_where_it_is_named(tmp_path):
+    def change(settings):
+        name = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+        settings["policy_kwargs"]["features_extractor_class"] = name
+
+    read(with_settings(change), tmp_path)
+
+
 class TestWhatDoesNotFitTheEnvironment:
     def test_observations(self, tmp_path):
         refused(model(), tmp_path, r"takes 3 numbers, but gymnasium:Hopper-v5 gives 11", PolicyError, env="Hopper-v5")
@@ -224,6 +249,46 @@ class TestPayload:
         with pytest.raises(PolicyFileError, match=r"asks for the Python object"):
             read(model(), tmp_path, normalizer=path)
         assert not trace.exists()
+
+
+VEC = b"\x80\x04cstable_baselines3.common.vec_env.vec_normalize\nVecNormalize\n)\x81}(X\x05\x00\x00\x00gamma%sub."
+"""A pickle of a VecNormalize whose discount is %s."""
+LONG = b"\x8a\xff" + b"\x7f" * 255
+"""A whole number of 255 bytes."""
+F8 = b"cnumpy\ndtype\n%sR"
+SCALAR_OF = b"cnumpy.core.multiarray\nscalar\n(%sC\x08" + bytes(8) + b"tR"
+ARRAY_OF = b"cnumpy.core.numeric\n_frombuffer\n(C\x10%s" + F8 % b"X\x02\x00\x00\x00f8\x85" + b"%sX\x01\x00\x00\x00CtR"
+NOT_NUMBERS = {
+    "a huge number": LONG,
+    "a dtype without a name": SCALAR_OF % (F8 % b")"),
+    "a dtype with an empty state": SCALAR_OF % (F8 % b"X\x02\x00\x00\x00f8\x85" + b")b"),
+    "a dtype with a table as its state": SCALAR_OF % (F8 % b"X\x02\x00\x00\x00f8\x85" + b"}b"),
+    "two numbers": ARRAY_OF % (np.array([0.9, 0.9]).tobytes(), b"K\x02\x85"),
+    "a shape of 5,000 numbers": ARRAY_OF % (bytes(16), b"(" + LONG * 5_000 + b"t"),
+}
+
+
+@pytest.mark.parametrize("number", NOT_NUMBERS)
+def test_statistics_that_are_no_numbers_are_refused(number, tmp_path):
+    path = tmp_path / "statistics.pkl"
+    path.write_bytes(VEC % NOT_NUMBERS[number])
+    with pytest.raises(PolicyFileError, match=r"statistics\.pkl: gamma (is not an array of real|must be one) number"):
+        read_vecnormalize(path)
+
+
+def test_a_damaged_member_packed_with_lzma_is_refused(tmp_path):
+    data = bytearray(rebuilt(model(), {}, zipfile.ZIP_LZMA))
+    name, extra = struct.unpack("<HH", data[26:30])
+    data[30 + name + extra + 9] = 0xFF  # the first byte of the range coder must be 0
+    refused(bytes(data), tmp_path, "is damaged")
+
+
+def test_statistics_of_old_libraries_with_their_random_generator_are_read(tmp_path):
+    from perdure.policy.readers.inert_pickle import read_pickle
+    from perdure.policy.readers.vecnormalize import ALLOWED
+
+    spaces = pickle.dumps({"np_random": np.random.RandomState(0)})  # as gym 0.21 kept it in a space
+    assert "np_random" in read_pickle(spaces, ALLOWED, "old")
 
 
 def test_a_zip_where_a_policy_file_is_expected_is_named(tmp_path):

@@ -13,10 +13,14 @@ from perdure.policy.readers.trusted import _settings
 POLICY = type("ActorCriticPolicy", (), {"__module__": ACTOR_CRITIC, "squash_output": False, "activation_fn": None})
 
 
-def model(space):
+FLATTEN = type("FlattenExtractor", (), {"__module__": "stable_baselines3.common.torch_layers"})
+
+
+def model(space, extractor=FLATTEN):
     """As much of a loaded PPO as the reader asks for."""
     policy = POLICY()
-    policy.activation_fn = type("Tanh", (), {})
+    policy.activation_fn = type("Tanh", (), {"__module__": "torch.nn.modules.activation"})
+    policy.features_extractor = extractor()
     return SimpleNamespace(
         policy=policy,
         observation_space=space,
@@ -24,6 +28,7 @@ def model(space):
         use_sde=False,
         gamma=0.99,
         _last_original_obs=None,
+        _last_obs=None,
         seed=0,
         num_timesteps=10,
     )
@@ -41,3 +46,16 @@ def test_images_and_compositions_are_refused(space, kind):
     """Stable-Baselines3 divides images by 255 and transposes them before the policy sees them."""
     with pytest.raises(PolicyFileError, match=f"x.zip is for {kind} observations; only vectors"):
         _settings(model(space), "x.zip")
+
+
+def test_a_features_extractor_that_changes_what_the_policy_sees_is_refused():
+    other = type("ScaledFlattenExtractor", (FLATTEN,), {"__module__": "mine"})
+    with pytest.raises(PolicyFileError, match=r"x\.zip: its features extractor is ScaledFlattenExtractor, which"):
+        _settings(model(Box(-1.0, 1.0, (3,)), other), "x.zip")
+
+
+def test_an_activation_function_that_only_has_the_name_is_refused():
+    loaded = model(Box(-1.0, 1.0, (3,)))
+    loaded.policy.activation_fn = type("Tanh", (), {"__module__": "mine"})
+    with pytest.raises(PolicyFileError, match="with Tanh is not read"):
+        _settings(loaded, "x.zip")

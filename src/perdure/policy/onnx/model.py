@@ -67,6 +67,9 @@ class OnnxModel:
                 "elapsed and horizon"
             )
         self._input, self._what = others[0], what
+        if self._input.shape and self._input.shape[0] == 0:
+            raise PolicyFileError(f"{what} takes batches of 0 observations")
+        self._dtype = _dtype(self._input.type)
         outputs = [each.name for each in self._session.get_outputs()]
         self._output = next((name for name in ACTIONS if name in outputs), outputs[0])
         self.__name__ = Path(what).stem
@@ -108,9 +111,11 @@ class OnnxModel:
 
     def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return observations in the model's own shape and dtype."""
-        shape = [size if isinstance(size, int) else -1 for size in self._input.shape[1:]]
+        wanted = [size if isinstance(size, int) else -1 for size in self._input.shape[1:]]
+        given = rows.shape[1:]
+        fits = len(given) == len(wanted) and all(a in (b, -1) for a, b in zip(wanted, given, strict=True))
         try:
-            return rows.reshape(len(rows), *shape).astype(_dtype(self._input.type))
+            return (rows if fits else rows.reshape(len(rows), *wanted)).astype(self._dtype)
         except ValueError:
             raise PolicyError(
                 f"{self._what} takes observations of shape (n, {', '.join(map(str, self._input.shape[1:]))}), "
@@ -149,7 +154,10 @@ def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
 
 def _dtype(kind: str) -> Any:
     """Return NumPy's type of "tensor(float)"."""
-    names = {"float": np.float32, "double": np.float64, "float16": np.float16, "uint8": np.uint8, "int64": np.int64}
+    names = {
+        **{"float": np.float32, "double": np.float64, "float16": np.float16},
+        **{"uint8": np.uint8, "int32": np.int32, "int64": np.int64, "bool": np.bool_},
+    }
     name = kind.removeprefix("tensor(").rstrip(")")
     if name not in names:
         raise PolicyFileError(f"an input of type {kind} cannot hold observations; {', '.join(names)} can")
@@ -193,11 +201,16 @@ def _graphs(model: Any) -> Iterator[Any]:
 
 def _tensors(graph: Any) -> Iterator[Any]:
     yield from getattr(graph, "initializer", ())
+    sparse = list(getattr(graph, "sparse_initializer", ()))
     for node in graph.node:
         for attribute in node.attribute:
             if attribute.HasField("t"):
                 yield attribute.t
             yield from attribute.tensors
+            sparse += [attribute.sparse_tensor] if attribute.HasField("sparse_tensor") else []
+            sparse += attribute.sparse_tensors
+    for each in sparse:
+        yield from (each.values, each.indices)
 
 
 def _one_line(error: Exception) -> str:

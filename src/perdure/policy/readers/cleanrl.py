@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,17 @@ CLIP = 10.0
 GAMMA = 0.99
 """CleanRL's default; the file does not hold it, and acting does not depend on it."""
 MAX_BYTES = 500_000_000
+
+
+class RunningStatistics(Protocol):
+    """Statistics of observations, such as Gymnasium's `RunningMeanStd`."""
+
+    mean: ArrayLike
+    var: ArrayLike
+
+
+ObservationStatistics = str | Path | tuple[ArrayLike, ArrayLike] | RunningStatistics
+"""How `import_cleanrl` is given them."""
 _NETWORKS = {"policy": "actor_mean", "value": "critic"}
 """Name of a network here, and in the file."""
 
@@ -39,7 +51,7 @@ def import_cleanrl(
     path: str | Path,
     env: str,
     *,
-    normalizer: str | Path | tuple[ArrayLike, ArrayLike] | None = None,
+    normalizer: ObservationStatistics | None = None,
     training_horizon: int | None = None,
     measure: bool = True,
 ) -> Policy:
@@ -48,8 +60,8 @@ def import_cleanrl(
     Args:
         path: The `.cleanrl_model` that `ppo_continuous_action` (or a variant with the same Agent) saved.
         env: The environment it was trained in, see `perdure.envs.task_of_environment`.
-        normalizer: Statistics of `NormalizeObservation`: (mean, variance), or an .npz file that holds them as `mean`
-            and `var`. In training they are ``envs.envs[0].get_wrapper_attr("obs_rms")``. "none": no such wrapper.
+        normalizer: Statistics of `NormalizeObservation`: its ``envs.envs[0].get_wrapper_attr("obs_rms")`` after
+            training, (mean, variance), or an .npz file that holds them as `mean` and `var`. "none": no such wrapper.
         training_horizon: Steps of a training episode; the environment's own step limit by default.
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
@@ -112,24 +124,32 @@ def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: 
         )
 
 
-def _normalizer(given: str | Path | tuple[ArrayLike, ArrayLike] | None, spec: TaskSpec, what: str) -> Normalizer:
+def _normalizer(given: ObservationStatistics | None, spec: TaskSpec, what: str) -> Normalizer:
     if given is None:
         raise PolicyError(
             f"{what} does not hold the statistics by which CleanRL normalizes observations: give "
             'normalizer=(mean, variance) of the wrapper, envs.envs[0].get_wrapper_attr("obs_rms"), an .npz file with '
             f'mean and var, or "{NO_NORMALIZER}" if there was no such wrapper'
         )
-    if given == NO_NORMALIZER:
+    if isinstance(given, str) and given == NO_NORMALIZER:
         return Normalizer.identity(spec.observation_size)
-    mean, var = _read_statistics(Path(given)) if isinstance(given, str | Path) else given
-    arrays = [np.array(each, np.float64) for each in (mean, var)]
-    legal = all(each.shape == (spec.observation_size,) and np.isfinite(each).all() for each in arrays)
-    if not legal or (arrays[1] < 0).any():
+    try:
+        if isinstance(given, str | Path):
+            both: tuple[ArrayLike, ArrayLike] = _read_statistics(Path(given))
+        else:
+            both = given if isinstance(given, tuple | list | np.ndarray) else (given.mean, given.var)
+        mean, var = (np.array(each, np.float64) for each in both)
+    except PolicyFileError:
+        raise
+    except (AttributeError, TypeError, ValueError) as error:
+        raise PolicyError(f"{what}: normalizer must be a mean and a variance, or a file of them: {error}") from None
+    legal = all(each.shape == (spec.observation_size,) and np.isfinite(each).all() for each in (mean, var))
+    if not legal or (var < 0).any():
         raise PolicyError(
             f"{what}: mean and variance must be {spec.observation_size} finite numbers each, variances not negative; "
-            f"their shapes are {arrays[0].shape} and {arrays[1].shape}"
+            f"their shapes are {mean.shape} and {var.shape}"
         )
-    return Normalizer(arrays[0], arrays[1], clip=CLIP)
+    return Normalizer(mean, var, clip=CLIP)
 
 
 def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -17,6 +17,8 @@ _CORES = ("numpy.core", "numpy._core")
 RECONSTRUCT = {f"{core}.multiarray._reconstruct" for core in _CORES}
 SCALAR = {f"{core}.multiarray.scalar" for core in _CORES}
 FROM_BUFFER = {f"{core}.numeric._frombuffer" for core in _CORES}
+MAX_DIMENSIONS = 32
+"""NumPy's own limit was 32 for most of its life."""
 NUMPY_NAMES = frozenset({"numpy.dtype", "numpy.ndarray", "_codecs.encode", *RECONSTRUCT, *SCALAR, *FROM_BUFFER})
 """Names that a pickle of arrays may refer to."""
 
@@ -31,11 +33,9 @@ def read_numbers(node: Any, what: str) -> NDArray[np.float64]:
     Raises:
         PolicyFileError: If these are no real numbers, or data and shape do not fit.
     """
-    if isinstance(node, int | float):
-        return np.asarray(float(node))
     try:
-        return _array(node).astype(np.float64)
-    except (TypeError, ValueError, AttributeError, OverflowError):
+        return np.asarray(float(node)) if isinstance(node, int | float) else _array(node).astype(np.float64)
+    except (TypeError, ValueError, AttributeError, OverflowError, LookupError):
         raise PolicyFileError(f"{what} is not an array of real numbers") from None
 
 
@@ -56,7 +56,8 @@ def _filled(data: Any, shape: Any, kind: Any, order: Any) -> NDArray[Any]:
     if isinstance(data, Call) and data.function == "_codecs.encode":  # bytes, as old pickle protocols write them
         data = data.arguments[0].encode("latin-1")
     dtype = _dtype(kind)
-    if not all(type(length) is int and length >= 0 for length in shape):
+    # Before their product, which takes minutes if a file names a million of them.
+    if len(shape) > MAX_DIMENSIONS or not all(type(length) is int and length >= 0 for length in shape):
         raise TypeError
     if math.prod(shape) * dtype.itemsize != len(data) or order not in ("C", "F"):
         raise ValueError

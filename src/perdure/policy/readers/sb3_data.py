@@ -23,6 +23,8 @@ USE_A_FUNCTION = "perdure.extrapolate(function, env=...) takes any function from
 ACTOR_CRITIC = "stable_baselines3.common.policies"
 SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
 TD3 = "stable_baselines3.td3.policies"
+FLATTEN_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+"""The features extractor that changes nothing."""
 DEFAULT_ACTIVATION = {ACTOR_CRITIC: "tanh", SAC: "relu", TQC: "relu", TD3: "relu"}
 """Modules of the policy classes that are read, and the default activation function of each."""
 TORCH_ACTIVATIONS = {
@@ -65,7 +67,9 @@ class Sb3Settings:
     """As written in the zip, rounded; None where it does not say."""
     gamma: float
     behind_vecnormalize: bool
-    """Whether training certainly ran behind a VecNormalize. Only models of PPO, A2C and TRPO show it."""
+    """Whether training certainly ran behind a VecNormalize."""
+    shows_vecnormalize: bool
+    """Whether the file would show a VecNormalize: models of PPO, A2C and TRPO that were trained do."""
     seed: int | None
     steps: int | None
     """Environment steps trained."""
@@ -103,6 +107,7 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
         action_bounds=bounds,
         gamma=_float(values.get("gamma", 0.99), "gamma", what),
         behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
+        shows_vecnormalize=module == ACTOR_CRITIC and values.get("_last_obs") is not None,
         seed=_whole(values.get("seed")),
         steps=_whole(values.get("num_timesteps")),
     )
@@ -166,8 +171,8 @@ def _policy_module(policy_class: dict[str, Any], what: str) -> str:
 
 def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
     unknown = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
-    extractor = _short(kwargs.get("features_extractor_class", "FlattenExtractor"))
-    if unknown or "FlattenExtractor" not in extractor:
+    extractor = _short(kwargs.get("features_extractor_class", FLATTEN_EXTRACTOR))
+    if unknown or extractor != FLATTEN_EXTRACTOR:
         name = unknown[0] if unknown else "features_extractor_class"
         raise PolicyFileError(f"{what}: its policy has the setting {_short(name)}, which is not read: {USE_A_FUNCTION}")
 

@@ -75,6 +75,7 @@ def import_sb3(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
+    _warn_of_normalizer(model, normalizer, written, str(path))
     steps = _time_feature_steps(time_feature)
     horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
     if time_feature is not None:
@@ -147,6 +148,20 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
                 f"{what}: its actions have the {name} bounds {written.tolist()}, those of {spec.name} "
                 f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {USE_A_FUNCTION}"
             )
+
+
+def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | None, what: str) -> None:
+    """Warn where a normalizer may be missing, or does not belong to the model."""
+    settings, text = model.settings, ""
+    if given is None and not settings.shows_vecnormalize:
+        text = (
+            f"{what} does not say whether it was trained behind VecNormalize. If so, its actions are wrong without "
+            f"the file that save() wrote (--normalizer); if not, give --normalizer {NO_NORMALIZER}"
+        )
+    elif file is not None and settings.shows_vecnormalize and not settings.behind_vecnormalize:
+        text = f"{what} was not trained behind VecNormalize, as far as it shows, but is given the statistics in {file}"
+    if text:
+        warnings.warn(PolicyWarning(text), stacklevel=3)
 
 
 def _time_feature_steps(written: str | None) -> int | None:

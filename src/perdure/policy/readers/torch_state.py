@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from perdure.policy.errors import PolicyFileError
 from perdure.policy.readers.inert_pickle import PERSISTENT, Call, read_pickle
+from perdure.policy.readers.numpy_arrays import MAX_DIMENSIONS
 from perdure.policy.readers.zip_members import ZipMembers
 
 MAX_DESCRIPTION = 8_000_000
@@ -85,6 +86,8 @@ class TorchState:
             raise TypeError
         storage, offset, shape, strides = tensor.arguments[:4]
         numbers = self._storage(storage)
+        if len(shape) > MAX_DIMENSIONS:
+            raise ValueError
         whole = [offset, *shape, *strides]
         if not all(type(each) is int and 0 <= each <= MAX_STORAGE for each in whole) or len(shape) != len(strides):
             raise ValueError

@@ -17,6 +17,7 @@ from perdure.policy.readers.sb3 import Sb3Model, read_layers
 from perdure.policy.readers.sb3_data import (
     ACTOR_CRITIC,
     DEFAULT_ACTIVATION,
+    FLATTEN_EXTRACTOR,
     TORCH_ACTIVATIONS,
     USE_A_FUNCTION,
     Sb3Settings,
@@ -89,7 +90,10 @@ def _named(what: str) -> Iterator[None]:
     except (PolicyFileError, OSError):
         raise
     except ImportError as error:
-        raise PolicyFileError(f"{what}: {INSTALL} ({error})") from None
+        missing = (error.name or "").partition(".")[0]
+        if missing in ("", "stable_baselines3", "sb3_contrib", "torch"):
+            raise PolicyFileError(f"{what}: {INSTALL} ({error})") from None
+        raise PolicyFileError(f"{what} needs the Python module {missing}, which is not installed ({error})") from None
     except Exception as error:
         raise PolicyFileError(f"{what}: Stable-Baselines3 cannot load it: {type(error).__name__}: {error}") from error
 
@@ -105,15 +109,21 @@ def _load(path: Path) -> Any:
 def _settings(model: Any, what: str) -> Sb3Settings:
     policy = model.policy
     actor = getattr(policy, "actor", policy)
-    activation = TORCH_ACTIVATIONS.get(policy.activation_fn.__name__)
+    function, extractor = policy.activation_fn, getattr(actor, "features_extractor", None)
+    own = function.__module__ == "torch.nn.modules.activation"
+    activation = TORCH_ACTIVATIONS.get(function.__name__) if own else None
     module = type(policy).__module__
     if activation is None or module not in DEFAULT_ACTIVATION:
-        raise PolicyFileError(f"{what}: {module} with {policy.activation_fn.__name__} is not read: {USE_A_FUNCTION}")
+        raise PolicyFileError(f"{what}: {module} with {function.__name__} is not read: {USE_A_FUNCTION}")
     seen, space = model.observation_space, model.action_space
     image = len(seen.shape or ()) == 3 and seen.dtype == np.uint8
     if type(seen).__name__ != "Box" or image:
         kind = "image" if image else type(seen).__name__
         raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read: {USE_A_FUNCTION}")
+    if str(type(extractor)) != FLATTEN_EXTRACTOR:
+        raise PolicyFileError(
+            f"{what}: its features extractor is {type(extractor).__name__}, which is not read: {USE_A_FUNCTION}"
+        )
     return Sb3Settings(
         algorithm=type(model).__name__,
         policy_module=module,
@@ -124,6 +134,7 @@ def _settings(model: Any, what: str) -> Sb3Settings:
         action_bounds=(space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)),
         gamma=float(model.gamma),
         behind_vecnormalize=module == ACTOR_CRITIC and model._last_original_obs is not None,
+        shows_vecnormalize=module == ACTOR_CRITIC and model._last_obs is not None,
         seed=model.seed,
         steps=model.num_timesteps,
     )

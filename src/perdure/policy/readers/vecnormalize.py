@@ -24,8 +24,8 @@ _SPACES = {
     for space in ("box.Box", "dict.Dict", "discrete.Discrete")
 }
 _RANDOM = {
-    *(f"numpy.random._pickle.{name}" for name in ("__generator_ctor", "__bit_generator_ctor")),
-    *("numpy.random._pcg64.PCG64", "numpy.random.bit_generator.SeedSequence"),
+    *(f"numpy.random._pickle.{name}" for name in ("__generator_ctor", "__bit_generator_ctor", "__randomstate_ctor")),
+    *("numpy.random._pcg64.PCG64", "numpy.random._mt19937.MT19937", "numpy.random.bit_generator.SeedSequence"),
     "numpy.random.bit_generator.__pyx_unpickle_SeedSequence",
 }
 ALLOWED = {VEC_NORMALIZE, RUNNING_MEAN_STD, "collections.OrderedDict", *NUMPY_NAMES, *_SPACES, *_RANDOM}
@@ -59,7 +59,7 @@ def read_vecnormalize(path: Path) -> Statistics:
 
 
 def _statistics(state: dict[Any, Any], what: str) -> Statistics:
-    gamma = float(_number(state, "gamma", what))
+    gamma = _single(state, "gamma", what)
     if state.get("norm_obs") is False:
         return Statistics(None, gamma)
     statistics = state.get("obs_rms")
@@ -68,7 +68,7 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
     if not (isinstance(statistics, Call) and isinstance(statistics.state, dict)):
         raise PolicyFileError(f"{what} holds no observation statistics")
     mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
-    clip, epsilon = (float(_number(state, name, what)) for name in ("clip_obs", "epsilon"))
+    clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
     return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
 
 
@@ -84,6 +84,13 @@ def checked_normalizer(
     if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
         raise PolicyFileError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
     return Normalizer(mean, var, min(clip, LARGEST_OBSERVATION), max(epsilon, SMALLEST_EPSILON))
+
+
+def _single(state: dict[Any, Any], name: str, what: str) -> float:
+    found = _number(state, name, what)
+    if found.size != 1:
+        raise PolicyFileError(f"{what}: {name} must be one number, but there are {found.size}")
+    return float(found.item())
 
 
 def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import lzma
 import zipfile
 import zlib
 
@@ -65,7 +66,7 @@ class ZipMembers:
         try:
             with self._archive.open(member) as file:
                 data = file.read(limit + 1)
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError):
+        except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError):
             # The last one includes encrypted members and unknown ways of packing.
             raise PolicyFileError(f"{self._what}: {name!r} is damaged") from None
         if len(data) != member.file_size:
