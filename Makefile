@@ -87,11 +87,11 @@ check: setup ## Check format, lint and types
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 
-format: setup ## Format the code, and mend what the linter can mend
+format: setup ## Format the code, and fix what the linter can fix
 	@$(BIN)/ruff check --fix --quiet . || true
 	@$(BIN)/ruff format .
 
-verify: EXTRAS := $(EXTRAS),ray
+verify: EXTRAS := $(EXTRAS),verify
 verify: setup ## Run the long checks
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m verify -n $(PROCESSES) --dist worksteal $(PYTEST)
 

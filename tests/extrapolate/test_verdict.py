@@ -54,6 +54,12 @@ class TestWhen:
         _, verdict = measured(case)
         assert abs(verdict.failed_step - at) <= 200  # windows of 200 steps
 
+    def test_a_decay_is_dated_to_where_it_began(self):
+        case = Case("slows down", "decays", steady(3.0), switch(9000, steady(3.0), steady(2.0)), idle=1.0)
+        _, verdict = measured(case)
+        assert verdict.outcome == "decays"
+        assert abs(verdict.failed_step - 9000) <= 200
+
     def test_a_lane_that_lay_still_before_it_fell_failed_when_it_lay_down(self):
         lies = switch(5000, steady(3.0), LIES)
         case = Case("lies, falls", "falls", steady(3.0), lies, idle=1.0, ends=15_000, reason="terminated")
@@ -210,3 +216,57 @@ def test_where_every_step_pays_the_same_only_survival_is_judged(lengths, state):
     bins[0, 0] += 0.5
     odd = Reference(horizon, bins, lengths, lengths < horizon, -box, box)
     assert not make_score_scale(odd, Idle(1.0, 1.0), math.nan).survival
+
+
+def scale_of(rates, zero=0.0, random=0.0, task=math.nan, horizon=100):
+    """The score scale of a policy with one reference episode for each reward rate."""
+    bins = np.repeat(np.array(rates, dtype=float)[:, None] * 10.0, horizon // 10, axis=1)
+    count = len(rates)
+    ended, box = np.zeros(count, bool), np.ones(1)
+    reference = Reference(horizon, bins, np.full(count, horizon), ended, -box, box)
+    return make_score_scale(reference, Idle(zero, random), task)
+
+
+@pytest.mark.parametrize(
+    ("rates", "state"),
+    [([1.0, 2.0, 3.0], "cannot tell"), ([1.9, 2.0, 2.1], "worked"), ([0.8, 0.9, 1.0], "never worked")],
+)
+def test_whether_a_policy_worked_is_left_open_where_its_gain_may_be_too_small(rates, state):
+    """Random actions cost 4, so a gain of 1 counts. Half the interval of 1, 2, 3 is 4.303 / sqrt(3) = 2.48."""
+    assert scale_of(rates, random=-4.0).state == state
+
+
+@pytest.mark.parametrize(("rate", "state"), [(0.96, "never worked"), (1.04, "worked")])
+def test_a_policy_works_from_a_quarter_of_what_random_actions_cost_or_a_twentieth_of_the_level(rate, state):
+    assert scale_of([rate] * 3, random=-4.0).state == state
+    assert scale_of([rate] * 3, task=20.0).state == state
+
+
+@pytest.mark.parametrize(("share", "state"), [(0.49, "never worked"), (0.51, "worked")])
+def test_where_only_survival_is_judged_half_of_the_horizon_is_enough(share, state):
+    lengths = np.full(3, round(1000 * share))
+    bins = np.clip(lengths[:, None] - np.arange(0, 1000, 10), 0, 10).astype(float)
+    box = np.ones(1)
+    reference = Reference(1000, bins, lengths, lengths < 1000, -box, box)
+    assert make_score_scale(reference, Idle(1.0, 1.0), math.nan).state == state
+
+
+def test_a_task_that_pays_nothing_is_not_judged_by_survival():
+    scale = scale_of([0.0] * 3)
+    assert (scale.state, scale.survival) == ("never worked", False)
+
+
+def lane(windows, width=100):
+    """A lane whose windows have these hold scores, and its verdict."""
+    scale = ScoreScale(0.0, 1.0, math.nan, width, "worked", "")
+    steps = np.arange(1, len(windows) + 1) * width
+    return judge_lane(steps, np.cumsum(windows) * width, len(windows) * width, "survived", scale)
+
+
+def test_four_windows_are_enough():
+    assert [lane([1.0] * count).outcome for count in (3, 4)] == ["unknown", "holds"]
+
+
+def test_a_robot_was_ever_idle_after_two_idle_windows_in_a_row():
+    assert not lane([1.0, 0.0, 1.0, 0.0, *[1.0] * 10]).ever_idle
+    assert lane([1.0, 0.0, 0.0, 1.0, *[1.0] * 10]).ever_idle

@@ -50,6 +50,17 @@ def test_compressing_again_changes_no_pixel(figure):
     assert len(ours) < 0.7 * len(plain)
 
 
+def test_pictures_are_drawn_by_the_newest_vega_lite_that_is_not_too_new(figure, monkeypatch):
+    import altair
+    import vl_convert
+
+    monkeypatch.setattr(altair, "SCHEMA_VERSION", "v6.30.1")  # newer than any that is installed
+    assert b"The note." in render(figure, "svg")
+    monkeypatch.setattr(vl_convert, "get_vegalite_versions", lambda: ["7.0"])
+    with pytest.raises(ReportError, match=r"altair writes for Vega-Lite v6\.30\.1; vl-convert-python holds 7\.0"):
+        render(figure, "svg")
+
+
 def test_an_unknown_format_is_refused(figure):
     with pytest.raises(ReportError, match="'gif'; formats are png, svg, pdf"):
         render(figure, "gif")

@@ -59,7 +59,32 @@ def test_students_interval_as_in_the_tables():
     interval = estimate_interval(Units(np.array([1.0, 3.0, 2.0]), "x"), rng())
     assert (interval.lower, interval.upper) == pytest.approx((2.0 - 2.484140, 2.0 + 2.484140), abs=1e-5)
     assert interval.method == "Student t"
+    assert estimate_interval(Units(np.arange(9.0), "x"), rng()).method == "Student t"
     assert estimate_interval(Units(np.arange(10.0), "x"), rng()).method == "bootstrap"
+
+
+def test_another_confidence_is_used_by_every_interval():
+    """t(2) = 2.9200 and z = 1.6449 at 95 %."""
+    how, three = Bootstrap(confidence=0.9), Units(np.array([1.0, 3.0, 2.0]), "training seeds")
+    interval = estimate_interval(three, rng(), how)
+    assert (interval.lower, interval.upper) == pytest.approx((2.0 - 1.685854, 2.0 + 1.685854), abs=1e-5)
+    difference = difference_interval(three, Units(np.full(3, 2.0), "training seeds"), rng(), how)
+    assert (difference.lower, difference.upper) == pytest.approx((-1.685854, 1.685854), abs=1e-5)
+    assert [float(each) for each in wilson(0.0, 20, 0.9)] == pytest.approx([0.0, 2.705543 / (20.0 + 2.705543)])
+    alive = survival_interval(np.zeros(20, dtype=bool), np.zeros(20), rng(), how)
+    assert float(alive.upper) == pytest.approx(2.705543 / (20.0 + 2.705543))
+    many = Units(rng(3).normal(0.0, 1.0, 40), "x")
+    for method in ("percentile", "BCa"):
+        wide, narrow = (
+            estimate_interval(many, rng(), Bootstrap(method=method, confidence=each)) for each in (0.95, 0.5)
+        )
+        assert float(narrow.upper - narrow.lower) < 0.6 * float(wide.upper - wide.lower)
+
+
+def test_one_group_that_agrees_beside_one_that_varies_has_an_interval():
+    varied = Units(rng(2).normal(0.0, 1.0, 12), "x")
+    found = difference_interval(Units(np.full(12, 1.0), "x"), varied, rng())
+    assert float(found.upper - found.lower) > 0.5
 
 
 def test_with_three_units_student_covers_95_percent_and_a_bootstrap_far_less():

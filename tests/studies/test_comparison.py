@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from perdure.studies.comparison import compare_paired, compare_unpaired, compare_with, holm
+from perdure.studies.comparison import (
+    Difference,
+    compare_paired,
+    compare_unpaired,
+    compare_with,
+    holm,
+    mean_difference,
+)
 
 
 @pytest.fixture
@@ -109,3 +116,26 @@ def test_holm_counts_comparisons_that_are_not_there_yet():
     adjusted = holm(now)
     assert adjusted == pytest.approx([0.03, math.nan, 0.06, 0.02], nan_ok=True)
     assert all(a <= b or math.isnan(b) for a, b in zip(holm(later), adjusted, strict=True))
+
+
+def test_a_mean_of_differences_by_hand():
+    """Errors 3 and 4: the mean has sqrt(9 + 16) / 2 = 2.5, and 625 / (81 / 4 + 256 / 9) degrees of freedom."""
+    first = Difference(5.0, 1.0, 3.0, 4.0, 0.9, 5, 7, "Welch t")
+    second = Difference(2.0, 0.0, 4.0, 9.0, 0.5, 10, 6, "Welch t")
+    found = mean_difference([first, second])
+    assert (found.estimate, found.error) == pytest.approx((3.0, 2.5))
+    assert found.freedom == pytest.approx(625.0 / (81.0 / 4.0 + 256.0 / 9.0))
+    assert found.improvement == pytest.approx(0.7)
+    assert (found.n_left, found.n_right) == (5, 6)
+    scaled = mean_difference([first, second], [2.0, 4.0])
+    assert scaled.estimate == pytest.approx((4.0 / 2.0 + 2.0 / 4.0) / 2.0)
+    assert scaled.error == pytest.approx(math.hypot(3.0 / 2.0, 4.0 / 4.0) / 2.0)
+
+
+def test_adjusted_p_values_are_at_most_1():
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+def test_a_tie_of_paired_runs_counts_half():
+    found = compare_paired({0: 1.0, 1: 2.0, 2: 4.0, 3: 0.0}, {0: 1.0, 1: 1.0, 2: 3.0, 3: 5.0})
+    assert found.improvement == pytest.approx((0.5 + 1 + 1 + 0) / 4)

@@ -142,7 +142,24 @@ def slug(*words: str) -> str:
 
 
 def _version() -> str:
-    """Return the version of Vega-Lite for which Altair writes, such as "6.4"."""
-    import altair as alt
+    """Return the version of Vega-Lite for which Altair writes, such as "6.4", or the newest older one that is there.
 
-    return ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    Raises:
+        ReportError: vl-convert holds no version that is old enough.
+    """
+    import altair as alt
+    import vl_convert
+
+    wanted = _numbers(alt.SCHEMA_VERSION.removeprefix("v"))
+    known = {_numbers(version): version for version in vl_convert.get_vegalite_versions()}
+    fitting = [each for each in known if each <= wanted]
+    if not fitting:
+        raise ReportError(
+            f"altair writes for Vega-Lite {alt.SCHEMA_VERSION}; vl-convert-python holds {', '.join(known.values())}: "
+            "pip install --upgrade altair vl-convert-python"
+        )
+    return known[max(fitting)]
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".")[:2])

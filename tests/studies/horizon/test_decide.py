@@ -1,17 +1,20 @@
 """Claims are decided as they must be on tables of known answer."""
 
 import math
+import tempfile
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from known_results import make_results
 
 from perdure.studies import StudyError
-from perdure.studies.comparison import compare_unpaired, compare_with
+from perdure.studies.comparison import Difference, compare_unpaired, compare_with
 from perdure.studies.horizon.claim import Claim, Condition
 from perdure.studies.horizon.claim_table import claims_frame, claims_text, runs_needed
-from perdure.studies.horizon.decide import decide_claims
+from perdure.studies.horizon.decide import by_interval, decide_claims, mean_over_tasks, threshold
 from perdure.studies.horizon.grid import ZOO, Row
 from perdure.studies.horizon.page import write_page
 
@@ -50,6 +53,83 @@ def decided(tmp_path, left, *claims, right=NONE):
 )
 def test_decisions(tmp_path, left, direction, margin, expected):
     assert decided(tmp_path, left, claim(direction, margin=margin)) == [expected]
+
+
+BOUNDS = {
+    "above": (2.0, 3.0),
+    "below": (-3.0, -2.0),
+    "within": (-0.5, 0.5),
+    "across the upper margin": (0.5, 2.0),
+    "across the lower margin": (-2.0, -0.5),
+    "from the upper margin on": (1.0, 3.0),
+    "up to the lower margin": (-3.0, -1.0),
+    "from margin to margin": (-1.0, 1.0),
+    "unknown": (math.nan, math.nan),
+}
+"""95 % intervals beside a margin of 1."""
+YES, NO, OPEN = "supported", "contradicted", "undecided"
+BY_INTERVAL = {
+    "greater": (YES, NO, NO, OPEN, NO, OPEN, NO, NO, OPEN),
+    "less": (NO, YES, NO, NO, OPEN, NO, OPEN, NO, OPEN),
+    "not less": (YES, NO, YES, YES, OPEN, YES, OPEN, YES, OPEN),
+    "differs": (YES, YES, NO, OPEN, OPEN, OPEN, OPEN, NO, OPEN),
+    "same": (NO, NO, YES, OPEN, OPEN, OPEN, OPEN, YES, OPEN),
+}
+
+
+@pytest.mark.parametrize("direction", BY_INTERVAL)
+def test_an_interval_decides_by_where_it_lies_beside_the_margin(direction):
+    for (where, (lower, upper)), expected in zip(BOUNDS.items(), BY_INTERVAL[direction], strict=True):
+        found = by_interval(claim(direction), SimpleNamespace(lower=lower, upper=upper), 1.0)
+        assert (where, found) == (where, expected)
+
+
+@pytest.mark.parametrize(
+    ("direction", "estimate", "expected"),
+    [
+        ("greater", -3.0, 1.0),
+        ("less", 3.0, -1.0),
+        ("not less", 3.0, -1.0),
+        ("differs", 3.0, 1.0),
+        ("differs", -3.0, -1.0),
+        ("same", -0.5, -1.0),
+    ],
+)
+def test_the_p_value_is_that_of_the_margin_that_the_decision_turns_on(direction, estimate, expected):
+    assert threshold(claim(direction), SimpleNamespace(estimate=estimate), 1.0) == expected
+
+
+def test_a_margin_is_a_share_of_the_size_of_the_right_side():
+    """Returns of about -102 and a margin of a tenth: 10.2, not -10.2."""
+    right = {seed: -100.0 - seed for seed in range(5)}
+    left = {seed: -104.0 - seed for seed in range(5)}
+    results = {("ppo", "none"): right, ("geometric", "constant:500"): left}
+    for direction, expected in (("not less", YES), ("same", YES), ("greater", NO)):
+        with tempfile.TemporaryDirectory() as folder:
+            (found,) = decide_claims([claim(direction, margin=0.1)], make_results(Path(folder), results))
+        assert found.tasks[0].margin == pytest.approx(10.2)
+        assert found.decision == expected
+
+
+def test_a_margin_of_shares_is_itself(tmp_path):
+    half = {0: None, 1: None, 2: 100.0, 3: 100.0}
+    results = {("ppo", "none"): half, ("geometric", "constant:500"): dict.fromkeys(range(4), 100.0)}
+    (found,) = decide_claims([claim("same", measure="failed share", margin=0.1)], make_results(tmp_path, results))
+    assert found.tasks[0].difference.right == 0.5
+    assert found.tasks[0].margin == 0.1
+
+
+def test_a_mean_over_tasks_is_of_differences_beside_the_size_of_the_right_side():
+    def difference(left, right):
+        return Difference(left, right, 1.0, 4.0, 0.5, 5, 5, "Welch t")
+
+    mean = claim("greater", over="mean")
+    found = mean_over_tasks(mean, [difference(30.0, 20.0), difference(-90.0, -100.0)])
+    assert found.estimate == pytest.approx((10.0 / 20.0 + 10.0 / 100.0) / 2.0)
+    shares = mean_over_tasks(replace(mean, measure="failed share"), [difference(0.3, 0.2), difference(0.9, 0.4)])
+    assert shares.estimate == pytest.approx(0.3)
+    assert mean_over_tasks(mean, [difference(30.0, 20.0), None]) is None
+    assert mean_over_tasks(mean, [difference(30.0, 20.0), difference(1.0, 0.0)]) is None
 
 
 @pytest.mark.parametrize("number", [0.5, 0.1])

@@ -277,3 +277,58 @@ def test_every_mechanism_has_a_log_of_its_own_here():
     shown = {cause for _, cause in (*GONE.values(), *PICKS.values())}
     shown |= {cause for _, (_, cause, _) in DOORS.values()} | {"diverged"}
     assert shown == set(FAILURE_CAUSES)
+
+
+@pytest.mark.parametrize(("opening", "cause"), [(0.39, "door not open"), (0.41, "grasp missed")])
+def test_a_pick_from_a_drawer_that_slid_shut_failed_for_the_drawer(opening, cause):
+    story = Story("set_table")
+    with story.run("open_drawer", 0):
+        story.drawer = 0.45
+        story.wait(3)
+    story.drawer = opening
+    assert latched_label(missed(story, 0)) == ("pick_0", cause, 0)
+
+
+def test_a_bump_on_the_way_to_another_target_is_no_reason():
+    story = Story()
+    with story.run("navigate", 1, force=2100.0):
+        story.wait(2)
+    assert latched_label(missed(story, 0)) == ("pick_0", "grasp missed", 0)
+
+
+def put_down(story, speeds=(0.0,), after=0.0, beside=0.0, forced=False):
+    """Puts object 0 down with each of these speeds in the hand in turn; it moves on by `after` in a step."""
+    with story.run("place", 0, forced=forced):
+        for speed in speeds:
+            story.objects[0], story.held = story.goals[0] + [beside, 0.0, 0.0], 0
+            story.wait(3)
+            story.wait(1, speed)
+            story.held = NOTHING
+            for _ in range(3):
+                story.objects[0, 0] += after
+                story.wait()
+    return story
+
+
+def gone(story):
+    return latched_label(story.slide(0, OUT, 10).rest((1, 2)))[1]
+
+
+def test_an_object_released_by_the_policy_in_a_skill_that_was_ended_later_was_not_opened_by_force():
+    assert gone(put_down(Story().pick(0), forced=True)) == "rolled"
+
+
+def test_an_object_that_was_taken_again_is_judged_by_its_last_release():
+    assert gone(put_down(Story().pick(0), speeds=(0.6, 0.0))) == "rolled"
+    assert gone(put_down(Story().pick(0), speeds=(0.0, 0.6), after=0.02)) == "thrown"
+
+
+@pytest.mark.parametrize(("after", "cause"), [(0.3 / 30, "thrown"), (0.2 / 30, "rolled")])
+def test_a_thrown_object_is_still_fast_after_the_release(after, cause):
+    assert gone(put_down(Story().pick(0), speeds=(0.6,), after=after)) == cause
+
+
+def test_a_rest_outside_its_goal_is_none_in_it():
+    story = put_down(Story().pick(0), beside=0.2).wait(30)
+    story.slide(0, (-0.5, 0.0, 0.0), 20, gripper=BESIDE)
+    assert latched_label(story.rest((1, 2)))[1] == "rolled"
