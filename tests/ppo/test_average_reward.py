@@ -88,6 +88,14 @@ class TestEstimates:
         difference = np.asarray(found.targets - found.advantages)
         np.testing.assert_allclose(difference, 8.0 - 0.5 * 8.0, rtol=1e-6)
 
+    def test_the_state_after_the_rollout_is_not_one_of_its_states(self):
+        estimator = AverageReward(0.95, alpha=0.25)
+        state, _ = estimator.estimate(estimator.start(), transitions([1.0] * 4, [2.0] * 4 + [100.0]))
+        assert float(state.value) == pytest.approx(2.0)
+
+    def test_a_fall_costs_100_unless_another_cost_is_named(self):
+        assert AverageReward(0.95).reset_cost == 100.0
+
 
 @pytest.mark.parametrize(
     ("text", "named"),
