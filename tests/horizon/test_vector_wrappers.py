@@ -243,6 +243,12 @@ def test_each_lane_draws_the_horizons_of_its_own_seed():
     env.reset(seed=[8, 8, 8], options={"reset_mask": np.array([False, True, False])})
     alone.reset(seed=8)
     assert env.horizons.tolist() == [before[0], alone.horizon, before[2]]
+    # A lane without a seed goes on with its own stream: its second draw, not one of a new stream.
+    env.reset(seed=[5, 6, 5])
+    env.reset(seed=[4, None, 4])
+    alone.reset(seed=6)
+    alone.reset()
+    assert env.horizons[1] == alone.horizon
 
 
 def test_statistics_and_a_normalizer_may_stand_above_the_limit_and_below_phi():
