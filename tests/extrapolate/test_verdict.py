@@ -270,3 +270,36 @@ def test_four_windows_are_enough():
 def test_a_robot_was_ever_idle_after_two_idle_windows_in_a_row():
     assert not lane([1.0, 0.0, 1.0, 0.0, *[1.0] * 10]).ever_idle
     assert lane([1.0, 0.0, 0.0, 1.0, *[1.0] * 10]).ever_idle
+
+
+@pytest.mark.parametrize(("good", "begin"), [(2, 10), (3, 14)])
+def test_a_failure_begins_where_nine_tenths_of_the_windows_are_bad(good, begin):
+    """From window 10 on, 18 of 18 + `good` windows are bad: 90 %, or 86 %."""
+    found = lane([1.0] * 10 + [0.0] + [1.0] * good + [0.0] * 17)
+    assert (found.outcome, found.failed_step) == ("fails silently", begin * 100)
+
+
+@pytest.mark.parametrize(("idle", "outcome"), [(9, "decays"), (10, "fails silently")])
+def test_a_robot_that_paused_before_must_be_idle_twice_as_long(idle, outcome):
+    assert lane([1.0] * 30 + [0.0] * 5 + [1.0] * 10 + [0.0] * idle).outcome == outcome
+
+
+def reference_of(bins):
+    """Twenty episodes of 1,000 steps that earn this in each ten steps."""
+    box = np.ones(1)
+    return Reference(1000, np.tile(bins, (20, 1)), np.full(20, 1000), np.zeros(20, bool), -box, box)
+
+
+@pytest.mark.parametrize(("pauses", "window"), [(4, 10), (5, 20)])
+def test_windows_are_so_long_that_one_in_twenty_of_the_reference_looks_idle(pauses, window):
+    """4 of 90 windows of ten steps earn nothing, or 5: 4.4 %, or 5.6 %."""
+    bins = np.full(100, 10.0)
+    bins[20 : 20 + 10 * pauses : 10] = 0.0
+    assert make_score_scale(reference_of(bins), Idle(0.0, 0.0), math.nan).window == window
+
+
+@pytest.mark.parametrize(("settling", "rate"), [(10, 1.0), (19, 0.9)])
+def test_the_first_tenth_of_an_episode_does_not_count(settling, rate):
+    bins = np.full(100, 10.0)
+    bins[:settling] = 0.0
+    assert make_score_scale(reference_of(bins), Idle(0.0, 0.0), math.nan).reference == pytest.approx(rate)
