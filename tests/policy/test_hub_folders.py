@@ -87,10 +87,11 @@ def test_a_folder_without_a_policy_or_with_several_is_refused(tmp_path, data):
         load_policy(tmp_path)
 
 
-def test_training_runs_of_the_same_name_do_not_hide_a_shipped_policy(tmp_path, data, monkeypatch):
+def test_a_folder_of_training_runs_with_the_name_of_a_shipped_policy_is_told_apart(tmp_path, data, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "Hopper-v3" / "geometric" / "seed-0").mkdir(parents=True)
-    assert "shipped" in find_policy("Hopper-v3/geometric").parts
+    with pytest.raises(PolicyFileError, match=r"is a shipped policy, but there is a folder .*another folder"):
+        find_policy("Hopper-v3/geometric")
     (tmp_path / "Hopper-v3" / "geometric" / "policy.safetensors").write_bytes(data)
     assert same(load_policy("Hopper-v3/geometric"))
 

@@ -62,6 +62,23 @@ def test_an_old_file_keeps_its_permissions(tmp_path):
     assert stat.S_IMODE((tmp_path / "secret").stat().st_mode) == 0o600
 
 
+def test_a_leftover_of_a_read_only_file_can_be_removed(tmp_path):
+    (tmp_path / "file").write_text("old")
+    (tmp_path / "file").chmod(0o444)
+    script = """
+        import os, sys
+        import perdure.runs.atomic_write as module
+        module.os.replace = lambda *paths: os.kill(os.getpid(), 9)
+        module.os.fchmod = lambda *parts: os.kill(os.getpid(), 9)
+        module.write_atomic(sys.argv[1], "half")
+    """
+    run_script(script, tmp_path / "file")
+    (leftover,) = (path for path in tmp_path.iterdir() if path.name != "file")
+    assert leftover.stat().st_mode & stat.S_IWUSR
+    write_atomic(tmp_path / "file", "new")
+    assert names(tmp_path) == ["file"]
+
+
 def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"is not a regular file.*pipe"):

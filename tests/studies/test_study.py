@@ -1,11 +1,14 @@
 """Steps are carried out in order; what fails stops only what depends on it; status and cost are read from stores."""
 
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
-from perdure.runs import RunError, Store, StoreError, Unit, attempt, run_units
+from perdure.runs import OtherSourceWarning, RunError, Store, StoreError, Unit, UnitProgress, attempt, run_units
 from perdure.studies import RunOptions, StepProgress, StudyError, find_study
 from perdure.studies.run import check_page, check_results, run_steps
 from perdure.studies.status import cost_text, count_units, failed_steps, lines, read_step_progress, status_text
@@ -63,17 +66,60 @@ class Busy(Scripted):
             options.waiting()
 
 
-def test_a_step_that_another_command_runs_is_put_off_and_waited_for_when_nothing_else_is_left():
+@pytest.fixture
+def pauses(monkeypatch):
+    """The pauses between attempts, which take no time."""
+    found = []
+    monkeypatch.setattr("perdure.studies.run.time.sleep", found.append)
+    return found
+
+
+def test_a_step_that_another_command_runs_is_put_off_and_tried_again(pauses):
     log = []
     steps = [Busy("a", log, times=4), Scripted("b", log, after=("a",)), Busy("c", log, times=1), Scripted("d", log)]
     states = []
     observe = lambda status: states.append(status["a"].state)  # noqa: E731
     run_steps(steps, RunOptions("here", observe=observe, waiting=lambda: log.append("waits")))
-    assert log == ["a", "c", "d", "a", "c", "a", "a", "waits", "b"]
+    assert log == ["a", "c", "d", "a", "c", "a", "waits", "a", "a", "b"]
+    assert pauses == [1.0, 2.0]
     assert list(dict.fromkeys(states)) == ["busy", "finished"]
 
 
-def test_a_step_that_fails_after_it_was_put_off_stops_what_depends_on_it():
+def test_what_becomes_free_is_taken_while_other_steps_are_still_busy(pauses):
+    log = []
+    steps = [Busy("a", log, times=5), Busy("c", log, times=2), Scripted("d", log, after=("c",))]
+    run_steps(steps, RunOptions("here"))
+    assert log == ["a", "c", "a", "c", "a", "c", "d", "a", "a", "a"]
+
+
+def test_a_step_that_is_put_off_keeps_its_progress():
+    seen = []
+
+    class Half(Busy):
+        def run(self, options):
+            options.observe({"unit": UnitProgress("running", 1.0, 2.0)})
+            super().run(options)
+
+    observe = lambda status: seen.append(status.get("a"))  # noqa: E731
+    run_steps([Half("a", [], times=1), Scripted("b", [])], RunOptions("here", observe=observe))
+    assert next(each.share for each in seen if each is not None and each.state == "busy") == 0.5
+
+
+def test_a_warning_about_reused_results_counts_steps_not_attempts(pauses):
+    class Warns(Busy):
+        def run(self, options):
+            warnings.warn("made by another version", OtherSourceWarning, stacklevel=2)
+            warnings.warn("something else", UserWarning, stacklevel=2)
+            super().run(options)
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run_steps([Warns("a", [], times=3), Warns("b", [])], RunOptions("here"))
+    texts = [str(each.message) for each in caught]
+    assert [text[:18] for text in texts] == ["something else", "results of 2 steps"]
+
+
+def test_a_step_that_fails_after_it_was_put_off_stops_what_depends_on_it(pauses):
     log = []
 
     class Fails(Busy):
@@ -164,6 +210,19 @@ def test_a_run_says_when_only_other_commands_units_are_left(tmp_path):
         run_units(units, store.root, waiting=told)
     assert store.done("row/b")
     run_units(units, store.root, waiting=told)
+
+
+def test_a_unit_that_failed_is_not_run_again_while_others_are_waited_for(tmp_path):
+    """Where a unit has failed, the run waits for other commands instead of being put off."""
+    store = Store(tmp_path / "store")
+    units = (Unit("row/a", {}, f"{__name__}:done"), Unit("row/b", {}, f"{__name__}:fail"))
+    with ThreadPoolExecutor() as pool:
+        with store.workspace("row/a", {}):
+            run = pool.submit(run_units, units, store.root, waiting=lambda: pytest.fail("put off"))
+            time.sleep(0.5)
+            assert not run.done()
+        with pytest.raises(RunError, match="row/b"):
+            run.result(timeout=60)
 
 
 def test_a_finished_unit_of_another_config_is_not_counted(tmp_path):

@@ -46,8 +46,12 @@ def find_policy(name: str | Path) -> Path:
         PolicyFileError: If there is none; the message offers the nearest names.
     """
     shipped, path = shipped_policies(), Path(name)
-    is_run_folder = path.is_dir() and not any(path.glob("*.safetensors"))  # of a training in the current folder
-    if path.exists() and not (is_run_folder and str(name) in shipped):
+    if path.is_dir() and str(name) in shipped and not any(path.glob("*.safetensors")):
+        raise PolicyFileError(
+            f"{name} is a shipped policy, but there is a folder {path.resolve()}: name a policy file in it, or run the "
+            "command in another folder"
+        )
+    if path.exists():
         return policy_in_folder(path) if path.is_dir() else path
     if str(name) in shipped:
         return shipped[str(name)]

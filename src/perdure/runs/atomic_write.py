@@ -40,9 +40,9 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
         mode = _mode(target)
         temporary, descriptor = _open_temporary(target)
         try:
+            _write_all(descriptor, payload)
             if mode is not None:
                 os.fchmod(descriptor, mode)
-            _write_all(descriptor, payload)
             os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)

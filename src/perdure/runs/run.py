@@ -213,7 +213,8 @@ class _Run:
         """Wait a little if another command is running a unit; return whether there is one."""
         if not any(each.state == "busy" for each in self._status.values()):
             return False
-        if not self._told:
+        failed = any(each.state == "failed" for each in self._status.values())
+        if not self._told and not failed:  # `waiting` may end this run, and a unit that failed would run again
             self._told = True
             self._waiting()
         time.sleep(POLL_SECONDS)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +13,9 @@ from perdure.runs import Observer, OtherSourceWarning, RunError, State, Status, 
 from perdure.studies.errors import StudyError
 from perdure.studies.status import read_step_progress
 from perdure.studies.study import RunOptions, StepProgress, Study, StudyStep
+
+SHORTEST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
+"""Seconds before steps that other commands are running are tried again."""
 
 
 def run_steps(
@@ -21,8 +26,8 @@ def run_steps(
 ) -> None:
     """Finish every step. A step is skipped if its predecessors failed; the others continue.
 
-    A step that another command is finishing is put off: several commands share the steps of a study, and wait for each
-    other only when nothing else is left.
+    A step whose remaining units another command is running is put off, so several commands share the steps of a study.
+    When all that are left have been put off, they are tried again and again.
 
     Args:
         steps: In their order.
@@ -35,31 +40,36 @@ def run_steps(
     """
     board = _Board(steps, read_step_progress(steps), sizes, options.observe)
     failed: dict[str, str] = {}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", OtherSourceWarning)
-        left, may_wait = list(steps), False
-        while left:
-            put_off: dict[str, StudyStep] = {}
-            for step in left:
-                if any(key in failed for key in step.after):
-                    failed[step.key] = "a step it depends on failed"
-                    board.set(step.key, "blocked")
-                    continue
-                if any(key in put_off for key in step.after):
-                    put_off[step.key] = step
-                    continue
-                waiting = options.waiting if may_wait else _put_off
-                here = replace(options, observe=board.observer(step.key), waiting=waiting)
+    caught = _Caught()
+    left, told, pause = list(steps), False, SHORTEST_PAUSE
+    while left:
+        put_off: dict[str, StudyStep] = {}
+        for step in left:
+            if any(key in failed for key in step.after):
+                failed[step.key] = "a step it depends on failed"
+                board.set(step.key, "blocked")
+                continue
+            if any(key in put_off for key in step.after):
+                put_off[step.key] = step
+                continue
+            here = replace(options, observe=board.observer(step.key), waiting=_put_off)
+            with caught.of(step.key):
                 state, error = _attempt(step, here, report)
-                board.set(step.key, state)
-                may_wait = False
-                if state == "busy":
-                    put_off[step.key] = step
-                elif state == "failed":
-                    failed[step.key] = error
-            may_wait = len(put_off) == len(left)
-            left = list(put_off.values())
-    _show(caught)
+            board.set(step.key, state)
+            if state == "busy":
+                put_off[step.key] = step
+            elif state == "failed":
+                failed[step.key] = error
+        if len(put_off) < len(left):
+            pause = SHORTEST_PAUSE
+        else:
+            if not told:
+                told = True
+                options.waiting()
+            time.sleep(pause)
+            pause = min(2.0 * pause, LONGEST_PAUSE)
+        left = list(put_off.values())
+    caught.show()
     if failed:
         first = next(iter(failed))
         raise RunError(f"{len(failed)} of {len(steps)} steps failed: {first}: {failed[first]}")
@@ -71,7 +81,7 @@ def _attempt(step: StudyStep, options: RunOptions, report: Callable[[str], None]
     try:
         step.run(options)
     except _PutOffError:
-        report(f"{step.key}: another command is running what is left; later")
+        report(f"{step.key} put off: another command is running its remaining units")
         return "busy", ""
     except ValueError as error:
         if not type(error).__module__.startswith("perdure."):  # a fault of the program
@@ -82,25 +92,43 @@ def _attempt(step: StudyStep, options: RunOptions, report: Callable[[str], None]
 
 
 class _PutOffError(Exception):
-    """Another command is running the step."""
+    """Another command is running the step, or its remaining units."""
 
 
 def _put_off() -> None:
     raise _PutOffError
 
 
-def _show(caught: Sequence[warnings.WarningMessage]) -> None:
-    """Show warnings again; those about other source versions are merged into one."""
-    others = [each for each in caught if not issubclass(each.category, OtherSourceWarning)]
-    for each in others:
-        warnings.warn(each.message, each.category, stacklevel=3)
-    if len(others) < len(caught):
-        warnings.warn(
-            f"results of {len(caught) - len(others)} steps were made by another version of perdure's source code and "
-            "are reused. Remove a result's folder to compute it again.",
-            OtherSourceWarning,
-            stacklevel=3,
-        )
+class _Caught:
+    """Warnings of all steps, however often a step is tried."""
+
+    def __init__(self) -> None:
+        self._others: dict[tuple[type[Warning], str], Warning | str] = {}
+        self._reused: set[str] = set()
+
+    @contextmanager
+    def of(self, key: str) -> Iterator[None]:
+        """Catch the warnings of a step."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", OtherSourceWarning)
+            yield
+        for each in caught:
+            if issubclass(each.category, OtherSourceWarning):
+                self._reused.add(key)
+            else:
+                self._others[each.category, str(each.message)] = each.message
+
+    def show(self) -> None:
+        """Show each of them once; those about other source versions are merged into one."""
+        for (category, _), message in self._others.items():
+            warnings.warn(message, category, stacklevel=3)
+        if self._reused:
+            warnings.warn(
+                f"results of {len(self._reused)} steps were made by another version of perdure's source code and are "
+                "reused. Remove a result's folder to compute it again.",
+                OtherSourceWarning,
+                stacklevel=3,
+            )
 
 
 class _Board:
@@ -131,6 +159,8 @@ class _Board:
         def observe(status: Status) -> None:
             whole = sum(each.size for each in status.values()) or 1.0
             scale = self._all[key].size / whole
+            share = sum(each.size * each.share for each in status.values()) / whole
+            self._all[key] = replace(self._all[key], done=share)
             units = {f"{key}/{unit}": replace(each, size=each.size * scale) for unit, each in status.items()}
             self._observe({**{other: each for other, each in self._all.items() if other != key}, **units})
 

@@ -39,7 +39,7 @@ class RunOptions:
     cores: int | None = None
     observe: Observer = lambda status: None
     waiting: Callable[[], None] = lambda: None
-    """Called once, before waiting for another command that runs the same step, or what is left of it."""
+    """Called once, before waiting for another command that runs the same step, or its remaining units."""
 
 
 class StudyStep(Protocol):

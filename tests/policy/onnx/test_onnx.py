@@ -247,6 +247,12 @@ class TestModelsOfOtherMakers:
         with pytest.raises(PolicyFileError, match="batches of 0 observations"):
             self.cast(TensorProto.FLOAT, [0, 3])
 
+    @pytest.mark.parametrize("kind", [TensorProto.INT32, TensorProto.BOOL])
+    @pytest.mark.parametrize("number", [0.5, np.nan, -3e10])
+    def test_numbers_that_the_model_cannot_hold_are_refused(self, kind, number):
+        with pytest.raises(PolicyError, match=r"takes observations of type tensor\((int32|bool)\), which cannot hold"):
+            self.cast(kind, ["n", 3])(np.array([[0.0, 1.0, number]]))
+
     def test_several_open_dimensions_are_those_of_the_observations(self):
         assert self.cast(TensorProto.FLOAT, ["n", "a", "b"])(np.ones((4, 2, 3)))[:, 0].tolist() == [6.0] * 4
 

@@ -8,8 +8,10 @@ from perdure.report import read_table, write_table
 from perdure.studies.files import write_csv
 from perdure.studies.horizon.across_tasks import gain_table
 from perdure.studies.horizon.analyze import make_figures
+from perdure.studies.horizon.claims import CLAIMS
 from perdure.studies.horizon.grid import evaluation_folder
 from perdure.studies.horizon.page import BEGIN, END, write_page
+from perdure.studies.horizon.page_overview import MAIN_CLAIM
 from perdure.studies.horizon.results import read_results
 from perdure.studies.horizon.summaries import choice_table, condition_table
 
@@ -155,3 +157,7 @@ def values(spec):
     held = [spec.get("data", {}), *(layer.get("data", {}) for layer in spec["layer"])]
     sets = spec.get("datasets", {})
     return [row for each in held for row in each.get("values", sets.get(each.get("name"), []))]
+
+
+def test_the_main_claim_of_the_page_is_registered():
+    assert MAIN_CLAIM in {each.id for each in CLAIMS}

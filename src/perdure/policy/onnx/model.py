@@ -59,6 +59,8 @@ class OnnxModel:
             raise PolicyFileError(f"{what} cannot be run by onnxruntime: {_one_line(error)}") from None
         inputs = {each.name: each for each in self._session.get_inputs()}
         self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
+        if boolean := [name for name in self.times if inputs[name].type == "tensor(bool)"]:
+            raise PolicyFileError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
         """Which inputs hold the time."""
         others = [each for name, each in inputs.items() if name not in TIMES]
         if len(others) != 1:
@@ -114,6 +116,7 @@ class OnnxModel:
         wanted = [size if isinstance(size, int) else -1 for size in self._input.shape[1:]]
         given = rows.shape[1:]
         fits = len(given) == len(wanted) and all(a in (b, -1) for a, b in zip(wanted, given, strict=True))
+        self._check_numbers(rows)
         try:
             return (rows if fits else rows.reshape(len(rows), *wanted)).astype(self._dtype)
         except ValueError:
@@ -121,6 +124,15 @@ class OnnxModel:
                 f"{self._what} takes observations of shape (n, {', '.join(map(str, self._input.shape[1:]))}), "
                 f"got {rows.shape}"
             ) from None
+
+    def _check_numbers(self, rows: NDArray[Any]) -> None:
+        """Refuse numbers that the model's input cannot hold, such as 0.5 for whole numbers."""
+        if np.issubdtype(self._dtype, np.floating) or np.issubdtype(rows.dtype, np.bool_):
+            return
+        with np.errstate(invalid="ignore"):
+            held = np.array_equal(rows.astype(self._dtype), rows)
+        if not held:
+            raise PolicyError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
     def _run(self, feed: dict[str, NDArray[Any]]) -> NDArray[Any]:
         try:

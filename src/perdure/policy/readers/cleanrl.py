@@ -8,6 +8,7 @@ to +-10) and cut what it does (`ClipAction`); their statistics are not in the fi
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -37,11 +38,16 @@ MAX_BYTES = 500_000_000
 class RunningStatistics(Protocol):
     """Statistics of observations, such as Gymnasium's `RunningMeanStd`."""
 
-    mean: ArrayLike
-    var: ArrayLike
+    @property
+    def mean(self) -> ArrayLike:
+        """Shape (d,)."""
+
+    @property
+    def var(self) -> ArrayLike:
+        """Shape (d,)."""
 
 
-ObservationStatistics = str | Path | tuple[ArrayLike, ArrayLike] | RunningStatistics
+ObservationStatistics = str | Path | Sequence[ArrayLike] | NDArray[np.float64] | RunningStatistics
 """How `import_cleanrl` is given them."""
 _NETWORKS = {"policy": "actor_mean", "value": "critic"}
 """Name of a network here, and in the file."""
@@ -135,9 +141,9 @@ def _normalizer(given: ObservationStatistics | None, spec: TaskSpec, what: str) 
         return Normalizer.identity(spec.observation_size)
     try:
         if isinstance(given, str | Path):
-            both: tuple[ArrayLike, ArrayLike] = _read_statistics(Path(given))
+            both: Iterable[ArrayLike] = _read_statistics(Path(given))
         else:
-            both = given if isinstance(given, tuple | list | np.ndarray) else (given.mean, given.var)
+            both = given if isinstance(given, Sequence | np.ndarray) else (given.mean, given.var)
         mean, var = (np.array(each, np.float64) for each in both)
     except PolicyFileError:
         raise

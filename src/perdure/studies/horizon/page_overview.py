@@ -58,13 +58,13 @@ def _sentences(results: Results, decided: Sequence[ClaimDecision]) -> str:
 
 
 def _main_claim(decided: Sequence[ClaimDecision]) -> Iterator[str]:
-    """Yield the claim of the thesis about the whole method, and what was decided, as text."""
+    """Yield the claim about the whole method, and what was decided, as text."""
     for each in decided:
         if each.claim.id == MAIN_CLAIM:
             decisions = "; ".join(f"{decision} {where}" for decision, where in places(each).items())
             yield (
-                f"Main claim of the thesis ({each.claim.source}): {each.claim.statement} After Holm's correction: "
-                f"{decisions}."
+                "Main claim, with C chosen by other training runs (the thesis, section 3.5, chooses it on the seeds "
+                f"that it reports): {each.claim.statement} After Holm's correction: {decisions}."
             )
 
 

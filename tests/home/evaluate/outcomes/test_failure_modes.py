@@ -8,7 +8,9 @@ import pytest
 from home_stories import Story, good
 
 from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE
+from perdure.home.evaluate.log import Track
 from perdure.home.evaluate.outcomes import FAILURE_CAUSES, label, outcome, placement_cause, stabilizing
+from perdure.home.evaluate.outcomes.failure_causes import _thrown
 
 OUT = (0.3, 0.0, 0.0)
 """Twice the goal's radius."""
@@ -326,6 +328,29 @@ def test_an_object_that_was_taken_again_is_judged_by_its_last_release():
 @pytest.mark.parametrize(("after", "cause"), [(0.3 / 30, "thrown"), (0.2 / 30, "rolled")])
 def test_a_thrown_object_is_still_fast_after_the_release(after, cause):
     assert gone(put_down(Story().pick(0), speeds=(0.6,), after=after)) == cause
+
+
+def track_of(record, hertz, moved):
+    """The log with another control rate, whose object moves by this in the step after its release."""
+    release = record.releases[0]
+    step, position = release.step, release.track.position
+    track = Track(
+        np.array([step, step + 1, record.length - 1]),
+        np.stack([position[0], position[0] + moved, position[-1]]),
+        *(np.repeat(each[:1], 3, axis=0) for each in (release.track.up, release.track.gripper, release.track.base)),
+    )
+    thrown = replace(release, track=track, object_speed=1.0)
+    return replace(record, control_hz=hertz, releases=(thrown, *record.releases[1:]), history=None), thrown
+
+
+@pytest.mark.parametrize("hertz", [10.0, 18.0, 30.0])
+def test_a_drop_is_no_throw_whatever_the_control_rate(hertz):
+    record = placed_and_gone().log()
+    fallen = np.array([0.0, 0.0, -0.5 * 9.81 / hertz**2])
+    sideways = np.array([1.0 / hertz, 0.0, 0.0])
+    assert not _thrown(*track_of(record, hertz, fallen))
+    assert _thrown(*track_of(record, hertz, fallen + sideways))
+    assert _thrown(*track_of(record, hertz, sideways))
 
 
 def test_a_rest_outside_its_goal_is_none_in_it():

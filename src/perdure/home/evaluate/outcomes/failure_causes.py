@@ -29,7 +29,7 @@ For a placement, blamed or counted as not goal-stabilizing:
 | 6 | it came to rest in its goal, and left | rolled |
 | 7 | the hand was opened by force | time-out |
 | 8 | contact force above `COLLISION_FORCE` in the skill in which it was let go | collision |
-| 9 | its speed in the hand was above `THROWN_SPEED`, and the step after it moved at half of that or more | thrown |
+| 9 | its speed was above `THROWN_SPEED` in the hand, and above half of that right after the release | thrown |
 | 10 | it was let go beside its goal and never came into it | not reached |
 | 11 | it was let go more than `DROPPED_HEIGHT` above where it would rest | dropped |
 | 12 | it fell over | tipped |
@@ -37,8 +37,9 @@ For a placement, blamed or counted as not goal-stabilizing:
 
 It "left" at the first step out of its goal after the last one in it. It "fell over" when its tilt changed by more than
 `FELL_OVER` before it left or within half a second after, but not while it was falling off its support; a ball has no
-upright to fall from. A box that slides "rolled" too. A world may take an object's velocity at the release
-(`SceneOptions.release_velocity`): what then drops straight down was not thrown.
+upright to fall from. A box that slides "rolled" too. A world may remove an object's velocity at the release
+(`SceneOptions.release_velocity`): what then drops straight down was not thrown. Without a step after the release, the
+speed in the hand decides.
 
 A log of another simulator may lack `force` or `reach` (nan). Without `force` nothing is a collision, and the page says
 so; without `reach` a pick is never "not reached".
@@ -81,6 +82,10 @@ handle of the fridge with up to 900 N: this much is the base."""
 THROWN_SPEED = 0.5
 """In [m/s], OURS. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3): most of
 the goal's radius of 0.15 m."""
+AFTER_RELEASE = 1 / 30
+"""Seconds in which its speed right after the release is measured, one control step at least."""
+GRAVITY = 9.81
+"""In [m/s2]."""
 DROPPED_HEIGHT = 0.1
 """In [m], OURS: two thirds of the goal's radius; it arrives with 1.4 m/s."""
 FELL_OVER = 45.0
@@ -178,11 +183,15 @@ def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
 
 
 def _thrown(log: EpisodeLog, release: Release) -> bool:
-    """Return whether the object was fast in the hand, and still at the first step after it was let go."""
-    track = release.track.thin
-    first, second = track.position[track.rows(release.step, min(release.step + 1, int(track.step[-1])))][[0, -1]]
-    after = float(np.linalg.norm(second - first)) * log.control_hz
-    return release.object_speed > THROWN_SPEED and after > THROWN_SPEED / 2
+    """Return whether the object was fast in the hand, and still right after it was let go."""
+    track, steps = release.track.thin, max(1, round(log.control_hz * AFTER_RELEASE))
+    steps = min(steps, int(track.step[-1]) - release.step)
+    if release.object_speed <= THROWN_SPEED or steps == 0:
+        return release.object_speed > THROWN_SPEED
+    seconds = steps / log.control_hz
+    moved = np.diff(track.position[track.rows(release.step, release.step + steps)][[0, -1]], axis=0)[0]
+    unfallen = moved + np.array([0.0, 0.0, 0.5 * GRAVITY * seconds**2])  # a drop alone is no throw
+    return float(min(np.linalg.norm(moved), np.linalg.norm(unfallen))) / seconds > THROWN_SPEED / 2
 
 
 def release_offset(log: EpisodeLog, release: Release) -> tuple[float, float]:

@@ -105,7 +105,7 @@ MEASURES = (
         "Speed of the object at the release",
         "speed of the object [m/s]",
         log=True,
-        marker=Marker(THROWN_SPEED, "thrown from here on"),
+        marker=Marker(THROWN_SPEED, "limit for thrown"),
     ),
     Measure("tilt", "release-tilt", "Tilt of the object at the release", "angle from upright [deg]"),
     Measure(
