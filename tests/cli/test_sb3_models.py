@@ -131,7 +131,16 @@ def test_a_mistake_ends_in_one_line(mistake, tmp_path, monkeypatch, capsys):
 
 
 def test_a_time_feature_of_other_steps_than_the_environments_limit_gives_a_warning(command, tmp_path):
-    arguments = ("import", FIXTURES / "sac-time.zip", "--env", "Pendulum-v1", "--time-feature", "linear:50")
+    arguments = (
+        "import",
+        FIXTURES / "sac-time.zip",
+        "--env",
+        "Pendulum-v1",
+        "--time-feature",
+        "linear:50",
+        "--normalizer",
+        "none",
+    )
     process = command(*arguments, cwd=tmp_path)
     assert process.returncode == 0
     assert process.stderr.count("\n") == 1

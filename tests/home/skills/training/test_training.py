@@ -17,7 +17,7 @@ from perdure.policy import TaskInfo, load_policy
 def policy(tmp_path_factory):
     """A place policy that has learned next to nothing."""
     out = tmp_path_factory.mktemp("runs")
-    (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=4096, split="val", episodes=2)
+    (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=8192, split="val", episodes=2)
     return load_policy(path)
 
 
@@ -92,7 +92,7 @@ def test_a_task_may_need_another_recipe():
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
-        "perdure.home.skills.training.train_skill('place', 'set_table', (0,), OUT, total_steps=4096, split='val', "
+        "perdure.home.skills.training.train_skill('place', 'set_table', (0,), OUT, total_steps=8192, split='val', "
         "episodes=2)"
     )
     command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
