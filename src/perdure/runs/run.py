@@ -74,7 +74,8 @@ def run_units(
         observe: Called with the status of all units, about four times a second and at every report in this process.
         retry: Whether units whose failure is on record are tried again.
         threads: Cores for a unit that runs in this process.
-        waiting: Called once, when all units that are left are run by other commands, before waiting for them.
+        waiting: Called once, before waiting for units that other commands run, unless a unit has failed. What it raises
+            ends the run.
 
     Raises:
         RunError: Units failed; raised when nothing more can be run.
