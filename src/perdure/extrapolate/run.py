@@ -32,8 +32,7 @@ from perdure.runs import (
     config_digest,
     core_count,
     file_digest,
-    make_workers,
-    run_units,
+    run_missing,
     write_result,
 )
 from perdure.schema import Anything, Items, Parquet, SchemaError, Table, Text, Whole, printable
@@ -100,11 +99,9 @@ def extrapolate(
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
         measurements = _measurements(policies, evaluation.policies, digests, versions)
-        unmeasured = [unit for unit in measurements if not store.done(unit.key, unit.config)]
-        units = [*unmeasured, *_units(missing, evaluation, digests, workers, versions)]
+        units = [*measurements, *_units(missing, evaluation, digests, workers, versions)]
         store.warn_of_other_source(dict.fromkeys(kept.values()))
-        if units:
-            run_units(units, out, make_workers(on, units, cores), observe)
+        run_missing(units, out, on, cores, observe)
         frame = _table(store, evaluation, policies, lanes, digests, versions)
         from perdure.report import write_table
 

@@ -29,9 +29,7 @@ from perdure.runs import (
     Unit,
     Work,
     check_on,
-    core_count,
-    make_workers,
-    run_units,
+    run_missing,
     write_atomic,
 )
 
@@ -138,9 +136,7 @@ def train(
     check_on(on)
     store, units = Store(out), [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
-    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
-    if missing:
-        run_units(units, out, make_workers(on, missing, cores), observe, threads=core_count(cores), waiting=waiting)
+    run_missing(units, out, on, cores, observe, waiting)
     return [store.get(unit.key) / POLICY for unit in units]
 
 

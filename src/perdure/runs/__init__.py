@@ -20,7 +20,7 @@ The only other part of perdure that this package imports is `schema`.
 from perdure.runs.atomic_write import write_atomic, write_result
 from perdure.runs.errors import OtherSourceWarning, RunError, StoreError, UnitBusyError
 from perdure.runs.identity import config_digest, file_digest
-from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_units
+from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing, run_units
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, Work, attempt
 from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
@@ -47,6 +47,7 @@ __all__ = [
     "file_digest",
     "make_workers",
     "read_unit_progress",
+    "run_missing",
     "run_units",
     "write_atomic",
     "write_result",

@@ -14,7 +14,7 @@ from perdure.runs.atomic_write import write_atomic
 from perdure.runs.errors import RunError
 from perdure.runs.store import Store
 from perdure.runs.unit import Unit, attempt, read_progress
-from perdure.runs.workers import Ended, Workers, one_line
+from perdure.runs.workers import Ended, Workers, core_count, make_workers, one_line
 from perdure.schema import SchemaError, Table, Text, printable, read_json
 
 POLL_SECONDS = 0.25
@@ -90,6 +90,35 @@ def run_units(
         with workers:
             run.on(workers)
     run.raise_failures()
+
+
+def run_missing(
+    units: Sequence[Unit],
+    root: str | Path,
+    on: str,
+    cores: int | None = None,
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
+) -> None:
+    """Run the units that are not finished where `make_workers` says; start nothing if all are.
+
+    Args:
+        units: See `run_units`, as the other arguments.
+        root: Folder of the store.
+        on: See `make_workers`.
+        cores: Cores to use; all by default.
+        observe: Called with the status of all units.
+        waiting: See `run_units`.
+
+    Raises:
+        RunError: Units failed, or `on` or `cores` is out of range.
+        StoreError: A unit cannot be stored, or was finished with another config.
+    """
+    store = Store(root)
+    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
+    if missing:
+        workers = make_workers(on, missing, cores)
+        run_units(units, root, workers, observe, threads=core_count(cores), waiting=waiting)
 
 
 def read_unit_progress(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from perdure.runs import Store, Unit, file_digest, make_workers, run_units
+from perdure.runs import Store, Unit, file_digest, run_missing
 from perdure.studies.horizon.row_step import RowStep
 from perdure.studies.horizon.training import policy_paths
 from perdure.studies.status import count_units
@@ -63,11 +63,7 @@ class PerSeed(RowStep):
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
-        store, units = Store(self.store), self.units()
-        missing = [unit for unit in units if not store.done(unit.key, unit.config)]
-        if missing:
-            workers = make_workers(options.on, missing, options.cores)
-            run_units(units, self.store, workers, options.observe, waiting=options.waiting)
+        run_missing(self.units(), self.store, options.on, options.cores, options.observe, options.waiting)
 
     def folders(self) -> dict[int, Path]:
         """Return the folder of each finished unit, by training seed.

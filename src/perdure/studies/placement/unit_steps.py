@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from perdure.runs import Store, Unit, Work, make_workers, run_units, write_atomic
+from perdure.runs import Store, Unit, Work, run_missing, write_atomic
 from perdure.schema import Flag, Kind, Real, Table, Text, Whole
 from perdure.studies.files import read_json_file
 from perdure.studies.placement.grid import runs_folder
@@ -68,11 +68,7 @@ class Measurement:
 
     def run(self, options: RunOptions) -> None:
         """See `StudyStep`."""
-        store = Store(runs_folder(self.out))
-        missing = [unit for unit in self.units if not store.done(unit.key, unit.config)]
-        if missing:
-            workers = make_workers(options.on, missing, options.cores)
-            run_units(self.units, runs_folder(self.out), workers, options.observe, waiting=options.waiting)
+        run_missing(self.units, runs_folder(self.out), options.on, options.cores, options.observe, options.waiting)
 
     @property
     def _row(self) -> Table:

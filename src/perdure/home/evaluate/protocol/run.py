@@ -7,7 +7,7 @@ from pathlib import Path
 
 from perdure.home.evaluate.protocol.protocol import EvaluationProtocol
 from perdure.home.evaluate.protocol.units import LOGS, protocol_units
-from perdure.runs import Observer, Store, core_count, make_workers, run_units
+from perdure.runs import Observer, Store, run_missing
 
 
 def run_protocol(
@@ -37,7 +37,5 @@ def run_protocol(
     """
     store, units = Store(out), list(protocol_units(protocol, command))
     store.warn_of_other_source(unit.key for unit in units)
-    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
-    if missing:
-        run_units(missing, out, make_workers(on, missing, cores), observe, threads=core_count(cores), waiting=waiting)
+    run_missing(units, out, on, cores, observe, waiting)
     return [store.get(unit.key, unit.config) / LOGS for unit in units]
