@@ -99,7 +99,8 @@ def extrapolate(
         kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, digests)) in finished}
         missing = [lane for lane in lanes if _identity(lane, digests) not in kept]
         measurements = _measurements(policies, evaluation.policies, digests, versions)
-        units = [*measurements, *_units(missing, evaluation, digests, workers, versions)]
+        unmeasured = [unit for unit in measurements if not store.done(unit.key, unit.config)]
+        units = [*unmeasured, *_units(missing, evaluation, digests, workers, versions)]
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         run_missing(units, out, on, cores, observe)
         frame = _table(store, evaluation, policies, lanes, digests, versions)
