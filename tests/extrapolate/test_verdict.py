@@ -284,6 +284,17 @@ def test_a_robot_that_paused_before_must_be_idle_twice_as_long(idle, outcome):
     assert lane([1.0] * 30 + [0.0] * 5 + [1.0] * 10 + [0.0] * idle).outcome == outcome
 
 
+@pytest.mark.parametrize(
+    ("before", "between", "silent"),
+    [(1.0, 0.45, True), (1.0, 0.55, False), (0.0, 0.55, False)],
+)
+def test_the_end_of_a_robot_that_paused_is_averaged_over_five_times_its_pause(before, between, silent):
+    """The last 20 windows begin with a pause of four. Of the last 16 or 24 the first row would not be silent."""
+    pause, idle = [0.0] * 4, [0.0] * 6
+    found = lane([1.0] * 36 + [before] * 4 + pause + [between] * 10 + idle)
+    assert (found.outcome == "fails silently") == silent
+
+
 def reference_of(bins):
     """Twenty episodes of 1,000 steps that earn this in each ten steps."""
     box = np.ones(1)

@@ -80,6 +80,25 @@ def test_an_object_that_falls_over_while_it_leaves_tipped():
     assert latched_label(story.rest((1, 2))) == ("pick_1", "tipped", 0)
 
 
+@pytest.mark.parametrize(("drop", "cause"), [(0.09, "tipped"), (0.11, "rolled")])
+def test_an_object_is_off_its_support_a_tenth_of_a_metre_below_its_rest(drop, cause):
+    story = Story().go(0).slide(0, (0.16, 0.0, -drop), 4).slide(0, (0.1, 0.0, 0.0), 6, tilt=90.0)
+    assert latched_label(story.rest((1, 2))) == ("pick_1", cause, 0)
+
+
+@pytest.mark.parametrize(("wait", "cause"), [(9, "dropped"), (10, "rolled")])
+def test_an_object_rests_after_half_a_second(wait, cause):
+    """It lies still in 6 + `wait` steps, and half a second is between the first and the last of 16."""
+    assert latched_label(placed_and_gone(first={"above": 0.11}, wait=wait)) == ("pick_1", cause, 0)
+
+
+@pytest.mark.parametrize(("moved", "cause"), [(0.0045, "rolled"), (0.0065, "dropped")])
+def test_an_object_rests_while_it_moves_less_than_5_mm_in_half_a_second(moved, cause):
+    """It lies still in 6 steps and creeps on: the first half second has ten of the 20 steps. Tracks keep 2 mm."""
+    story = Story().go(0, above=0.11).slide(0, (2.0 * moved, 0.0, 0.0), 20).slide(0, OUT, 10)
+    assert latched_label(story.rest((1, 2))) == ("pick_1", cause, 0)
+
+
 def test_an_apple_rolls_and_a_can_tips():
     record = placed_and_gone(then={"tilt": 90.0}).log()
     apple = replace(record.targets[0], kind="013_apple")
