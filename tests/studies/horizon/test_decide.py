@@ -146,8 +146,8 @@ def test_runs_without_spread_are_decided_by_their_number(tmp_path, runs, expecte
     )
     found = decide_claims(claims, results)
     assert [each.decision for each in found] == expected
-    assert "(no spread)" in claims_text(found)
-    assert (f"more training runs that agree; {runs} cannot decide" in claims_text(found)) == (runs < 6)
+    assert "(no spread)" in claims_text([found])
+    assert (f"more training runs that agree; {runs} cannot decide" in claims_text([found])) == (runs < 6)
 
 
 def test_clocks_of_one_training_run_are_paired(tmp_path):
@@ -164,10 +164,10 @@ def test_what_is_not_evaluated_decides_nothing(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE})
     (found,) = decide_claims([claim()], results)
     assert (found.decision, found.after_holm) == ("not evaluated", "not evaluated")
-    assert "nothing, one side is not measured" in claims_text([found])
+    assert "nothing, one side is not measured" in claims_text([[found]])
     rows = (*results.grid.rows, Row(TASK, "geometric", ZOO, (0, 1), 1))
     (found,) = decide_claims([claim()], replace(results, grid=replace(results.grid, rows=rows)))
-    assert "its evaluation" in claims_text([found])
+    assert "its evaluation" in claims_text([[found]])
 
 
 def test_each_task_and_the_mean_over_tasks(tmp_path):
@@ -181,14 +181,36 @@ def test_a_mean_over_tasks_that_survives_holm_is_shown_as_decided(tmp_path):
     tasks = ("Swimmer-v3", "Ant-v3")
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR}, tasks=tasks)
     found = decide_claims([claim(tasks=tasks, over="mean")], results)
-    text = write_page(tmp_path / "README.md", results, found, ()).read_text()
-    assert "1 of 1 claim is decided as a whole. On single tasks or on average, 1 is decided by Student's t, " in text
+    text = write_page(tmp_path / "README.md", results, [found], ()).read_text()
+    assert "1 of 1 claim is decided as a whole. On single tasks or on average, 1 is decided, by Student's t. " in text
     assert "\n  - supported on average over the tasks: A sentence.\n" in text
     assert "undecided on" not in text
-    assert "undecided again if the difference moved by" in claims_text(found)
+    assert "undecided again if the difference moved by" in claims_text([found])
     rows = claims_frame(found).select("task", "decision", "after Holm").rows()
     assert rows[-1] == ("mean of the tasks", "supported", "supported")
     assert [row[2] for row in rows[:-1]] == [None, None]
+
+
+def test_a_decision_on_one_task_shows_both_sides_and_what_was_registered_together(tmp_path):
+    tasks = ("Swimmer-v3", "Ant-v3")
+    results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): FAR}, task=tasks[0])
+    first = decide_claims([claim(tasks=tasks), claim(right=150.0, tasks=tasks[:1])], results)
+    later = decide_claims([claim(tasks=tasks)], replace(results, test={}))
+    text = write_page(tmp_path / "README.md", results, [first, later], ()).read_text()
+    assert "Of 3 comparisons that were registered first, 2 are evaluated. " in text
+    assert "Of 2 registered later and corrected by themselves, none are. " in text
+    assert "Return: 202.0 (geometric time-to-go, always 500 steps to go), 102.0 (discounted PPO).\n" in text
+    assert "Return: 202.0 (geometric time-to-go, always 500 steps to go), threshold 150.\n" in text
+    # 5 runs against 5: 3 * 2 / 252 = 0.024. One side: 3 * 2 / 32 = 0.19.
+    assert "could pass this correction in 1 of the comparisons, and does in 1:" in text
+    assert "Of 3 comparisons that were registered first" in claims_text([first, later])
+
+
+def test_the_clock_plays_no_part_in_measures_of_training(tmp_path):
+    results = make_results(tmp_path, {("ppo", "none"): NONE})
+    shown = claims_text([decide_claims([claim(measure="action dependence"), claim(measure="return")], results)])
+    assert shown.count("Left: `geometric`. ") == 1
+    assert shown.count("Left: `geometric` under always 500 steps to go. ") == 1
 
 
 def test_a_mean_over_tasks_without_spread_is_not_decided_by_an_interval_of_width_0(tmp_path):
@@ -231,13 +253,13 @@ def test_the_page_says_how_many_runs_would_decide(tmp_path):
     found = decide_claims([claim()], results)
     difference = found[0].tasks[0].difference
     runs = runs_needed(difference, abs(difference.estimate))
-    assert f"about {runs} training runs, if" in claims_text(found)
+    assert f"about {runs} training runs, if" in claims_text([found])
     assert claims_frame(found)["decision"].to_list() == ["undecided"]
 
 
 def test_the_page_does_not_estimate_very_many_runs(tmp_path):
     results = make_results(tmp_path, {("ppo", "none"): NONE, ("geometric", "constant:500"): WIDE})
-    assert "more than 50 training runs" in claims_text(decide_claims([claim()], results))
+    assert "more than 50 training runs" in claims_text([decide_claims([claim()], results)])
 
 
 def test_the_chosen_clock_is_that_of_the_validation_start_states(tmp_path):

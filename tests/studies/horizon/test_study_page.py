@@ -11,7 +11,7 @@ from perdure.studies.horizon.analyze import make_figures
 from perdure.studies.horizon.claims import CLAIMS
 from perdure.studies.horizon.grid import evaluation_folder
 from perdure.studies.horizon.page import BEGIN, END, write_page
-from perdure.studies.horizon.page_overview import MAIN_CLAIM
+from perdure.studies.horizon.page_sentences import MAIN_CLAIM
 from perdure.studies.horizon.results import read_results
 from perdure.studies.horizon.summaries import choice_table, condition_table
 
@@ -56,6 +56,17 @@ def test_the_page_shows_means_of_training_runs(results, tmp_path):
     assert "| Hopper-v3 | 10.33 (33 %) | 500.0 (0 %; C = 100) | 2.00 (0 %) |" in text
 
 
+def test_a_share_of_some_runs_says_of_how_many(tmp_path):
+    results = make_results(tmp_path / "results", RUNS)
+    path = evaluation_folder(tmp_path / "results", "test", results.grid.rows[0]) / "lanes.parquet"
+    frame = read_table(path)[0]
+    write_table(
+        path, frame.with_columns(outcome=pl.when(train_seed=1).then(pl.lit("unknown")).otherwise("outcome")), {}
+    )
+    text = write_page(tmp_path / "README.md", read_results(results.grid, tmp_path / "results"), (), ()).read_text()
+    assert "| Hopper-v3 | 200.0 (gain 0.07; 0 % of 2; 3 x 2) |" in text
+
+
 def test_the_page_begins_with_what_was_found(tmp_path):
     results = make_results(tmp_path / "results", RUNS, task="Swimmer-v3")
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
@@ -79,12 +90,43 @@ def test_the_mean_over_tasks_is_student_with_more_freedom(tmp_path):
     assert (row["gain"], row["upper"] - row["gain"]) == pytest.approx((200.0 / 3000.0, half))
     figures = list(make_figures(results))
     text = write_page(tmp_path / "README.md", results, (), figures).read_text()
-    assert "mean over Swimmer-v3, HalfCheetah-v3 (95 % interval; training runs of each task): " in text
+    assert "mean over Swimmer-v3, HalfCheetah-v3 (95 % interval over training runs of these tasks; " in text
     assert "discounted PPO 0.07 (0.03 to 0.10; 3);" in text
-    assert "The method minus discounted PPO: 0.10 (" in text
+    assert "The method's mean gain minus that of discounted PPO: 0.10 (" in text
+    assert "differs from the method in the input alone" not in text  # that control is not evaluated
     assert "](figures/gain.png)" in text
     (figure,) = (each for each in figures if each.name == "gain")
     assert "mean of 2 tasks" in str(figure.spec)
+
+
+def test_the_control_without_the_input_stands_beside_the_method(tmp_path):
+    control = {("random-horizon", "none"): {0: 100.0, 1: 200.0, 2: 300.0}}
+    results = make_results(tmp_path / "results", RUNS | control, tasks=("Swimmer-v3", "HalfCheetah-v3"))
+    text = write_page(tmp_path / "README.md", results, (), ()).read_text()
+    assert (
+        "Minus that of *random horizon, no time-to-go*, which differs from the method in the input alone: 0.10 ("
+        in text
+    )
+
+
+def test_fewer_failures_with_a_lower_gain_are_named(tmp_path):
+    """Seed 0 of PPO falls early; the others earn more than the method, all of whose runs last."""
+    runs = {
+        ("ppo", "none"): {0: None, 1: 2000.0, 2: 2500.0},
+        ("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0},
+    }
+    text = write_page(tmp_path / "README.md", make_results(tmp_path / "a", runs, task="Swimmer-v3"), (), ()).read_text()
+    assert "The method that fails less often gains less on Swimmer-v3." in text
+    runs["geometric", "constant:100"][2] = 6000.0
+    text = write_page(tmp_path / "README.md", make_results(tmp_path / "b", runs, task="Swimmer-v3"), (), ()).read_text()
+    assert "gains less on" not in text
+
+
+def test_a_chosen_clock_that_is_not_yet_evaluated_is_left_out(tmp_path):
+    """Validation chooses C = 100; the test start states so far have C = 500 alone."""
+    test = {("geometric", "constant:500"): {0: 10.0, 1: 10.0, 2: 20.0}}
+    validation = test | {("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0}}
+    assert choice_table(make_results(tmp_path, test, validation)).is_empty()
 
 
 def test_without_a_second_task_there_is_no_mean(tmp_path):

@@ -14,13 +14,16 @@ from perdure.studies.horizon.claims import MAIN_SETTINGS, PPO
 from perdure.studies.horizon.results import Results
 
 GAIN = "gain"
+WITHOUT_INPUT = Condition("random-horizon")
+"""The method without its input, and otherwise the same."""
 METHODS = (
     Condition("ppo"),
     Condition("ppo-undiscounted"),
     Condition("ppo-average-reward"),
     Condition("linear", "constant:500"),
+    WITHOUT_INPUT,
 )
-"""Compared with each other and with the method under its constant C."""
+"""Compared with each other and with the method under its constant C; the control comes last."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,28 @@ def mean_gains(results: Results) -> list[MeanGain]:
 
 
 def _mean_gain(results: Results, condition: Condition, names: tuple[str, ...]) -> MeanGain | None:
-    by_task = [list(gains(results, setting, condition).values()) for setting in names]
-    of_ppo = [list(gains(results, setting, PPO).values()) for setting in names]
-    if not all(len(runs) > 1 for runs in (*by_task, *of_ppo)):
+    by_task, beside = _by_task(results, condition, names), mean_gain_difference(results, condition, PPO)
+    if not by_task or beside is None:
         return None
     gain = mean_difference([compare_with(runs, 0.0) for runs in by_task])
-    beside = mean_difference([compare_unpaired(*sides) for sides in zip(by_task, of_ppo, strict=True)])
     counts = sorted({len(runs) for runs in by_task})
     runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     return MeanGain(condition, len(names), runs, gain, None if condition == PPO else beside)
+
+
+def mean_gain_difference(results: Results, left: Condition, right: Condition) -> Difference | None:
+    """Return the mean over tasks of the difference of two methods' gains; None where one is not evaluated on all."""
+    names = settings(results)
+    sides = [_by_task(results, each, names) for each in (left, right)]
+    if len(names) < 2 or not all(sides):
+        return None
+    return mean_difference([compare_unpaired(*runs) for runs in zip(*sides, strict=True)])
+
+
+def _by_task(results: Results, condition: Condition, names: tuple[str, ...]) -> list[list[float]]:
+    """Return the gains of the training runs of each task; [] where one has too few."""
+    by_task = [list(gains(results, setting, condition).values()) for setting in names]
+    return by_task if all(len(runs) > 1 for runs in by_task) else []
 
 
 def gain_table(results: Results) -> pl.DataFrame:

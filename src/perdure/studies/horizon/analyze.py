@@ -33,7 +33,8 @@ FORMATS: tuple[Format, ...] = ("png", "svg")
 def analyze(grid: Grid, out: Path) -> list[Path]:
     """Write everything under `out` again and return the files, the page last. The same tables give the same bytes."""
     results = read_results(grid, out)
-    decided = [each for family in grid.families for each in decide_claims(claims_of(grid, family), results)]
+    families = [decide_claims(claims_of(grid, family), results) for family in grid.families]
+    decided = [each for family in families for each in family]
     frames = {name: frame for name, frame in _tables(results) if not frame.is_empty()}
     if decided:
         frames["claims"] = claims_frame(decided)
@@ -41,8 +42,8 @@ def analyze(grid: Grid, out: Path) -> list[Path]:
     figures = list(make_figures(results))
     save(figures, out / "figures", FORMATS)
     written += [out / "figures" / f"{figure.name}.{kind}" for figure in figures for kind in FORMATS]
-    written.append(write_atomic(out / "claims.md", claims_text(decided)))
-    return [*written, write_page(out / "README.md", results, decided, figures)]
+    written.append(write_atomic(out / "claims.md", claims_text(families)))
+    return [*written, write_page(out / "README.md", results, families, figures)]
 
 
 def claims_of(grid: Grid, claims: Sequence[Claim]) -> Sequence[Claim]:
@@ -75,7 +76,5 @@ def make_figures(results: Results) -> Iterator[Figure]:
     yield from survival_figures(results)
     yield from verdict_figures(results)
     if not choices.is_empty():
-        yield from bias_figure(
-            results, choices.filter((pl.col("kind") == "constant") & (pl.col("method") == "geometric"))
-        )
+        yield from bias_figure(choices.filter((pl.col("kind") == "constant") & (pl.col("method") == "geometric")))
     yield from mechanism_figures(results)

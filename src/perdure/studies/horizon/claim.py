@@ -55,7 +55,8 @@ MEASURES: dict[str, str] = {
     "training return": "mean return of the training episodes in the last tenth of training",
     "value error": "root mean square of (return to go - value), as a share of the spread of the returns to go",
     "value variance": "share of the variance of the returns to go that the value does not explain",
-    "action dependence": "mean change of the action over all C, as a share of the action box",
+    "action dependence": "mean difference between the action with C and with 500 steps to go, over C = 0, 100, ..., "
+    "1,000 and states of short rollouts, as a share of the action box",
     "fall rate": "falls per 1,000 steps in the mechanism rollouts",
 }
 """Name of a measure to what it is in words. Each gives one number per training run."""

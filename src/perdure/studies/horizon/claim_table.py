@@ -14,6 +14,7 @@ from perdure.studies.comparison import CONFIDENCE, FEWEST, Difference
 from perdure.studies.horizon import words
 from perdure.studies.horizon.claim import CLOCK_RULES, MEASURES, SHARES, Claim, Condition
 from perdure.studies.horizon.decide import LEVEL, ClaimDecision, Decision, TaskDecision, p_values, threshold
+from perdure.studies.horizon.tables import MEASURED
 
 POWER = 0.8
 """Of the number of training runs that would decide a claim."""
@@ -32,23 +33,26 @@ With three to ten runs that either hold or fail, Student's t is approximate, so 
 beside it (signs flipped, or runs exchanged between the sides). Where no side has any spread there is no interval, and
 that test decides at {level:g}. A chosen C is chosen by the other runs, so runs under it are not quite independent.
 
-There are {comparisons} registered comparisons; {evaluated} are evaluated. "After Holm" is the decision that remains
-when all registered ones are counted, evaluated or not (Holm's method at {level:g}). Claims that were registered later
-are counted by themselves. P(left > right): share of pairs of training runs in which the left side is greater, or of
-training runs where both sides are the same runs or one is a number; ties count half. An interval of a share may reach
-beyond 0 and 1. Runs whose verdict is "cannot tell" have no share of failures. Tasks without a preset in brackets use
-the settings of RL Baselines3 Zoo. Margins are our choice.
+{registered}
+"After Holm" is the decision that remains when all comparisons that were registered together are counted, evaluated or
+not (Holm's method at {level:g}). P(left > right): share of pairs of training runs in which the left side is greater, or
+of training runs where both sides are the same runs or one is a number; ties count half. An interval of a share may
+reach beyond 0 and 1. Runs whose verdict is "cannot tell" have no share of failures. Tasks without a preset in brackets
+use the settings of RL Baselines3 Zoo. Margins are our choice.
 
 """
 
 
-def claims_text(decided: Sequence[ClaimDecision]) -> str:
-    """Return the page, in Markdown: an overview, then every claim with its comparisons."""
-    tests = [p for each in decided for p in p_values(each)]
-    evaluated = sum(1 for p in tests if math.isfinite(p))
+def claims_text(families: Sequence[Sequence[ClaimDecision]]) -> str:
+    """Return the page, in Markdown: an overview, then every claim with its comparisons.
+
+    Args:
+        families: Claims that were registered together, in the order of registration.
+    """
+    decided = [each for family in families for each in family]
     counts = Counter(each.decision for each in decided)
     summary = ", ".join(f"{number} {name}" for name, number in counts.most_common())
-    parts = [HEAD.format(comparisons=len(tests), evaluated=evaluated, level=LEVEL)]
+    parts = [HEAD.format(registered=registered(families), level=LEVEL)]
     if not decided:
         return parts[0] + "No claim is registered.\n"
     parts.append(f"{wording.count(len(decided), 'claim')}: {summary}.\n\n")
@@ -60,6 +64,22 @@ def claims_text(decided: Sequence[ClaimDecision]) -> str:
     ]
     parts += [_claim_text(each) for each in decided]
     return "".join(parts)
+
+
+def registered(families: Sequence[Sequence[ClaimDecision]]) -> str:
+    """Return how many comparisons were registered together, and how many of them are evaluated, as sentences."""
+    sizes = [(len(tests), sum(map(math.isfinite, tests))) for family in families if (tests := _tests(family))]
+    if not sizes:
+        return ""
+    (number, evaluated), *later = sizes
+    text = f"Of {number} comparisons that were registered first, {evaluated or 'none'} are evaluated."
+    for number, evaluated in later:
+        text += f" Of {number} registered later and corrected by themselves, {evaluated or 'none'} are."
+    return text
+
+
+def _tests(family: Sequence[ClaimDecision]) -> list[float]:
+    return [p for each in family for p in p_values(each)]
 
 
 def by_task(each: ClaimDecision) -> str:
@@ -120,8 +140,8 @@ def _claim_text(each: ClaimDecision) -> str:
     claim = each.claim
     head = (
         f"\n## {claim.id}\n\n> {claim.statement}\n\n"
-        f"{claim.source[0].upper()}{claim.source[1:]}. Left: {_words(claim.left)}. Right: {_right_words(claim)}. "
-        f"Measure: {MEASURES[claim.measure]}. The sentence says: left {_says(claim)}. "
+        f"{claim.source[0].upper()}{claim.source[1:]}. Left: {_words(claim.left, claim)}. "
+        f"Right: {_right_words(claim)}. Measure: {MEASURES[claim.measure]}. The sentence says: left {_says(claim)}. "
         f"**{each.decision[0].upper()}{each.decision[1:]}**"
     )
     head += "" if each.after_holm == each.decision else f" (counting all comparisons: {each.after_holm})"
@@ -169,8 +189,8 @@ def _p(value: float) -> str:
     return "\u2013" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def _words(condition: Condition) -> str:
-    if condition.clock == "none":
+def _words(condition: Condition, claim: Claim) -> str:
+    if condition.clock == "none" or claim.measure not in MEASURED:
         return f"`{condition.method}`"
     return f"`{condition.method}` under {_clock_words(condition.clock)}"
 
@@ -187,7 +207,7 @@ def _right(claim: Claim) -> str:
 
 
 def _right_words(claim: Claim) -> str:
-    return _words(claim.right) if isinstance(claim.right, Condition) else f"the number {claim.right:g}"
+    return _words(claim.right, claim) if isinstance(claim.right, Condition) else f"the number {claim.right:g}"
 
 
 def _says(claim: Claim) -> str:

@@ -25,9 +25,7 @@ def training_horizon_figures(results: Results) -> Iterator[Figure]:
     for setting in results.grid.settings:
         found = _estimates(results, setting, (Condition("ppo-short"), Condition("ppo")))
         if len(found) == 2:
-            yield _reward_figure(
-                results, setting, found, "figure-3-1", "Trained in episodes of 200 steps and of 1,000 steps"
-            )
+            yield _reward_figure(setting, found, "figure-3-1", "Trained in episodes of 200 steps and of 1,000 steps")
 
 
 def survival_figures(results: Results) -> Iterator[Figure]:
@@ -85,9 +83,7 @@ def _clock_figure(
     )
 
 
-def _reward_figure(
-    results: Results, setting: str, found: Sequence[tuple[Condition, Estimate]], name: str, title: str
-) -> Figure:
+def _reward_figure(setting: str, found: Sequence[tuple[Condition, Estimate]], name: str, title: str) -> Figure:
     curves: list[Curve] = [reward_curve(words.condition(c), e, styles.style(c)) for c, e in found]
     return Figure(
         slug(name, setting),

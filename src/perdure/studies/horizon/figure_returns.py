@@ -136,7 +136,7 @@ def _scaled(values: Mapping[int, float], scale: float) -> dict[int, float]:
     return {seed: value / scale for seed, value in values.items()}
 
 
-def bias_figure(results: Results, bias: pl.DataFrame) -> Iterator[Figure]:
+def bias_figure(bias: pl.DataFrame) -> Iterator[Figure]:
     """Draw the optimistic bias of showing the best C of a sweep."""
     if bias.is_empty():
         return

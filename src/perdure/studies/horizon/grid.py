@@ -1,7 +1,7 @@
 """The grid of training runs and evaluations. Immutable; extend it by a line.
 
 A *setting* is a task with a preset of hyperparameters: "HalfCheetah-v3" (RL Baselines3 Zoo, as in the thesis) or
-"Hopper-v3@cleanrl" (CleanRL's; with the Zoo's settings Hopper and Walker2d learn to stand still).
+"Hopper-v3@cleanrl" (CleanRL's; with the Zoo's settings Hopper learns to stand still).
 A *row* is a setting, a method and training seeds.
 """
 
@@ -13,7 +13,8 @@ from pathlib import Path
 
 from perdure.studies.errors import StudyError
 from perdure.studies.horizon.claim import Claim
-from perdure.studies.horizon.claims import CLAIMS, PILOT_CLAIMS
+from perdure.studies.horizon.claims import CLAIMS
+from perdure.studies.horizon.claims_pilots import PILOT_CLAIMS
 from perdure.studies.horizon.claims_replication import REPLICATION_CLAIMS
 
 ZOO, CLEANRL = "zoo", "cleanrl"

@@ -76,6 +76,8 @@ def _choices(results: Results, row: Row) -> Iterator[dict[str, Any]]:
         if kind not in validation["clock_kind"] or kind not in test["clock_kind"]:
             continue
         chosen, best = choose(validation, test, kind)
+        if not (chosen.returns and best.returns):  # the chosen clock is not evaluated on test start states yet
+            continue
         difference = compare_paired(best.returns, chosen.returns)
         yield {
             "setting": row.setting,

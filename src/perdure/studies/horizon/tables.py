@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from perdure.report.groups import LANE_FAILURES
+from perdure.report.groups import LANE_FAILURES, VERDICT
 from perdure.studies.horizon.evaluation import evaluate_row
 from perdure.studies.horizon.grid import Grid, Row
 
@@ -122,31 +122,24 @@ def lane_measures(frame: pl.DataFrame) -> pl.DataFrame:
         last = last.join(each, on=LANE, how="left", maintain_order="left")
 
     def judged(measure: pl.Expr) -> pl.Expr:
-        return pl.when(verdict != "cannot tell").then(measure.cast(pl.Float64))
+        return pl.when(VERDICT != "cannot tell").then(measure.cast(pl.Float64))
 
     never = pl.col("policy_state") == "never worked"
     ended = pl.col("end_reason").is_in(["terminated", "diverged"])
-    verdict = (
-        pl.when(pl.col("policy_state") != "worked")
-        .then(pl.col("policy_state"))
-        .when(pl.col("outcome").is_in(["cut", "unknown"]))
-        .then(pl.lit("cannot tell"))
-        .otherwise(pl.col("outcome"))
-    )
     failed = pl.col("outcome").is_in(LANE_FAILURES) | never
     idle = pl.col("idle_rate")
     gain = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("level_rate") - idle) * horizon)
     steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
     level = (pl.col("reference_rate") - pl.col("idle_rate")) / (pl.col("level_rate") - pl.col("idle_rate"))
     return last.with_columns(
-        verdict=verdict,
+        verdict=VERDICT,
         **{
             "reward late": (pl.col("return") - pl.col("_before")) / (horizon - before),
             "gain": gain,
             "failed share": judged(failed),
             "failed within": judged(failed & (steps < within)),
             "ended share": ended.cast(pl.Float64),
-            "hold share": judged(verdict == "holds"),
+            "hold share": judged(VERDICT == "holds"),
             "hold": pl.when(ended | never).then(0.0).otherwise(pl.col("end_hold")),
             "level": level,
             "steps to failure": judged(steps),
