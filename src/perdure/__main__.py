@@ -21,7 +21,7 @@ def main() -> None:
 
     What a user can cause ends in one line and exit code 2, Ctrl-C in 130 and SIGTERM in 143, with all workers ended.
     """
-    from perdure.cli import run
+    from perdure.cli import resumes, run
     from perdure.cli.terminal import prepare_terminal
 
     prepare_terminal()
@@ -37,7 +37,8 @@ def main() -> None:
     except KeyboardInterrupt as interrupt:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end is not to be interrupted
-        print("perdure: interrupted; run the same command to continue", file=sys.stderr)
+        then = "run the same command to continue" if resumes(sys.argv[1:]) else "nothing was kept"
+        print(f"perdure: interrupted; {then}", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
         if not _is_users(error):

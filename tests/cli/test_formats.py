@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import onnxruntime
 import pytest
 
 from perdure.cli.parse import parse
-from perdure.horizon import Constant
+from perdure.extrapolate import film
+from perdure.horizon import Constant, Countdown
 from perdure.policy import load_policy
 from perdure.report import read_table
 
@@ -76,14 +78,45 @@ def test_the_clock_default_is_the_policys_own(command, files, tmp_path):
     assert model.get_modelmeta().custom_metadata_map["perdure.clock"] == "constant(50)"
 
 
+def test_the_ending_of_an_onnx_model_may_be_written_in_capitals(command, files, tmp_path):
+    assert succeeded(command("export", files / "timeless.safetensors", "P.ONNX", cwd=tmp_path)) == "P.ONNX\n"
+    assert onnxruntime.InferenceSession(tmp_path / "P.ONNX").get_inputs()[0].name == "observation"
+
+
+def test_the_evaluation_of_an_onnx_model_shows_the_share_of_steps_made(command, monkeypatch, tmp_path):
+    def extrapolate(*arguments, progress, **options):
+        for step, running in ((500, 2), (1000, 1), (500, 3)):  # two groups of lanes
+            progress(step, running)
+
+    monkeypatch.setattr("perdure.extrapolate.extrapolate", extrapolate)
+    monkeypatch.setattr("perdure.runs.progress.LINE_SECONDS", 0.0)
+    flags = ("--env", "Hopper-v5", "--steps", 1000, "--eval-seeds", 2, "--clocks", "constant:1", "constant:2")
+    lines = command("extrapolate", "p.onnx", *flags, cwd=tmp_path).stderr.splitlines()
+    assert [line.split()[2] for line in lines[:3]] == ["25%", "38%", "75%"]  # 1000, 1500 and 3000 of 4000
+
+
+def test_films_know_the_clocks_default_and_countdown(command, files, monkeypatch, tmp_path):
+    filmed = []
+
+    def watch(policy, out, *, clock, beside, **options):
+        filmed.append((clock, beside))
+        return SimpleNamespace(sentences=[], world="", path=out)
+
+    monkeypatch.setattr(film, "watch", watch)
+    clocks = ("--clock", "default", "--beside", "countdown", "--steps", 70)
+    succeeded(command("watch", files / "timed.safetensors", *clocks, cwd=tmp_path))
+    assert filmed == [(Constant(50.0), Countdown(70.0))]
+
+
 def test_a_card_lies_beside_the_policy(command, files, tmp_path):
     (tmp_path / "shared").mkdir()
     (tmp_path / "shared" / "policy.safetensors").write_bytes((files / "timed.safetensors").read_bytes())
     flags = ("--steps", 30, "--eval-seeds", 2, "--on", "here", "--out", "out")
     succeeded(command("extrapolate", "shared", *flags, cwd=tmp_path))
-    path = succeeded(command("card", "shared", "--table", "out/lanes.parquet", cwd=tmp_path)).strip()
-    assert path == "shared/README.md"
-    assert "# timed on InvertedPendulum-v4" in (tmp_path / path).read_text()
+    for table in ("out/lanes.parquet", "out"):
+        path = succeeded(command("card", "shared", "--table", table, cwd=tmp_path)).strip()
+        assert path == "shared/README.md"
+        assert "# timed on InvertedPendulum-v4" in (tmp_path / path).read_text()
 
 
 @pytest.mark.parametrize(
@@ -92,6 +125,10 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
         (("export", "{timed}", "p.txt"), "out must be a file named .onnx, not p.txt"),
         (("export", "{timed}", "p.onnx", "--clock", "never:3"), "unknown Clock 'never'"),
         (("export", "{timeless}", "p.onnx", "--clock", "constant:3"), "no time-to-go input"),
+        (("export", "{timed}", "p.onnx", "--clock", "countdown"), "a clock is written name:steps"),
+        (("export", "{timeless}", "p.onnx", "--clock", "default"), "--clock default: this InvertedPendulum-v4 policy"),
+        (("watch", "{timeless}", "--beside", "default"), "--beside default: this InvertedPendulum-v4 policy has no"),
+        (("extrapolate", "P.ONNX"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx", "--env", "Hopper-v5"), "there is no file p.onnx"),
         (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4, not as p.avi"),

@@ -81,10 +81,38 @@ main()
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interruption_that_python_drops_comes_again_and_once(number, code):
     process = subprocess.Popen(
-        [sys.executable, "-c", DROPPED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", DROPPED, "train"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     output, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) == (code, "perdure: interrupted; run the same command to continue\n")
     assert output == "cleaned\n"
+
+
+INTERRUPTED = """
+import perdure.cli
+from perdure.__main__ import main
+
+def run(arguments):
+    raise KeyboardInterrupt
+
+perdure.cli.run = run
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("extrapolate", "a.safetensors"), "run the same command to continue"),
+        (("home", "run", "set_table"), "run the same command to continue"),
+        (("extrapolate", "a.ONNX", "--env", "Hopper-v5"), "nothing was kept"),
+        (("home", "video", "set_table"), "nothing was kept"),
+        (("watch", "a.safetensors"), "nothing was kept"),
+    ],
+)
+def test_only_a_command_that_resumes_offers_to_continue(arguments, told):
+    script = [sys.executable, "-c", INTERRUPTED, *arguments]
+    process = subprocess.run(script, capture_output=True, text=True, timeout=60)
+    assert (process.returncode, process.stderr) == (130, f"perdure: interrupted; {told}\n")

@@ -125,6 +125,25 @@ def test_closing_closes_every_environment_once() -> None:
     assert len(closed) == 2
 
 
+def test_environments_made_before_one_that_fails_are_closed() -> None:
+    closed = []
+
+    class Closing(Counting):
+        def close(self) -> None:
+            closed.append(self)
+            raise OSError("it does not close")
+
+    def fails() -> None:
+        raise RuntimeError("no more")
+
+    with pytest.raises(WorldError, match="no more"):
+        GymnasiumWorld([Closing, Closing, fails], [1, 2, 3])
+    assert len(closed) == 2
+    with pytest.raises(WorldError, match="same spaces"):
+        GymnasiumWorld([Closing, lambda: Closing(as_dict=True)], [1, 2])
+    assert len(closed) == 4
+
+
 def test_one_environment_for_two_lanes_is_refused() -> None:
     one = gymnasium.make("Pendulum-v1")
     with pytest.raises(WorldError, match="two lanes got the same environment"):

@@ -46,11 +46,18 @@ def test_the_list_states_default_horizons() -> None:
         ("Hoper-v3", "Hopper-v3"),
         ("Walker-v3", "Walker2d-v3"),
         ("cheetahrun", "CheetahRun-v1"),
+        ("Pendulum-v1", "gymnasium:Pendulum-v1"),
     ],
 )
 def test_a_mistyped_task_is_answered_with_the_nearest_names(wrong: str, right: str) -> None:
     with pytest.raises(UnknownTask, match=f"no task named '{wrong}'. Did you mean .*{right}"):
         make_world(wrong, [1])
+
+
+def test_an_environment_that_gymnasium_no_longer_makes_is_not_offered() -> None:
+    with pytest.raises(UnknownTask) as caught:
+        make_world("Hopper-v2", [1])
+    assert "gymnasium:Hopper" not in str(caught.value)
 
 
 @pytest.mark.parametrize("wrong", ["", "qqqqqqqq", "Pong-v5"])

@@ -101,11 +101,12 @@ class TestEstimates:
     ("text", "named"),
     [
         ("average", "did you mean 'average-reward'"),
-        ("average-reward:alfa=1", "alfa"),
+        ("average-reward:alfa=1", "unknown number 'alfa'.* the numbers of average-reward are alpha, nu, reset_cost"),
         ("average-reward:alpha=2", "alpha"),
         ("average-reward:alpha", "name=number"),
         ("average-reward:reset_cost=inf", "reset_cost"),
-        ("discounted:nu=1", "nu"),
+        ("average-reward:gae_lambda=1", "unknown number 'gae_lambda'"),
+        ("discounted:nu=1", "unknown number 'nu'.* discounted has no numbers"),
     ],
 )
 def test_an_estimator_that_is_none_is_refused_by_name(text, named):

@@ -19,9 +19,8 @@ from safetensors.numpy import load_file, save_file
 
 from perdure.envs import make_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
-from perdure.ppo import CheckpointError, ConfigError, PPOConfig, TrainRun, method_config, on_report, train
+from perdure.ppo import CheckpointError, ConfigError, PPOConfig, TrainRun, on_report, train
 from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
-from perdure.ppo.export import command
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
 from perdure.runs import OtherSourceWarning, RunError, StoreError
@@ -269,22 +268,6 @@ def test_training_that_diverges_is_named_with_its_iteration(tmp_path):
 def test_seeds_out_of_range_are_refused_before_anything_is_trained(seeds):
     with pytest.raises(ConfigError, match="seeds must be different numbers from 0 to 2,147,483,647"):
         TrainRun(TASK, "ppo", TINY, seeds)
-
-
-def test_braces_in_a_command_of_the_caller_s_own_are_kept(tmp_path):
-    run = TrainRun(TASK, "ppo", TINY, (3,), command="python t.py --opts '{\"a\": 1}' --seed {seed}")
-    world = make_world(TASK, [0])
-    assert command(run, world.spec, 3) == "python t.py --opts '{\"a\": 1}' --seed 3"
-    world.close()
-
-
-def test_no_command_is_recorded_where_no_flags_say_the_settings():
-    config = method_config("ppo", TASK, 4)
-    odd = replace(config, protocol=replace(config.protocol, horizon=Uniform(200, 1000)))
-    world = make_world(TASK, [0])
-    assert command(TrainRun(TASK, "ppo", odd), world.spec, 0) == ""
-    assert command(TrainRun(TASK, "ppo", replace(config, n_epochs=3)), world.spec, 0).endswith("--ppo.n-epochs 3")
-    world.close()
 
 
 SCRIPT = """

@@ -33,6 +33,13 @@ def test_bytes_and_text_arrive_unchanged_and_alone(tmp_path):
     assert names(tmp_path) == ["a.bin", "b.txt"]
 
 
+def test_a_name_that_is_no_utf_8_is_written(tmp_path):
+    path = tmp_path / os.fsdecode(b"\xff.onnx")
+    write_atomic(path, b"data")
+    assert path.read_bytes() == b"data"
+    assert os.listdir(os.fsencode(tmp_path)) == [b"\xff.onnx"]
+
+
 def test_missing_folders_are_made_and_an_old_file_is_replaced(tmp_path):
     path = tmp_path / "x" / "y" / "file"
     write_atomic(path, "old, and longer than the new one")

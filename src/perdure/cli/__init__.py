@@ -6,6 +6,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from perdure.cli.imported import is_onnx
+
 USAGE = """perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
 
   perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
@@ -37,6 +39,15 @@ COMMANDS = {
     "home": "home",
 }
 """Command to its module in this package, which is imported only when the command is used."""
+
+RESUMING = ("train", "extrapolate", "study", "home train", "home run")
+"""Commands that keep finished parts of an interrupted run."""
+
+
+def resumes(args: Sequence[str]) -> bool:
+    """Return whether the same command line continues after an interruption; an evaluated ONNX model starts again."""
+    name = " ".join(args[: 2 if args and args[0] == "home" else 1])
+    return name in RESUMING and not (name == "extrapolate" and any(map(is_onnx, args)))
 
 
 def run(args: Sequence[str]) -> None:

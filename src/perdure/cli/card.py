@@ -8,6 +8,7 @@ from pathlib import Path
 import tyro
 
 from perdure.cli.parse import parse
+from perdure.cli.report import find_table
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class CardFlags:
     policy: tyro.conf.Positional[str]
     """A policy file, a folder that holds one, or the name of a shipped policy."""
     table: Path
-    """The table of `perdure extrapolate` that holds the policy's episodes (lanes.parquet)."""
+    """The table of `perdure extrapolate` that holds the policy's episodes: lanes.parquet, or its folder."""
     out: Path | None = None
     """The file to write; README.md in the policy's folder by default."""
 
@@ -27,4 +28,4 @@ def main(args: list[str]) -> None:
     flags = parse(CardFlags, args, "card")
     from perdure.extrapolate.card import write_card
 
-    print(write_card(flags.policy, flags.table, flags.out))
+    print(write_card(flags.policy, find_table(flags.table), flags.out))

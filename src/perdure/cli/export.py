@@ -7,6 +7,8 @@ from pathlib import Path
 
 import tyro
 
+from perdure.cli.clocks import read_clock
+from perdure.cli.imported import is_onnx
 from perdure.cli.parse import parse
 
 
@@ -27,12 +29,10 @@ def main(args: list[str]) -> None:
     """``perdure export``."""
     flags = parse(ExportFlags, args, "export")
     from perdure.cli.errors import CommandError
-    from perdure.horizon import parse_clock
     from perdure.policy import load_policy
     from perdure.policy.onnx import export_onnx
 
-    if flags.out.suffix != ".onnx":
+    if not is_onnx(flags.out.name):
         raise CommandError(f"out must be a file named .onnx, not {flags.out}")
     policy = load_policy(flags.policy)
-    clock = policy.clock if flags.clock == "default" else parse_clock(flags.clock) if flags.clock else None
-    print(export_onnx(policy, flags.out, clock))
+    print(export_onnx(policy, flags.out, read_clock("--clock", flags.clock, policy)))

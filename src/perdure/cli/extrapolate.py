@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from perdure.cli.flags import Cores, On
-from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
+from perdure.cli.imported import IMPORTED, Sb3Options, is_onnx, policy_files
 from perdure.cli.parse import flag_name, parse
 from perdure.cli.report import write_and_show
 from perdure.cli.terminal import command_line
+
+if TYPE_CHECKING:
+    from perdure.runs import Observer
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(ExtrapolateFlags, args, "extrapolate")
     command = command_line("perdure", "extrapolate", *args)
-    if any(name.endswith(".onnx") for name in flags.policies):
+    if any(map(is_onnx, flags.policies)):
         _check_one_model(flags, {flag_name(arg) for arg in args})
         _one_model(flags, command)
         return
@@ -134,18 +139,39 @@ def _check_one_model(flags: ExtrapolateFlags, given: set[str]) -> None:
 
 def _one_model(flags: ExtrapolateFlags, command: str) -> None:
     """Evaluate an ONNX model, in this process."""
-    from perdure.extrapolate import extrapolate
+    from perdure.extrapolate import Extrapolation, extrapolate
+    from perdure.runs.progress import show_progress
 
-    result = extrapolate(
-        flags.policies[0],
-        flags.env,
-        steps=flags.steps,
-        clocks=None if flags.clocks == ("default",) else flags.clocks,
-        eval_seeds=flags.eval_seeds,
-        first_eval_seed=flags.first_eval_seed,
-        training_horizon=flags.training_horizon,
-        out=flags.out,
-        command=command,
-    )
+    clocks = None if flags.clocks == ("default",) else flags.clocks
+    planned = Extrapolation((Path(flags.policies[0]),), flags.steps, flags.clocks, flags.eval_seeds)
+    lanes = flags.eval_seeds * (1 if clocks is None else len(planned.deployment_clocks(None)))
+    with show_progress("extrapolate", "steps") as observe:
+        result = extrapolate(
+            flags.policies[0],
+            flags.env,
+            steps=flags.steps,
+            clocks=clocks,
+            eval_seeds=flags.eval_seeds,
+            first_eval_seed=flags.first_eval_seed,
+            training_horizon=flags.training_horizon,
+            out=flags.out,
+            command=command,
+            progress=_on_steps(observe, lanes * flags.steps),
+        )
     print(result)
     print(f"\nReport: {(flags.out / 'report.html').resolve()}")
+
+
+def _on_steps(observe: Observer, total: int) -> Callable[[int, int], None]:
+    """Return a progress callback that adds up the steps of all lanes, whose groups run one after the other."""
+    from perdure.runs import UnitProgress
+
+    made = last = 0
+
+    def progress(step: int, running: int) -> None:
+        nonlocal made, last
+        made += (step - last if step > last else step) * running
+        last = step
+        observe({"lanes": UnitProgress("running", made, total)})
+
+    return progress

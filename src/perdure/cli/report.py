@@ -17,7 +17,7 @@ class ReportFlags:
     """Make report.html and its figures from a table that `perdure extrapolate` wrote."""
 
     table: tyro.conf.Positional[Path]
-    """The table, lanes.parquet."""
+    """The table lanes.parquet, or the folder that holds it."""
     out: Path | None = None
     """Folder to write into; the table's own by default."""
     formats: tuple[Format, ...] = ("png",)
@@ -27,7 +27,17 @@ class ReportFlags:
 def main(args: list[str]) -> None:
     """``perdure report``."""
     flags = parse(ReportFlags, args, "report")
-    write_and_show(flags.table, flags.out or flags.table.parent, flags.formats)
+    table = find_table(flags.table)
+    write_and_show(table, flags.out or table.parent, flags.formats)
+
+
+def find_table(path: Path) -> Path:
+    """Return the table that a path means: in a folder its lanes.parquet."""
+    if not path.is_dir():
+        return path
+    from perdure.extrapolate.result import TABLE
+
+    return path / TABLE
 
 
 def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:

@@ -76,7 +76,8 @@ def _train(flags: TrainFlags) -> None:
     from perdure.ppo.training import train as train_run
     from perdure.runs.progress import show_progress
 
-    run_ = TrainRun(flags.task, flags.name or flags.method, flags.ppo, flags.seeds, preset=flags.preset)
+    name = flags.name or flags.method
+    run_ = TrainRun(flags.task, name, flags.ppo, flags.seeds, preset=flags.preset, base_method=flags.method)
     with ExitStack() as stack:
         observers = [stack.enter_context(show_progress(f"{run_.task} {run_.method}", "steps"))]
         if flags.tensorboard:

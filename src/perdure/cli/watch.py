@@ -7,6 +7,7 @@ from pathlib import Path
 
 import tyro
 
+from perdure.cli.clocks import read_clock
 from perdure.cli.parse import parse
 
 
@@ -21,7 +22,8 @@ class WatchFlags:
     policy: tyro.conf.Positional[str]
     """A policy file, or the name of a shipped policy."""
     clock: str | None = None
-    """Clock of the policy, such as constant:0; its own clock by default."""
+    """Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its own
+    clock), which is used if left out."""
     until_failure: bool = False
     """Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s."""
     beside: str | None = None
@@ -40,15 +42,14 @@ def main(args: list[str]) -> None:
     """``perdure watch``."""
     flags = parse(WatchFlags, args, "watch")
     from perdure.extrapolate.film import watch
-    from perdure.horizon import parse_clock
     from perdure.policy import load_policy
 
-    clock, beside = (None if text is None else parse_clock(text) for text in (flags.clock, flags.beside))
+    policy = load_policy(flags.policy)
     film = watch(
-        load_policy(flags.policy),
+        policy,
         flags.out,
-        clock=clock,
-        beside=beside,
+        clock=read_clock("--clock", flags.clock, policy, flags.steps),
+        beside=read_clock("--beside", flags.beside, policy, flags.steps),
         until_failure=flags.until_failure,
         steps=flags.steps,
         eval_seeds=flags.eval_seeds,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.registry import is_task
-from perdure.envs.suites import GYMNASIUM_PREFIX
+from perdure.envs.suites import GYMNASIUM_PREFIX, gymnasium_makes
 
 ENVPOOL_PREFIX = "envpool:"
 
@@ -34,22 +34,14 @@ def task_of_environment(name: str) -> str:
         return _task(name.removeprefix(ENVPOOL_PREFIX))
     if "/" in name and ":" not in name and is_task(name):  # suites of other packages, such as perdure/HomePlace-v0
         return name
-    if ":" in name or _gymnasium_makes(name):
+    if ":" in name or gymnasium_makes(name):
         return f"{GYMNASIUM_PREFIX}{name}"
     return _task(name)
-
-
-def _gymnasium_makes(env_id: str) -> bool:
-    import gymnasium
-
-    spec = gymnasium.registry.get(env_id)
-    # Names that moved to other packages are registered with a function that says so when it is called.
-    return spec is not None and not getattr(spec.entry_point, "__name__", "").startswith("_raise_")
 
 
 def _task(name: str) -> str:
     import gymnasium
 
     if not is_task(name):
-        raise UnknownTask(name, [env_id for env_id in gymnasium.registry if _gymnasium_makes(env_id)])
+        raise UnknownTask(name, [env_id for env_id in gymnasium.registry if gymnasium_makes(env_id)])
     return name

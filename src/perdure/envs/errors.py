@@ -15,15 +15,16 @@ class WorldError(ValueError):
 class UnknownTask(WorldError):  # noqa: N818 - reads as the sentence it prints
     """No suite knows a task under this name; the message offers the nearest names that exist."""
 
-    def __init__(self, task: str, known: Iterable[str]) -> None:
+    def __init__(self, task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> None:
         """Build the message.
 
         Args:
             task: The name that was asked for.
             known: Every name that would have been accepted.
+            meant: Names to offer first, however they are spelled.
         """
         self.task = task
-        self.nearest = nearest_names(task, known)
+        self.nearest = meant + nearest_names(task, known)
         hint = f"Did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
         super().__init__(
             f"There is no task named {task!r}. {hint}`perdure list` shows every task; "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -15,7 +16,7 @@ from perdure.envs.errors import UnknownTask, WorldError
 from perdure.envs.lane_tracker import LaneTracker, TrackedWorld
 from perdure.envs.spaces import shaped_actions, spec_of
 from perdure.envs.third_party import call, read_flag, read_observation, read_reward, read_tuple
-from perdure.envs.world import FloatArray, IntArray, Step
+from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec
 
 
 class GymnasiumWorld(TrackedWorld):
@@ -51,18 +52,31 @@ class GymnasiumWorld(TrackedWorld):
         seeds = checked_seeds(seeds)
         if len(factories) != len(seeds):
             raise WorldError(f"{name}: {len(factories)} environments need as many seeds, got {len(seeds)}.")
-        self._envs = [call(name, "making it", factory) for factory in factories]
+        self._next_seeds: list[int | None] = list(seeds)
+        self._tracker = LaneTracker(len(seeds))
+        self._envs: list[Any] = []
+        try:
+            for factory in factories:
+                self._envs.append(call(name, "making it", factory))
+            self._spec = self._checked_spec(name, suite, default_horizon)
+        except BaseException:
+            for env in self._envs:
+                with suppress(Exception):  # the first error is the one to show
+                    env.close()
+            raise
+
+    def _checked_spec(self, name: str, suite: str, default_horizon: int | None) -> TaskSpec:
+        """Return the spec of the environments if they are different objects with the same spaces."""
         if len({id(env.unwrapped) for env in self._envs}) < len(self._envs):
             raise WorldError(f"{name}: two lanes got the same environment; the function must build a new one each time")
-        self._next_seeds: list[int | None] = list(seeds)
         first = self._envs[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
         self._space, self._action_space = first.observation_space, first.action_space
-        self._spec = spec_of(name, suite, first, (self._space, self._action_space), limit)
+        spec = spec_of(name, suite, first, (self._space, self._action_space), limit)
         for env in self._envs[1:]:
             if env.observation_space != self._space or env.action_space != self._action_space:
                 raise WorldError(f"{name}: every lane must have the same spaces, got {env} beside {first}.")
-        self._tracker = LaneTracker(len(seeds))
+        return spec
 
     @classmethod
     def from_id(cls, env_id: str, seeds: Sequence[int]) -> GymnasiumWorld:

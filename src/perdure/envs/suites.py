@@ -203,7 +203,17 @@ def suite_of(task: str) -> TaskSuite:
     for suite in suites():
         if suite.owns(task):
             return suite
-    raise UnknownTask(task, (listing.name for suite in suites() for listing in suite.listings()))
+    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
+    raise UnknownTask(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
+
+
+def gymnasium_makes(env_id: str) -> bool:
+    """Return whether an id is registered in Gymnasium and still part of it."""
+    import gymnasium
+
+    spec = gymnasium.registry.get(env_id)
+    # Names that moved to other packages are registered with a function that says so when it is called.
+    return spec is not None and not getattr(spec.entry_point, "__name__", "").startswith("_raise_")
 
 
 def _options(text: str) -> dict[str, Any]:

@@ -83,8 +83,11 @@ class PPOConfig:
         """Refuse settings that cannot be trained."""
         for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs", "segment_steps"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+        for each in dataclasses.fields(self):
+            value = getattr(self, each.name)
+            _require(not isinstance(value, float) or math.isfinite(value), each.name, value, "a finite number")
         for name in ("learning_rate", "clip_range", "max_grad_norm"):
-            _require(_positive(getattr(self, name)), name, getattr(self, name), "a positive number")
+            _require(getattr(self, name) > 0, name, getattr(self, name), "a positive number")
         for name in ("ent_coef", "vf_coef"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         _require(0 <= self.gae_lambda <= 1, "gae_lambda", self.gae_lambda, "in [0, 1]")
@@ -194,10 +197,6 @@ _LATER: dict[str, Any] = {
     "conditioning": "concatenate",
 }
 """Settings that are missing in older runs and policy files, with their values there."""
-
-
-def _positive(value: float) -> bool:
-    return value > 0 and math.isfinite(value)
 
 
 def _require(condition: bool, name: str, value: object, valid: str) -> None:

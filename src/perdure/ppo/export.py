@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.horizon import Embedding
 from perdure.policy import Normalizer, Policy, TaskInfo, measure_reference
 from perdure.ppo.methods import METHODS, default_clock, method_config
 from perdure.ppo.normalizer import CLIP, EPSILON
@@ -55,15 +56,18 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     """Return the command that reproduces this policy; "" where no flags say its settings."""
     if run.command is not None:
         return run.command.replace("{seed}", str(seed))
-    words = ["perdure", "train", run.task, "--method", run.method, "--seeds", str(seed)]
-    if run.preset != ZOO:
-        words += ["--preset", run.preset]
-    if run.method in METHODS:
-        usual = method_config(run.method, run.task, spec.observation_size, run.preset)
-        try:
-            words += _overrides(run.config, usual, "--ppo")
-        except LookupError:
-            return ""
+    base = run.base_method or run.method
+    if base not in METHODS:
+        return ""
+    words = ["perdure", "train", run.task, "--method", base]
+    words += [] if run.method == base else ["--name", run.method]
+    words += ["--seeds", str(seed)]
+    words += [] if run.preset == ZOO else ["--preset", run.preset]
+    usual = method_config(base, run.task, spec.observation_size, run.preset)
+    try:
+        words += _overrides(run.config, usual, "--ppo")
+    except LookupError:
+        return ""
     return shlex.join(words)
 
 
@@ -74,6 +78,8 @@ def _overrides(config: Any, default: Any, flag: str) -> list[str]:
         name = f"{flag}.{each.name.replace('_', '-')}"
         if value == usual:
             continue
+        if isinstance(usual, Embedding):  # its flag accepts the method's embedding only
+            raise LookupError(name)
         if dataclasses.is_dataclass(value) and type(value) is type(usual):
             words += _overrides(value, usual, name)
         elif dataclasses.is_dataclass(value):

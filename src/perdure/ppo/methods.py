@@ -98,6 +98,19 @@ METHODS: dict[str, Method] = {
 }
 
 
+def find_method(name: str) -> Method:
+    """Return a row of METHODS.
+
+    Raises:
+        ConfigError: If there is no such method.
+    """
+    if name not in METHODS:
+        near = difflib.get_close_matches(name, METHODS, n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ConfigError(f"unknown method {name!r}{hint}; the methods are {', '.join(METHODS)}")
+    return METHODS[name]
+
+
 def method_config(method: str, task: str, observation_size: int, preset: str = ZOO) -> PPOConfig:
     """Return the full configuration of a method on a task.
 
@@ -110,11 +123,7 @@ def method_config(method: str, task: str, observation_size: int, preset: str = Z
     Raises:
         ConfigError: If there is no such method or preset.
     """
-    if method not in METHODS:
-        near = difflib.get_close_matches(method, METHODS, n=1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ConfigError(f"unknown method {method!r}{hint}; the methods are {', '.join(METHODS)}")
-    chosen, tuned = METHODS[method], find_preset(task, preset)
+    chosen, tuned = find_method(method), find_preset(task, preset)
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),

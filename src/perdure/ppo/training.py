@@ -19,6 +19,7 @@ from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
 from perdure.ppo.config import PPOConfig
 from perdure.ppo.errors import ConfigError
 from perdure.ppo.export import export_policy, write_curves
+from perdure.ppo.methods import find_method
 from perdure.ppo.presets import ZOO
 from perdure.ppo.segment import SegmentRunner
 from perdure.ppo.state import start_state
@@ -53,9 +54,13 @@ class TrainRun:
     """Command that repeats the run, with `{seed}` for the seed; None: `perdure train ...`. Kept in the policy file."""
     preset: str = ZOO
     """Preset of hyperparameters that `config` started from; part of the folder's name unless it is the default."""
+    base_method: str | None = None
+    """Method that `config` started from, for the recorded command; None: `method`. Results do not depend on it."""
 
     def __post_init__(self) -> None:
-        """Refuse a list of seeds that names no run, or one twice."""
+        """Refuse a list of seeds that names no run, or one twice, and an unknown base method."""
+        if self.base_method is not None:
+            find_method(self.base_method)
         if not self.seeds:
             raise ConfigError("a training run needs at least one seed")
         if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
@@ -76,7 +81,7 @@ class TrainRun:
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
         settings: dict[str, Any] = {"task": self.task, "method": self.method, "config": self.config.to_json()}
-        settings |= {"command": self.command, "preset": self.preset, "seed": seed}
+        settings |= {"command": self.command, "preset": self.preset, "base_method": self.base_method, "seed": seed}
         steps = float(self.config.iterations * self.config.rollout_size)
         return Unit(
             self.key(seed),
@@ -158,14 +163,22 @@ def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
 
 
 def train_segment(
-    work: Work, *, task: str, method: str, config: Mapping[str, Any], command: str | None, preset: str, seed: int
+    work: Work,
+    *,
+    task: str,
+    method: str,
+    config: Mapping[str, Any],
+    command: str | None,
+    preset: str,
+    seed: int,
+    base_method: str | None = None,
 ) -> bool:
     """Train one seed for one more segment; the function of `TrainRun.unit`.
 
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
     """
-    run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset)
+    run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset, base_method)
     runner = _runner(task, run.config, work.threads)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
     if (work.folder / RECORD).exists():  # an attempt that was interrupted after its last file

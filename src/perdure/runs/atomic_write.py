@@ -136,5 +136,6 @@ def _remove_if_dead(leftover: Path) -> None:
 
 
 def _prefix(target: Path) -> str:
-    # A long name leaves no room for a token within the 255 bytes a file name may have.
-    return f".{target.name.encode()[:180].decode(errors='ignore')}.partial-"
+    # A long name leaves no room for a token within the 255 bytes a file name may have. Bytes that are no UTF-8 are left
+    # out: some file systems refuse them, and the cut may leave half a character.
+    return f".{os.fsencode(target.name)[:180].decode(errors='ignore')}.partial-"

@@ -78,7 +78,8 @@ def train_run(grid: Grid, row: Row) -> TrainRun:
     """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`."""
     from perdure.ppo.training import TrainRun
 
-    return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset)
+    config, base = row_config(grid, row), _base_method(row)
+    return TrainRun(row.task, row.method, config, row.seeds, preset=row.preset, base_method=base)
 
 
 def row_config(grid: Grid, row: Row) -> PPOConfig:
@@ -88,11 +89,15 @@ def row_config(grid: Grid, row: Row) -> PPOConfig:
     world = make_world(row.task, [0])
     size = world.spec.observation_size
     world.close()
-    method = "ppo" if row.gamma is not None else row.method
-    config = method_config(method, row.task, size, row.preset)
+    config = method_config(_base_method(row), row.task, size, row.preset)
     if row.gamma is not None:
         config = replace(config, protocol=replace(config.protocol, gamma=row.gamma))
     return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)
+
+
+def _base_method(row: Row) -> str:
+    """Return the method whose settings a row starts from."""
+    return "ppo" if row.gamma is not None else row.method
 
 
 def seed_folders(out: Path, row: Row) -> dict[int, Path]:
