@@ -88,3 +88,14 @@ def test_evaluation_follows_training():
     assert len(keys) == len(set(keys))
     for place, step in enumerate(steps):
         assert set(step.after) <= set(keys[:place])
+
+
+def test_only_methods_that_observe_c_are_evaluated_where_c_is_chosen():
+    study = find_study("horizon")
+    steps = study.plan("thesis", Path("nowhere"), (1, 3))
+    methods = {
+        name: {step.row.method for step in steps if step.stage == f"evaluation {name}"}
+        for name in ("validation", "test")
+    }
+    assert methods["validation"] == {"geometric", "geometric-fixed"}
+    assert {"ppo", "linear", "random-horizon"} < methods["test"]

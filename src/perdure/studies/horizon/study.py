@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from perdure.studies.horizon.evaluation import evaluate_row
-from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, make_grid
+from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, SWEPT, make_grid
 from perdure.studies.horizon.mechanism import mechanism_steps
+from perdure.studies.horizon.results import TEST
 from perdure.studies.horizon.rules import rule_steps
 from perdure.studies.horizon.training import TrainRow
 from perdure.studies.study import Scale, Study, StudyStep
@@ -16,12 +17,16 @@ QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and
 
 
 def plan(scale: str, out: Path, phases: Sequence[int]) -> list[StudyStep]:
-    """Return all steps: every row's training, its evaluation on validation and test start states, short rollouts."""
+    """Return all steps: every row's training, its evaluation on test start states, short rollouts.
+
+    Methods whose input depends on C are evaluated on validation start states too, where C is chosen.
+    """
     grid = make_grid(scale, phases)
     steps: list[StudyStep] = [TrainRow(grid, row, out) for row in grid.rows]
     evaluated = [row for row in grid.rows if row.evaluated]
     for split in grid.splits:
-        steps += [evaluate_row(grid, row, split, out) for row in evaluated]
+        rows = evaluated if split.name == TEST else [row for row in evaluated if row.method in SWEPT]
+        steps += [evaluate_row(grid, row, split, out) for row in rows]
     return steps if grid.confirmatory else [*steps, *rule_steps(grid, out), *mechanism_steps(grid, out)]
 
 
