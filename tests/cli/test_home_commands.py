@@ -91,6 +91,7 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("run", "set_table", "--place", "throw"), "rl, stop, ik, ik+"),
         (("run", "set_table", "--place", "delta-1"), "2 or more"),
         (("run", "set_table", "--episodes", 0), "episodes"),
+        (("run", "set_table", "--max-lanes", 0), "lanes must be 1 or more, not 0"),
         (("run", "set_table", "--policies", "place"), "SKILL=FILE"),
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),
@@ -119,3 +120,5 @@ def test_the_word_oracle_alone_means_every_skill():
     assert policies(("place=oracle",)) == {"place": "oracle"}
     with pytest.raises(HomeError, match="SKILL=oracle"):
         policies(("oracle", "place=oracle"))
+    with pytest.raises(HomeError, match="place is named twice"):
+        policies(("place=a", "place=b"))

@@ -15,7 +15,15 @@ from perdure.home.evaluate.outcomes import label, read_logs, write_logs
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.sim.world import SceneOptions, VectorSimulator
 from perdure.home.skills import SKILLS
-from perdure.home.video import Replay, failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
+from perdure.home.video import (
+    Failure,
+    Replay,
+    failure_sheet,
+    logged_agent,
+    read_failures,
+    replay_failure,
+    sample_failures,
+)
 from perdure.home.video.failure_sheets import COLUMNS
 from perdure.home.video.picture_steps import PICTURES, condition_of, picture_steps
 from perdure.render import RenderError
@@ -171,6 +179,13 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     assert replay.log.events == failure.log.events
     assert replay.log.runs == failure.log.runs
     assert len(replay.states) == failure.log.length
+
+
+def test_a_policy_for_a_skill_of_other_tasks_does_not_stop_a_replay():
+    log = rolls_away().log()
+    failure = Failure(log, "stabilizing", label(log, "stabilizing"))
+    everywhere = {**ORACLES, "open_fridge": "used by set_table alone.safetensors"}
+    assert "place" in logged_agent(replace(failure, log=replace(log, strategy="ik")), everywhere).skill_agents
 
 
 def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):

@@ -44,12 +44,16 @@ def policies(written: tuple[str, ...]) -> dict[str, str]:
     """Return SKILL=FILE and SKILL=oracle as a mapping; "oracle" alone means the oracle in every skill.
 
     Raises:
-        HomeError: For anything else.
+        HomeError: For anything else, or a skill that is named twice.
     """
     from perdure.home.skills import SKILLS
 
     if written == ("oracle",):
         return dict.fromkeys(SKILLS, "oracle")
+    names = [each.partition("=")[0] for each in written]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise HomeError(f"policies must name each skill once; {twice} is named twice: {' '.join(written)}")
     chosen = dict(each.partition("=")[::2] for each in written)
     if not all(chosen.values()):
         raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")

@@ -53,7 +53,7 @@ class HomeRun:
     """Velocity of an object as the hand opens: unchanged; without the moving base's part
     (hab-mobile-manipulation teleports the base with what it holds); or zero."""
     physics_hz: int = 120
-    """Physics steps per second."""
+    """Physics steps per second: 120 or more, a multiple of 30."""
     max_lanes: int = 50
     """Episodes that share a process at a time. Results do not depend on it."""
     cores: Cores = None

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from perdure.home.benchmark.episodes import Episode, episode_hash, load_episodes
-from perdure.home.benchmark.tasks import SETTLE_STEPS
+from perdure.home.benchmark.tasks import SETTLE_STEPS, get_task
 from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.execute.executor import Running
@@ -20,6 +20,7 @@ from perdure.home.evaluate.outcomes.files import check_distinct
 from perdure.home.evaluate.protocol import logged_policies, read_strategy
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.world import VectorSimulator
+from perdure.home.skills import SKILLS
 from perdure.home.video.side_by_side import Agent, make_agent
 
 
@@ -131,7 +132,10 @@ def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
         HomeError: If the release strategy is another simulator's, or a policy file is missing or has changed.
     """
     task, place, train_seed, noted = failure.assignment
-    return make_agent(task, place, train_seed, {**logged_policies(dict(noted), policies), **policies})
+    # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
+    elsewhere = SKILLS.keys() - {step.skill for step in get_task(task).skills}
+    named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
+    return make_agent(task, place, train_seed, {**logged_policies(dict(noted), named), **named})
 
 
 def replay_failure(failure: Failure, agent: Agent) -> Replay:

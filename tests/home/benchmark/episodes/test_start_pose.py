@@ -1,13 +1,12 @@
 """Start poses: drawn by the evaluation seed, free on the floor, free around the arm."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 from test_episode_files import episode
 
-from perdure.home.benchmark.episodes import start_pose, start_poses
+from perdure.home.benchmark.episodes import start_pose
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import free_space, make_apartment, plane
 from perdure.home.sim.apartments.footprint import apartment_footprints
@@ -16,7 +15,7 @@ from perdure.home.sim.apartments.footprint import apartment_footprints
 @pytest.fixture(scope="module")
 def poses():
     home = make_apartment(2, 17)
-    return list(itertools.islice(start_poses(home, episode(), 100), 400))
+    return [start_pose(home, episode(), seed) for seed in range(400)]
 
 
 def test_pose_depends_on_the_episode_and_the_seed_and_on_nothing_else():

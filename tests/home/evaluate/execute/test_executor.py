@@ -11,7 +11,7 @@ from perdure.home.errors import HomeError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.execute.executor import OVERTIME
 from perdure.home.evaluate.outcomes import latched
-from perdure.home.sim.world import ACTION_SIZE, GRIP
+from perdure.home.sim.world import ACTION_SIZE, GRIP, SceneOptions
 from perdure.home.skills import SKILLS, get_skill
 
 
@@ -87,9 +87,23 @@ def test_another_evaluation_seed_is_another_run(set_table, solved):
     assert not np.allclose(other.history.base[0], solved.history.base[0])
 
 
-def test_an_execution_without_settling_time_is_refused():
-    with pytest.raises(HomeError, match="settle_steps must be 1 or more, not 0"):
-        ExecutorOptions(settle_steps=0)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"settle_steps": 0}, "settle_steps must be 1 or more, not 0"),
+        ({"lanes": 0}, "lanes must be 1 or more, not 0"),
+        ({"scene": SceneOptions(physics_hz=90)}, "physics_hz must be 120 or more, not 90"),
+        ({"scene": SceneOptions(targets=(0, 1))}, r"targets must be None where plans are executed, not \(0, 1\)"),
+    ],
+)
+def test_an_execution_that_cannot_work_is_refused(options, message):
+    with pytest.raises(HomeError, match=message):
+        ExecutorOptions(**options)
+
+
+def test_without_clutter_the_log_ends_with_the_targets_alone(set_table):
+    log = run(Idle(), [set_table[5]], lanes=1, settle_steps=1, scene=SceneOptions(clutter=False))[5]
+    assert [each.kind for each in log.final_objects] == [each.kind for each in set_table[5].objects[:2]]
 
 
 def test_skills_without_an_actor_are_refused():

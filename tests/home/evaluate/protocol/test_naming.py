@@ -32,9 +32,30 @@ def test_the_usual_world_has_no_name():
     assert strategy_name("ik", options("apart", "drag", 240)) == "ik jaws-apart drag 240-hz"
 
 
+@pytest.mark.parametrize(("word", "scene"), [("no-clutter", {"clutter": False}), ("no-sleep", {"sleep": False})])
+def test_a_scene_without_clutter_or_sleep_has_a_name_of_its_own(word, scene):
+    unusual = ExecutorOptions(scene=SceneOptions(**scene))
+    assert strategy_name("ik", unusual) == f"ik {word}"
+    assert read_strategy(f"ik {word}") == ("ik", unusual)
+
+
 @pytest.mark.parametrize(
     "name",
-    ["TP+SRL", "throw drag", "ik drag jaws-apart", "ik friction", "ik 120-hz", "ik 0-hz", "ik  drag", "ik ", ""],
+    [
+        "TP+SRL",
+        "throw drag",
+        "ik drag jaws-apart",
+        "ik friction",
+        "ik 120-hz",
+        "ik 0-hz",
+        "ik 60-hz",
+        "ik 100-hz",
+        "ik \u00b2-hz",
+        "delta-\u00b2",
+        "ik  drag",
+        "ik ",
+        "",
+    ],
 )
 def test_other_names_are_refused(name):
     with pytest.raises(HomeError, match=r"is no release strategy of this package: .* rl, stop, ik, ik\+") as refused:

@@ -9,7 +9,7 @@ from lanes import LESSONS, drive, make, random_actions, rows
 
 from perdure.home import HomeError
 from perdure.home.skills import learned_skills
-from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id, register
+from perdure.home.skills.gym import HomeSkillEnv, env_id, register
 
 STEPS, SEEDS = 25, (5, 6, 7)
 
@@ -190,34 +190,6 @@ class TestNames:
 
 
 @pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        ({"skill": "juggle"}, "juggle"),
-        ({"skill": "open_drawer", "task": "tidy_house"}, "never uses"),
-        ({"targets": (5,)}, r"\(5,\)"),
-        ({"targets": ()}, r"\(\)"),
-        ({"skill": "pick", "delta": 30}, "delta"),
-        ({"delta": 0}, "delta"),
-        ({"skill": "pick", "limited_to": 30}, "limited_to"),
-        ({"delta": 30, "limited_to": 29}, "29 steps"),
-        ({"rolling": "ice"}, "ice"),
-        ({"split": "test"}, "test"),
-        ({"task": "lay_table"}, "lay_table"),
-        ({"physics_hz": 100}, "100"),
-        ({"episodes": 0}, "episodes"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(options, word):
-    with pytest.raises(HomeError, match=word):
-        SkillEnvOptions(**options)
-
-
-def test_an_unknown_option_is_named():
-    with pytest.raises(HomeError, match="color"):
-        make("place", "tidy_house", color="red")
-
-
-@pytest.mark.parametrize(
     "wrong", [{"seed": [1, 2]}, {"options": {"reset_mask": np.array([True])}}, {"options": {"reset_mask": [0, 1, 0]}}]
 )
 def test_a_reset_that_does_not_fit_the_lanes_is_refused(wrong):
@@ -252,9 +224,3 @@ def _lane(step, lane):
         return {name: cut(v) if isinstance(v, dict) else v[lane : lane + 1] for name, v in info.items()}
 
     return (*[part[lane : lane + 1] for part in step[:4]], cut(step[4]))
-
-
-def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
-    with pytest.raises(HomeError, match="max_episode_steps=450"):
-        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)  # the default limit is 200 steps
-    gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()

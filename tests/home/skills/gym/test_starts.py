@@ -52,6 +52,31 @@ def test_a_lane_begins_with_the_robot_free_and_the_same_draws_give_the_same_star
         assert world.simulator(0).held == one.held
 
 
+def begun_lane(skill, episode, target):
+    """A world with one lane at a start state of a skill."""
+    scene = episode_scene(episode, SceneOptions(clutter=False, targets=(target,)))
+    world = VectorSimulator(1, 1)
+    begin(world, 0, scene, get_skill(skill).draw_start, episode, target, np.random.default_rng(0))
+    return world
+
+
+@pytest.mark.parametrize(("skill", "task"), LESSONS)
+def test_the_first_observation_has_the_object_where_mujoco_has_it(skill, task):
+    for target in {step.target for step in get_task(task).skills if step.skill == skill}:
+        world = begun_lane(skill, load_episodes(task, "val")[3], target)
+        np.testing.assert_allclose(world.sense().object[0], world.simulator(0).data.body("object_0").xpos, atol=1e-9)
+
+
+@pytest.mark.parametrize(("skill", "target"), [("pick", 0), ("close_drawer", 0), ("close_fridge", 1)])
+def test_a_lane_that_diverges_is_at_its_start_again_with_what_had_moved(skill, target):
+    world = begun_lane(skill, load_episodes("set_table", "val")[3], target)
+    start = world.simulator(0).qpos.copy()
+    world.simulator(0).qvel[:] = np.nan
+    world.step(np.zeros((1, ACTION_SIZE)))
+    assert world.sense().diverged[0]
+    np.testing.assert_array_equal(world.simulator(0).qpos, start)
+
+
 @pytest.mark.parametrize("skill", ["pick", "place"])
 @pytest.mark.parametrize("task", ["tidy_house", "prepare_groceries", "set_table"])
 def test_pick_and_place_begin_within_2_m_of_what_they_are_about_and_face_it(skill, task):

@@ -4,7 +4,7 @@ Contents:
     load_episodes                               the published ones: val and eval of each task
     Episode, EpisodeSet, episode_hash           what an episode is
     episode_scene                               its compiled model
-    start_pose, start_poses                     the robot's start, drawn by the evaluation seed
+    start_pose                                  the robot's start, drawn by the evaluation seed
     read_episodes, write_episodes               JSON with a schema and a hash
     generate_episodes, generate_episode         the generator; `ObjectModels` is what it asks about objects
     settle                                      do the objects stay where they were put?
@@ -15,7 +15,7 @@ from perdure.home.benchmark.episodes.files import load_episodes, read_episodes, 
 from perdure.home.benchmark.episodes.generate import generate_episode, generate_episodes
 from perdure.home.benchmark.episodes.scene import episode_scene
 from perdure.home.benchmark.episodes.settle import settle
-from perdure.home.benchmark.episodes.start import start_pose, start_poses
+from perdure.home.benchmark.episodes.start import start_pose
 from perdure.home.benchmark.episodes.surfaces import ObjectModels
 
 __all__ = [
@@ -30,6 +30,5 @@ __all__ = [
     "read_episodes",
     "settle",
     "start_pose",
-    "start_poses",
     "write_episodes",
 ]

@@ -20,6 +20,7 @@ from perdure.home.evaluate.execute.recorder import Recorder, door_links, final_o
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, SkillRun
 from perdure.home.sim.arrays import IntArray
 from perdure.home.sim.world import ACTION_SIZE, Jaws, PrivilegedState, SceneOptions, VectorSimulator
+from perdure.home.sim.world.scene import SERVO_HZ
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 
 OVERTIME = 150
@@ -42,9 +43,13 @@ class ExecutorOptions:
     """Control steps of the settling time, 1 or more."""
 
     def __post_init__(self) -> None:
-        """Raise HomeError for an execution without settling time."""
-        if self.settle_steps < 1:
-            raise HomeError(f"settle_steps must be 1 or more, not {self.settle_steps}")
+        """Raise HomeError for an execution without lanes, settling time, all targets or a rate that the servos need."""
+        least = {"lanes": (self.lanes, 1), "settle_steps": (self.settle_steps, 1)}
+        for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
+            if value < low:
+                raise HomeError(f"{name} must be {low} or more, not {value}")
+        if self.scene.targets is not None:
+            raise HomeError(f"targets must be None where plans are executed, not {self.scene.targets}")
 
 
 @dataclass
@@ -132,7 +137,7 @@ class Executor:
                     assert each is not None
                     if (each.settling is None or each.settling < options.settle_steps) and not each.recorder.diverged:
                         continue
-                    yield each.recorder.log(each.step, final_objects(world, lane, each.episode), **self._named)
+                    yield each.recorder.log(each.step, final_objects(world, lane), **self._named)
                     running[lane] = self._start(world, lane, waiting.pop()) if waiting else None
                     if running[lane] is not None:
                         self._begin_skills(world, [lane], running)

@@ -89,11 +89,12 @@ def record_table(
     return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
 
 
-def final_objects(world: VectorSimulator, lane: int, episode: Episode) -> tuple[FinalObject, ...]:
-    """Return pose and speed of every object of a lane."""
-    poses, velocities = world.objects(np.array([lane]), len(episode.objects))
-    kinds = (placement.kind for placement in episode.objects)
-    held = world.simulator(lane).held
+def final_objects(world: VectorSimulator, lane: int) -> tuple[FinalObject, ...]:
+    """Return pose and speed of every object in the scene of a lane, targets first."""
+    simulator = world.simulator(lane)
+    placements, held = simulator.scene.placements, simulator.held
+    poses, velocities = world.objects(np.array([lane]), len(placements))
+    kinds = (placement.kind for placement in placements)
     rows = zip(kinds, poses[0].tolist(), norm(velocities[0]).tolist(), strict=True)
     return tuple(
         FinalObject(kind, (x, y, z), (qw, qx, qy, qz), speed, k == held)

@@ -107,18 +107,22 @@ def choose_policies(
         how: The release choice, which decides the place policy; the benchmark's when None.
 
     Raises:
-        HomeError: If a skill is unknown, its file is missing, there is no policy of this training seed though there is
-            one of another, or none was trained for what `how` asks: the oracle does not stand in for one that should
-            be there, for it would pass for a result of that training.
+        HomeError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
+            missing, there is no policy of this training seed though there is one of another, or none was trained for
+            what `how` asks: the oracle does not stand in for one that should be there, for it would pass for a result
+            of that training.
     """
     chosen, how = dict(chosen or {}), how or read_release("rl")
     unknown = chosen.keys() - SKILLS.keys()
     if unknown:
         raise HomeError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
+    learned = [each for each in dict.fromkeys(step.skill for step in get_task(task).skills) if each != "reset_arm"]
+    unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
+    if unused:
+        why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
+        raise HomeError(f"{why}; the skills of {task} that need a policy are {', '.join(learned)}")
     result: dict[SkillName, SkillPolicy] = {}
-    for skill in dict.fromkeys(step.skill for step in get_task(task).skills):
-        if skill == "reset_arm":
-            continue
+    for skill in learned:
         named = chosen.get(skill)
         path: Path | None
         if named is None:

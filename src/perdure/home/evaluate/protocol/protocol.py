@@ -85,7 +85,5 @@ class EvaluationProtocol:
     def from_json(cls, settings: Mapping[str, Any]) -> Self:
         """Return the protocol that `to_json` described, also after it has been text."""
         options = dict(settings["options"])
-        scene = dict(options.pop("scene"))
-        targets = scene.pop("targets")
-        built = SceneOptions(**scene, targets=None if targets is None else tuple(targets))
-        return cls(**{**settings, "options": ExecutorOptions(**options, scene=built)})
+        scene = SceneOptions(**options.pop("scene"))
+        return cls(**{**settings, "options": ExecutorOptions(**options, scene=scene)})

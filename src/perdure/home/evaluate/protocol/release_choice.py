@@ -50,10 +50,14 @@ def read_release(text: str) -> ReleaseChoice:
     if found is None:
         raise HomeError(f"place must be one of {', '.join(STRATEGIES)}, delta-N or delta-N-in-M, not {text!r}")
     delta, steps = found.groups()
-    if not delta.isdigit() or int(delta) < 2:
+    if not _is_number(delta) or int(delta) < 2:
         raise HomeError(f"the N in delta-N must be 2 or more, not {delta!r}")
-    if steps is not None and not steps.isdigit():
+    if steps is not None and not _is_number(steps):
         raise HomeError(f"the M in delta-N-in-M must be a number of steps, not {steps!r}")
     wanted = ReleaseChoice(text, "rl", int(delta), None if steps is None else int(steps))
     get_skill("place", **wanted.options)  # refuses a limit that is too short
     return wanted
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal()

@@ -141,6 +141,8 @@ def _is_written(path: Path) -> bool:
 def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
     options = protocol.options
+    # Named only where they are unusual: stored configurations of the usual world do not have them.
+    unusual = {name: False for name in ("clutter", "sleep") if not getattr(options.scene, name)}
     return {
         "task": protocol.task,
         "split": protocol.split,
@@ -157,6 +159,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         "settle_steps": options.settle_steps,
         "mujoco": version("mujoco"),
         "perdure": version("perdure"),
+        **unusual,
     }
 
 

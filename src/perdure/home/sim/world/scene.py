@@ -27,6 +27,8 @@ CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
 PHYSICS_HZ = 120
 """Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
+SERVO_HZ = 120
+"""Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
 HANDLE_SOLREF = (0.02, 1.0)
 """How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
 HABITAT_DRAG = -math.log(1.0 - 0.2)
@@ -42,6 +44,7 @@ class SceneOptions:
     """How a scene is built; the same options and episode give the same model."""
 
     physics_hz: int = PHYSICS_HZ
+    """A multiple of 30; `SERVO_HZ` or more where the robot moves."""
     visuals: bool = False
     """Whether visual geometry is built: pictures need it, physics does not."""
     clutter: bool = True
@@ -57,8 +60,9 @@ class SceneOptions:
 
     def __post_init__(self) -> None:
         """A physics rate that is no multiple of the control rate raises HomeError."""
-        if self.physics_hz < CONTROL_HZ or self.physics_hz % CONTROL_HZ:
-            raise HomeError(f"physics_hz must be a multiple of {CONTROL_HZ}, not {self.physics_hz}")
+        rate = self.physics_hz
+        if not isinstance(rate, int | np.integer) or rate < CONTROL_HZ or rate % CONTROL_HZ:
+            raise HomeError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
         for name, kind in (("rolling", Rolling), ("apple", AppleShape), ("release_velocity", ReleaseVelocity)):
             if (value := getattr(self, name)) not in get_args(kind):
                 raise HomeError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.objects import OBJECT_BIT
+from perdure.home.sim.objects import OBJECT_BIT, Placement
 from perdure.home.sim.robot.data import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.sim.world.actions import GRASP_RADIUS
 from perdure.home.sim.world.nearby import MOVED
@@ -54,10 +54,16 @@ class Simulator:
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
         self._looked_from: tuple[float, float] | None = None
 
-    def reset(self, base: Pose, arm: ArrayLike = REST_ARM, opened: Mapping[str, float] | None = None) -> None:
+    def reset(
+        self,
+        base: Pose,
+        arm: ArrayLike = REST_ARM,
+        opened: Mapping[str, float] | None = None,
+        moved: Mapping[int, Placement] | None = None,
+    ) -> None:
         """Reset to the start of an episode: base pose, joint angles of the arm (7,), drawers and doors by link name.
 
-        Links that are not named take the scene's own positions.
+        Links that are not named take the scene's own positions; so do objects that `moved` does not place by number.
         """
         self._mujoco.mj_resetData(self.model, self.data)
         self.search_all()
@@ -68,6 +74,8 @@ class Simulator:
         wanted = {**scene.opened, **(opened or {})}
         for link, address in zip(scene.links, scene.link_qpos, strict=True):
             self.qpos[address] = wanted.get(link, 0.0)
+        for number, placement in (moved or {}).items():
+            self.object(number)[0][:] = *placement.position, *placement.quaternion
         self.robot[:] = 0.0
         self.robot[:3] = base.x, base.y, base.yaw
         self.robot[TORSO], self.robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from perdure.home.errors import HomeError
 from perdure.home.sim.apartments import Pose
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.objects import Placement
 from perdure.home.sim.robot.data import ARM_HIGH, ARM_LOW, REST_ARM
 from perdure.home.sim.world.actions import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, STOP, STOP_LEVEL, TURN
 from perdure.home.sim.world.neighbors import Neighbors, Surroundings, no_neighbors
@@ -46,7 +47,7 @@ class VectorSimulator:
         self._simulators: list[Simulator | None] = [None] * lanes
         self._idle: dict[Scene, list[Simulator]] = {}
         self._idle_count = 0
-        self._starts: list[tuple[Pose, FloatArray, Mapping[str, float], int]] = [_NOWHERE] * lanes
+        self._starts: list[_Start] = [_NOWHERE] * lanes
         self._skill_goal = [SkillGoal()] * lanes
         self._readings = Readings(lanes)
         self._outlines = Outlines(lanes)
@@ -63,6 +64,7 @@ class VectorSimulator:
         opened: Mapping[str, float] | None = None,
         held: int = -1,
         skill_goal: SkillGoal | None = None,
+        moved: Mapping[int, Placement] | None = None,
     ) -> None:
         """Start a lane's episode.
 
@@ -74,13 +76,14 @@ class VectorSimulator:
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
             held: Number of the object in the gripper, -1 for none.
             skill_goal: The goal of its skill.
+            moved: Placements of objects by number in place of the scene's own.
         """
         old = self._simulators[lane]
         if old is None or old.scene is not scene:
             self._simulators[lane] = self._take(scene)
             if old is not None:
                 self._leave(old)
-        self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), held)
+        self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), dict(moved or {}), held)
         self._skill_goal[lane] = skill_goal or SkillGoal()
         self._begin(lane)
 
@@ -179,9 +182,9 @@ class VectorSimulator:
             self._idle_count -= len(self._idle.pop(oldest))
 
     def _begin(self, number: int) -> None:
-        base, arm, opened, held = self._starts[number]
+        base, arm, opened, moved, held = self._starts[number]
         simulator = self.simulator(number)
-        simulator.reset(base, arm, opened)
+        simulator.reset(base, arm, opened, moved)
         readings = self._readings
         readings.arm_target[number] = arm
         readings.force[number] = 0.0
@@ -289,4 +292,5 @@ CELLS_AHEAD = 10
 """Look-ahead of the waypoint in cells of 0.05 m."""
 MAX_IDLE = 512
 """Simulators kept for scenes that were left, about a megabyte each."""
-_NOWHERE: tuple[Pose, FloatArray, Mapping[str, float], int] = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, -1)
+_Start = tuple[Pose, FloatArray, Mapping[str, float], Mapping[int, Placement], int]
+_NOWHERE: _Start = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, {}, -1)

@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, get_args
 
 from perdure.home.benchmark.episodes import Episode, load_episodes
 from perdure.home.benchmark.tasks import TASKS, HomeTask, get_task
 from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import split_apartments
+from perdure.home.sim.apartments import SPLITS
 from perdure.home.sim.world import PHYSICS_HZ, Rolling, SceneOptions
+from perdure.home.sim.world.scene import SERVO_HZ
+from perdure.home.skills.gym.checks import PythonFlag, check_kinds, plain
 from perdure.home.skills.registry import SKILLS, choices, get_skill, learned_skills
 from perdure.home.skills.skill import Skill
 from perdure.home.skills.starts import train_pool
+from perdure.schema import Choice, Items, Kind, Maybe, Text, Whole
 
 SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
 """Options that are fields of a skill."""
+COUNT = Whole(1, 1_000_000)
+KINDS: Mapping[str, Kind] = {
+    "skill": Text(),
+    "task": Choice(tuple(TASKS)),
+    "split": Choice(tuple(SPLITS)),
+    "targets": Maybe(Items(Whole(0, 100))),
+    "delta": COUNT,
+    "limited_to": Maybe(COUNT),
+    "any_heading": PythonFlag(),
+    "clutter": PythonFlag(),
+    "physics_hz": Whole(SERVO_HZ, 100_000),
+    "rolling": Choice(get_args(Rolling)),
+    "episodes": Maybe(COUNT),
+}
+"""The kind of every option."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +63,12 @@ class SkillEnvOptions:
 
     def __post_init__(self) -> None:
         """Raise HomeError for options that do not exist or do not fit together."""
-        if self.targets is not None and not isinstance(self.targets, int):
-            object.__setattr__(self, "targets", tuple(self.targets))
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, plain(value))
+        if self.targets is not None:
+            given = self.targets if isinstance(self.targets, Iterable) else (self.targets,)
+            object.__setattr__(self, "targets", tuple(map(plain, given)))
+        check_kinds(KINDS, vars(self))
         if self.skill not in learned_skills():
             raise HomeError(f"no environment for the skill {self.skill!r}; {choices(self.skill, learned_skills())}")
         for each in fields(self):
@@ -55,9 +77,6 @@ class SkillEnvOptions:
                 raise HomeError(
                     f"{each.name} is an option of {', '.join(owners)}, not of {self.skill}; leave it at {each.default}"
                 )
-        if self.episodes is not None and self.episodes < 1:
-            raise HomeError(f"episodes must be at least 1, not {self.episodes}")
-        split_apartments(self.split)
         published = 0 if self.split == "train" else len(load_episodes(self.task, self.split).episodes)
         if published and self.episodes is not None and self.episodes > published:
             raise HomeError(f"episodes must be 1 to {published}, all of {self.split}, not {self.episodes}")
@@ -73,7 +92,8 @@ class SkillEnvOptions:
         """Return the targets to draw from."""
         if self.targets is None:
             return targets_of(self.skill, get_task(self.task))
-        return (self.targets,) if isinstance(self.targets, int) else tuple(self.targets)
+        assert not isinstance(self.targets, int), "made a tuple at construction"
+        return self.targets
 
     @property
     def scene(self) -> SceneOptions:

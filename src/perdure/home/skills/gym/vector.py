@@ -13,10 +13,13 @@ from gymnasium.vector.utils import batch_space
 from perdure.home.errors import HomeError
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.world import PrivilegedState, VectorSimulator
+from perdure.home.skills.gym.checks import check_kinds, checked_mode
 from perdure.home.skills.gym.episode_sampler import episode_sampler
-from perdure.home.skills.gym.options import checked_options
+from perdure.home.skills.gym.options import COUNT, checked_options
+from perdure.home.skills.gym.register import check_id
 from perdure.home.skills.progress import SkillProgress, put_rows
 from perdure.home.skills.skill import Skill
+from perdure.schema import Maybe, Whole
 
 StepResult = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -43,6 +46,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         max_episode_steps: int | None = None,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED,
+        registered_skill: str | None = None,
         **options: Any,
     ) -> None:
         """Load the episodes; scenes are built when they are needed.
@@ -52,14 +56,18 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             max_episode_steps: Steps after which a lane is truncated, None for no limit.
             threads: Simulation threads; as many as the process may use cores when None. Results do not depend on it.
             autoreset_mode: See the class.
+            registered_skill: The skill of the Gymnasium id that makes this environment, which `skill` must then be.
             options: Fields of `SkillEnvOptions`.
 
         Raises:
-            HomeError: If an option is unknown or does not fit the others.
+            HomeError: If an option is unknown, of a wrong type or does not fit the others.
         """
+        given = {"num_envs": num_envs, "max_episode_steps": max_episode_steps, "threads": threads}
+        check_kinds({"num_envs": COUNT, "max_episode_steps": Maybe(Whole(1, 10**9)), "threads": Maybe(COUNT)}, given)
+        self.metadata = {"autoreset_mode": checked_mode(autoreset_mode), "render_modes": []}
         self.options = checked_options(options)
+        check_id(self.options.skill, registered_skill)
         self.options.check_step_limit(max_episode_steps)
-        self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode), "render_modes": []}
         self.skill: Skill = self.options.make_skill()
         self.sampler = episode_sampler(self.options)
         self.num_envs, self.max_episode_steps = num_envs, max_episode_steps

@@ -57,12 +57,7 @@ def begin(
 
 def put(world: VectorSimulator, lane: int, scene: Scene, start: Start) -> None:
     """Bring a lane to a start state."""
-    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal)
-    one = world.simulator(lane)
-    for number, placement in start.moved.items():
-        one.object(number)[0][:] = *placement.position, *placement.quaternion
-    if start.moved:
-        one.forward()
+    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal, start.moved)
 
 
 def touching(lane: Simulator) -> float:

@@ -1,0 +1,112 @@
+"""Options of skill environments: those that make no sense are refused before anything is built."""
+
+import gymnasium
+import numpy as np
+import pytest
+from lanes import make
+
+from perdure.home import HomeError
+from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"skill": "juggle"}, "juggle"),
+        ({"skill": "open_drawer", "task": "tidy_house"}, "never uses"),
+        ({"targets": (5,)}, r"\(5,\)"),
+        ({"targets": ()}, r"\(\)"),
+        ({"skill": "pick", "delta": 30}, "delta"),
+        ({"delta": 0}, "delta"),
+        ({"skill": "pick", "limited_to": 30}, "limited_to"),
+        ({"delta": 30, "limited_to": 29}, "29 steps"),
+        ({"rolling": "ice"}, "ice"),
+        ({"split": "test"}, "test"),
+        ({"task": "lay_table"}, "lay_table"),
+        ({"physics_hz": 100}, "100"),
+        ({"episodes": 0}, "episodes"),
+        ({"episodes": "5"}, "episodes must be a whole number .*, not '5'"),
+        ({"episodes": 2.5}, "episodes must be a whole number .*, not 2.5"),
+        ({"delta": 1.5}, "delta must be a whole number .*, not 1.5"),
+        ({"delta": True}, "delta must be a whole number .*, not True"),
+        ({"limited_to": "200"}, "limited_to must be a whole number .*, not '200'"),
+        ({"targets": True}, "targets.* must be a whole number .*, not True"),
+        ({"targets": 1.5}, "targets.* must be a whole number .*, not 1.5"),
+        ({"clutter": "no"}, "clutter must be True or False, not 'no'"),
+        ({"any_heading": "off"}, "any_heading must be True or False, not 'off'"),
+        ({"task": ["set_table"]}, "task must be one of .*'set_table'"),
+        ({"skill": None}, "skill must be text"),
+        ({"physics_hz": 120.0}, "physics_hz must be a whole number from 120 .*, not 120.0"),
+        ({"physics_hz": 90}, "physics_hz must be a whole number from 120 .*, not 90"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, word):
+    with pytest.raises(HomeError, match=word):
+        SkillEnvOptions(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"threads": 0}, "threads"),
+        ({"threads": "2"}, "threads"),
+        ({"max_episode_steps": 10.5}, "max_episode_steps"),
+        ({"lanes": 0}, "num_envs"),
+        ({"autoreset_mode": "Next"}, "'NextStep', 'SameStep', 'Disabled', not 'Next'"),
+    ],
+)
+def test_settings_of_the_vector_of_a_wrong_type_are_refused(options, word):
+    with pytest.raises(HomeError, match=word):
+        make("place", "tidy_house", **options)
+
+
+def test_numpys_numbers_count_as_whole_numbers():
+    env = make("place", "set_table", lanes=np.int64(2), delta=np.int32(3), targets=np.array([1]))
+    assert (env.options.delta, env.options.chosen_targets) == (3, (1,))
+
+
+def test_an_unknown_option_is_named():
+    with pytest.raises(HomeError, match="color"):
+        make("place", "tidy_house", color="red")
+
+
+def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
+    with pytest.raises(HomeError, match="max_episode_steps=450"):
+        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)  # the default limit is 200 steps
+    gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()
+
+
+@pytest.mark.parametrize("options", [{"skill": "pick"}, {"autoreset_mode": "NextStep"}, {"autoreset_mode": "SameStep"}])
+def test_options_that_would_break_a_single_environment_are_refused(options):
+    with pytest.raises(HomeError, match="perdure/HomePick-v0" if "skill" in options else "must be 'Disabled'"):
+        gymnasium.make(env_id("place"), split="val", episodes=1, **options)
+
+
+def test_an_id_makes_a_vector_of_its_own_skill_alone():
+    with pytest.raises(HomeError, match="perdure/HomePlace-v0 has the skill place, not pick"):
+        gymnasium.make_vec(env_id("place"), num_envs=2, skill="pick")
+
+
+def test_a_single_environment_may_be_given_threads():
+    gymnasium.make(env_id("place"), split="val", episodes=1, threads=2).close()
+
+
+def test_an_episode_cut_off_before_the_object_could_stay_is_warned_of_once(recwarn):
+    env = gymnasium.make(env_id("place"), split="val", episodes=1, delta=60, max_episode_steps=3)
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(10))
+    env.reset()
+    env.step(np.zeros(10))
+    env.reset()
+    (text,) = (str(each.message) for each in recwarn if "cut off" in str(each.message))
+    assert "after 3 steps" in text
+    assert text.endswith("with delta=60: also give max_episode_steps=260")
+
+
+def test_an_episode_that_ended_by_itself_is_not_warned_of(recwarn):
+    env = HomeSkillEnv(skill="place", split="val", episodes=1, delta=60)
+    env.reset(seed=0)
+    assert env.step(-np.ones(10))[2]  # lets go far from the goal
+    env.reset()
+    assert not any("cut off" in str(each.message) for each in recwarn)
