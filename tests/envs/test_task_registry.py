@@ -68,6 +68,12 @@ def test_a_task_like_no_other_gets_no_wild_guess(wrong: str) -> None:
     assert "perdure list" in str(caught.value)
 
 
+@pytest.mark.parametrize("option", ["max_episode_steps", "threads", "num_envs"])
+def test_what_a_world_sets_itself_is_no_option_in_a_task_name(option: str) -> None:
+    with pytest.raises(WorldError, match=f"{option} is not an option"):
+        make_world(f"perdure/HomePlace-v0,{option}=2", [1])
+
+
 def test_an_unknown_suite_is_answered_with_the_suites() -> None:
     with pytest.raises(WorldError, match="no task suite named 'Atari'") as caught:
         list_tasks("Atari")

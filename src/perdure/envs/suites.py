@@ -138,9 +138,11 @@ class VectorSuite:
         from perdure.envs.vector_env_world import VectorEnvWorld
 
         registered, _, text = task.partition(",")
-        env = gymnasium.make_vec(
-            registered, num_envs=len(checked_seeds(seeds)), max_episode_steps=None, threads=threads, **_options(text)
-        )
+        given = {"num_envs": len(checked_seeds(seeds)), "max_episode_steps": None, "threads": threads}
+        options = _options(text)
+        for name in given.keys() & options.keys():
+            raise WorldError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
+        env = gymnasium.make_vec(registered, **given, **options)
         return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
 
 
