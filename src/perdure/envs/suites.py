@@ -138,7 +138,11 @@ class VectorSuite:
         from perdure.envs.vector_env_world import VectorEnvWorld
 
         registered, _, text = task.partition(",")
-        given = {"num_envs": len(checked_seeds(seeds)), "max_episode_steps": None, "threads": threads}
+        given: dict[str, Any] = {
+            "num_envs": len(checked_seeds(seeds)),
+            "max_episode_steps": None,
+            "threads": threads,
+        }
         options = _options(text)
         for name in given.keys() & options.keys():
             raise WorldError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
