@@ -73,6 +73,7 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     seeds = [FIRST_EVAL_SEED + seed for seed in range(lanes)]
     recording = Recording(task, seeds)
     evaluate_lanes([policy], specs, steps, world=recording)
+    recording.close()
     made = sum(len(ids) for _, ids in recording.log)
     ours, engine = [], []
     for _ in range(3):
@@ -80,6 +81,7 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
         began = time.perf_counter()
         evaluate_lanes([policy], specs, steps, world=world)
         ours.append(made / (time.perf_counter() - began))
+        world.close()
         pool = envpool.make(
             task, env_type="gymnasium", num_envs=lanes, num_threads=1, seed=seeds, max_episode_steps=10**9
         )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,8 +18,8 @@ from scripted import policy_for
 import perdure
 from perdure.extrapolate import Extrapolation, ExtrapolationError
 from perdure.extrapolate.card import write_card
-from perdure.policy import TaskInfo, save_policy
-from perdure.report import write_table
+from perdure.policy import TaskInfo, find_policy, load_policy, save_policy
+from perdure.report import read_table, write_table
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 STEPS = 100
@@ -106,7 +108,48 @@ def test_a_card_is_not_made_from_another_preset_s_episodes(made, tmp_path):
     preset = replace(subject, provenance={**subject.provenance, "preset": "cleanrl"})
     path = save_policy(preset, tmp_path / "policy.safetensors")
     with pytest.raises(ExtrapolationError, match="does not say which episodes are those of this policy"):
-        write_card(path, result.path)
+        write_card(path, write_table(tmp_path / "lanes.parquet", result.frame, {}))
     asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "out": tmp_path / "own"}
     assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (cleanrl)"]
     assert write_card(path, tmp_path / "own" / "lanes.parquet").is_file()
+
+
+def test_another_file_of_the_same_training_gets_no_card(made, tmp_path):
+    policy, result, card = made
+    subject = load_policy(policy)
+    zero = replace(subject, weights={name: np.zeros_like(each) for name, each in subject.weights.items()})
+    path = save_policy(zero, tmp_path / "zero.safetensors")
+    theirs, evaluated = (hashlib.sha256(each.read_bytes()).hexdigest()[:12] for each in (path, policy))
+    with pytest.raises(ExtrapolationError, match=rf"{path} \(SHA-256 {theirs}\).*true.*\({evaluated}\)"):
+        write_card(path, result.path)
+    assert "was not checked" not in card.read_text()
+    unknown = write_table(tmp_path / "lanes.parquet", result.frame, {})
+    assert "was not checked" in write_card(path, unknown).read_text()
+
+
+def test_every_table_of_a_policy_file_says_which_file_it_is_of(made, tmp_path):
+    policy, result, _ = made
+    result.write(tmp_path / "copy")
+    perdure.extrapolate(policy, steps=STEPS, eval_seeds=1, out=tmp_path / "one")
+    for folder in (result.path.parent, tmp_path / "copy", tmp_path / "one"):
+        notes = read_table(folder / "lanes.parquet")[1]
+        assert notes["sha256 of true, training seed 2"] == hashlib.sha256(policy.read_bytes()).hexdigest()
+
+
+def test_policies_of_one_folder_have_a_card_each(made, tmp_path):
+    policy, result, _ = made
+    for name in ("a", "b"):
+        shutil.copy(policy, tmp_path / f"{name}.safetensors")
+    names = [write_card(tmp_path / f"{name}.safetensors", result.path).name for name in ("a", "b")]
+    assert names == ["a.README.md", "b.README.md"]
+
+
+def test_no_card_is_written_into_the_package_or_into_the_cache_of_downloads(made, tmp_path):
+    policy, result, _ = made
+    downloaded = tmp_path / "models--lab--hopper" / "snapshots" / "abc" / "policy.safetensors"
+    downloaded.parent.mkdir(parents=True)
+    shutil.copy(policy, downloaded)
+    for file in (downloaded, find_policy("Hopper-v3/ppo")):
+        with pytest.raises(ExtrapolationError, match=f"{file}.*name a file with --out"):
+            write_card(file, result.path)
+    assert write_card(downloaded, result.path, tmp_path / "card.md").is_file()

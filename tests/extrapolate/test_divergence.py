@@ -5,13 +5,14 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
-from scripted import Script, evaluate, policy_for
+from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
 from perdure.envs import make_world
 from perdure.envs.gymnasium_world import GymnasiumWorld
 from perdure.extrapolate import LaneSpec, evaluate_lanes
 from perdure.extrapolate.evaluate import DIVERGED, SURVIVED, TERMINATED
-from perdure.policy import TaskInfo
+from perdure.extrapolate.idle import measure_idle
+from perdure.policy import TaskInfo, measure_reference
 
 STEPS = 50
 HEALTHY = Script(reward=lambda step: float(step % 7), place=lambda step: 0.01 * step)
@@ -53,6 +54,7 @@ NOT_BLOW_UPS = {
     "rewards that grow": Script(reward=lambda step: 1.5**step if step < 40 else 1.0),
     "a large first reward": Script(reward=lambda step: 1e6),
     "a walk back to the start": Script(place=lambda step: 0.5 * (step if step < 25 else 50 - step)),
+    "finite numbers whose sum is infinite": Script(reward=at(1, 1e308), place=lambda step: 1e308),
     "a jump far away": Script(place=lambda step: 0.0 if step < 25 else 40.0),
 }
 
@@ -60,6 +62,13 @@ NOT_BLOW_UPS = {
 @pytest.mark.parametrize("script", NOT_BLOW_UPS.values(), ids=NOT_BLOW_UPS)
 def test_what_a_healthy_world_may_do_is_let_through(script):
     assert evaluate([script], STEPS).end_reason.tolist() == [SURVIVED]
+
+
+def test_the_jump_of_a_hidden_divergence_is_paid_neither_in_the_reference_nor_to_an_idle_robot():
+    jump = Script(reward=at(30, 3_000.0))
+    reference = measure_reference(policy_for(SCRIPTED), 1, world_of([jump]))
+    assert (reference.returns.tolist(), reference.lengths.tolist()) == ([29.0], [30])
+    assert measure_idle(world_of([jump]), 50).rate == 1.0
 
 
 GOALS = {

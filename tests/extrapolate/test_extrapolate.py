@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -25,7 +27,7 @@ from perdure.extrapolate.idle import read_idle
 from perdure.extrapolate.lanes import split
 from perdure.extrapolate.run import _versions, evaluate_group, finished_lanes, policy_labels
 from perdure.horizon import Constant, Countdown, HorizonError, Periodic
-from perdure.policy import TaskInfo, load_policy, save_policy
+from perdure.policy import TaskInfo, find_policy, load_policy, save_policy
 from perdure.report import SCHEMA_VERSION, read_table
 from perdure.runs import OtherSourceWarning, RunError, Store, StoreError, Work
 
@@ -292,11 +294,31 @@ class TestClocks:
         ({"max_lanes": 0}, "max_lanes"),
         ({"clocks": ()}, "clock"),
         ({"policies": ()}, "policy"),
+        ({"policies": "mine"}, "policies must be a tuple, got 'mine'"),
+        ({"policies": (3,)}, "policies must be a tuple of texts"),
+        ({"clocks": "constant:5"}, "clocks must be a tuple, got 'constant:5'"),
+        ({"clocks": (5,)}, "clocks must be a tuple of texts"),
+        ({"modules": "mine"}, "modules must be a tuple, got 'mine'"),
+        ({"steps": 1.5}, "steps must be a whole number, got 1.5"),
+        ({"first_eval_seed": 2**31 - 1}, r"first_eval_seed \+ eval_seeds must be at most 2146483648, got 2147483647"),
     ],
 )
 def test_an_evaluation_of_nothing_is_refused_by_name(policies, change, word):
     with pytest.raises(ExtrapolationError, match=word):
         Extrapolation(**({"policies": policies} | change))
+
+
+def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):
+    """The lanes are those of the files: none is run again."""
+    (tmp_path / "mine").mkdir()
+    mine = shutil.copy(policies[0], tmp_path / "mine" / "policy.safetensors")
+    named = Extrapolation((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
+    first = extrapolate(named, tmp_path / "out", on="here")
+    started = []
+    files = Extrapolation((find_policy("Hopper-v3/ppo"), mine), 20, eval_seeds=1)
+    again = extrapolate(files, tmp_path / "out", on="here", observe=started.append)
+    assert again.frame.equals(first.frame)
+    assert started == []
 
 
 def test_policies_for_two_tasks_are_refused(policies, tmp_path):

@@ -13,7 +13,7 @@ from probes import Cue, Dial, Falling
 from scripted import policy_for
 
 import perdure
-from perdure.envs import UnknownTask, WorldError, make_world
+from perdure.envs import GymnasiumWorld, UnknownTask, WorldError, make_world
 from perdure.extrapolate import Extrapolation, ExtrapolationError
 from perdure.extrapolate.idle import constant_actions, measure_idle
 from perdure.horizon import Fixed
@@ -22,6 +22,7 @@ from perdure.policy import PolicyError, TaskInfo, save_policy
 from perdure.report import read_table
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
+LARGEST = np.finfo(np.float64).max
 LIMITED = "test/Falling-v0"
 gymnasium.register(LIMITED, Falling, max_episode_steps=10)
 FACTS = ["clock", "eval_seed", "step", "return", "end_step", "end_reason"]
@@ -218,11 +219,34 @@ def test_a_discrete_action_out_of_range_is_refused():
         ({"steps": 0}, "steps must be at least 1"),
         ({"training_horizon": 0}, "training_horizon must be at least 1"),
         ({"clocks": "default"}, "stores no clock"),
+        ({"clocks": 500}, "clocks must be a tuple of texts, got 500"),
+        ({"steps": 10.5}, "steps must be a whole number, got 10.5"),
+        ({"training_horizon": "1000"}, "training_horizon must be a whole number, got '1000'"),
+        ({"name": ""}, "name must be text of 1 to 500 characters"),
+        ({"name": "a\nb"}, "name must be text of 1 to 500 characters"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(options, message):
     with pytest.raises(ExtrapolationError, match=message):
         perdure.extrapolate(lambda seen, **time: still(seen), Falling, **{"steps": 10, **options})
+
+
+def test_steps_may_be_a_whole_float():
+    assert perdure.extrapolate(still, Falling, steps=2e1, eval_seeds=1).frame["test_horizon"][0] == 20
+
+
+def test_every_environment_that_was_made_is_closed():
+    counts = {"made": 0, "closed": 0}
+
+    class Counted(Falling):
+        def __init__(self):
+            counts["made"] += 1
+
+        def close(self):
+            counts["closed"] += 1
+
+    perdure.extrapolate(still, Counted, steps=10, eval_seeds=3)
+    assert counts["made"] == counts["closed"] > 3
 
 
 def test_a_recurrent_function_must_return_its_state():
@@ -263,8 +287,6 @@ class TestIdleWithDiscreteActions:
             class Many(Falling):
                 action_space = gymnasium.spaces.MultiDiscrete(nvec, start=[1] * len(nvec))
 
-            from perdure.envs import GymnasiumWorld
-
             return GymnasiumWorld([Many], [0]).spec
 
         few = constant_actions(spec(2, 3))
@@ -273,6 +295,25 @@ class TestIdleWithDiscreteActions:
         assert len(np.unique(many, axis=0)) == 16
         assert many.min() == 1
         assert many.max() == 100
+        more = constant_actions(spec(*[5] * 40))  # 5**40 actions: more than an int64 counts
+        assert len(np.unique(more, axis=0)) == 16
+        assert (more[0] == 1).all()
+        assert (more[-1] == 5).all()
+
+
+@pytest.mark.parametrize(("low", "high"), [(-LARGEST, LARGEST), (2.0, np.inf), (-np.inf, -2.0)])
+def test_an_idle_robot_acts_within_any_box(low, high):
+    class Boxed(Falling):
+        action_space = gymnasium.spaces.Box(low, high, (1,), np.float64)
+
+        def step(self, action):
+            assert self.action_space.contains(action)
+            acted.add(float(action[0]))
+            return super().step(action)
+
+    acted = set()
+    assert np.isfinite(measure_idle(GymnasiumWorld([Boxed], [0])).rate)
+    assert len(acted) > 3, "random actions differ"
 
 
 def test_lanes_of_many_start_states_are_independent_of_their_batch():

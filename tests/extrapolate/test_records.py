@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
-from perdure.extrapolate import LaneSpec, evaluate_lanes
+from perdure.extrapolate import ExtrapolationError, LaneSpec, evaluate_lanes
 from perdure.extrapolate.evaluate import END_REASONS
 from perdure.extrapolate.recorded_steps import MOST_WINDOWS, recorded_steps, window_steps
 from perdure.extrapolate.score import ScoreScale
@@ -142,6 +142,26 @@ class TestDetails:
     def test_a_divergence_names_its_sign(self, script, sign):
         records = evaluate([script], 100)
         assert (END_REASONS[records.end_reason[0]], records.end_detail[0]) == ("diverged", sign)
+
+
+def test_a_world_of_the_caller_stays_open():
+    world = world_of([Script()])
+    evaluate_lanes([policy_for(SCRIPTED)], [LaneSpec(0, None, 0)], 5, world=world)
+    assert world.reset().shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("lanes", "steps", "message"),
+    [
+        ([], 5, "no lane to evaluate"),
+        ([LaneSpec(1, None, 0)], 5, "an index into 1 policies, from 0, got 1"),
+        ([LaneSpec(-1, None, 0)], 5, "an index into 1 policies, from 0, got -1"),
+        ([LaneSpec(0, None, 0)], 0, "steps must be at least 1, got 0"),
+    ],
+)
+def test_lanes_that_cannot_be_run_are_refused(lanes, steps, message):
+    with pytest.raises(ExtrapolationError, match=message):
+        evaluate_lanes([policy_for(SCRIPTED)], lanes, steps)
 
 
 YARDSTICK = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")

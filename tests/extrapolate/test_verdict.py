@@ -86,6 +86,12 @@ class TestWhen:
         assert (other.outcome, other.failed_step) == (plain.outcome, plain.failed_step)
 
 
+@pytest.mark.parametrize(("steps", "outcome"), [(100, "unknown"), (200, "holds")])
+def test_the_start_from_rest_is_no_decay(steps, outcome):
+    """The reference leaves out the first 100 of 1,000 steps, in which this robot earns half of its rate."""
+    assert found(Case("starts slowly", outcome, switch(100, steady(1.5), steady(3.0)), steps=steps)) == outcome
+
+
 class TestWindows:
     def test_windows_grow_with_the_time_between_rewards(self):
         windows = [measured(case)[0].window for case in LABELED if case.name.startswith("sparse, every")]

@@ -63,6 +63,16 @@ def test_rewards_lengths_falls_and_ranges_of_a_known_world():
     assert found.rate == (28 + 2 * 325) / 57
 
 
+def test_an_environment_whose_episode_starts_with_nan_is_named():
+    class Broken(Ramp):
+        def reset(self, **options):
+            super().reset(**options)
+            return np.full(1, np.nan), {}
+
+    with pytest.raises(PolicyError, match=r"broken starts an episode with observation\[0\] = nan"):
+        measure_reference(ramp_policy(25), 1, GymnasiumWorld([partial(Broken, 1000)], [0], "broken"))
+
+
 def test_a_time_feature_counts_down_from_its_own_steps_however_short_the_episodes():
     """sb3-contrib's wrapper shows 1 - t/N. The action is phi, which the world records."""
     seen = []

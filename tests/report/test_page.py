@@ -43,6 +43,18 @@ class TestWhatItSays:
             "geometric, always 500 steps to go: falls in 4 of 8 episodes; since step 500 (median)."
         )
 
+    @pytest.mark.parametrize(
+        ("state", "outcome", "reason"),
+        [
+            ("worked", "cut", "the environment ended the episodes, for a reason that is no failure"),
+            ("worked", "unknown", "too few steps to judge the episodes"),
+            ("cannot tell", "unknown", "within its training horizon it earns more"),
+        ],
+    )
+    def test_it_says_why_it_cannot_tell(self, synthetic, state, outcome, reason):
+        table = synthetic([{"clock": "none", "outcome": outcome, "policy_state": state}])
+        assert summary_text(table).splitlines()[1].endswith(f"cannot tell in 8 of 8 episodes; {reason}.")
+
     def test_the_tutorial_shows_the_sentence_that_is_printed(self, synthetic):
         (transcript,) = re.findall(r"^```text\n(.*?)^```", TUTORIAL.read_text(), re.MULTILINE | re.DOTALL)
         printed = summary_text(synthetic([{"clock": "none"}])).splitlines()[1]

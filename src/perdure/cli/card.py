@@ -20,7 +20,8 @@ class CardFlags:
     table: Path
     """The table of `perdure extrapolate` that holds the policy's episodes: lanes.parquet, or its folder."""
     out: Path | None = None
-    """The file to write; README.md in the policy's folder by default."""
+    """The file to write; by default README.md in the policy's folder, or STEM.README.md if that holds several policies.
+    Required for shipped and downloaded policies."""
 
 
 def main(args: list[str]) -> None:

@@ -9,7 +9,6 @@ The package is callable: ``perdure.extrapolate(...)`` calls ``perdure.extrapolat
 | `lanes.py` | what is evaluated: policies x clocks x start states |
 | `evaluate.py` | run lanes and record their results |
 | `recorded_steps.py` | the steps at which results are recorded |
-| `divergence.py` | detecting simulations that diverged |
 | `idle.py`, `score.py`, `verdict.py`, `movement.py` | idle reward rate, scores, verdict of a lane, movement |
 | `api.py` | `extrapolate`: evaluate an `Extrapolation` or a single policy |
 | `run.py` | evaluation of policy files over several cores, resumable |

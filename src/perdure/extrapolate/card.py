@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.extrapolate.errors import ExtrapolationError
+from perdure.extrapolate.result import FILE_NOTE
 from perdure.extrapolate.score import HOLDS_FROM
-from perdure.extrapolate.table import method_label
+from perdure.extrapolate.table import method_label, train_seed
 from perdure.policy import Policy, load_policy
-from perdure.policy.shipped import find_policy
+from perdure.policy.hub import SUFFIX, is_downloaded
+from perdure.policy.shipped import SHIPPED, find_policy
 from perdure.report import read_table
 from perdure.report.estimates import Estimate
 from perdure.report.page import estimate_table
-from perdure.runs import write_atomic
+from perdure.runs import file_digest, write_atomic
+from perdure.schema import printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,6 +33,10 @@ OURS = "library_name: perdure"
 """Line of the front matter by which a card of ours is known."""
 _PLAIN = re.compile(r"(?!(true|false|null|yes|no|on|off)$)[a-z_]+(-[a-z_]+)*")
 """Text that YAML reads as text without quotes."""
+UNCHECKED = """
+
+The table of these episodes does not say which policy file they are of. They were found by task, method, training seed
+and label; the file itself was not checked."""
 LIMITS = """- The verdict is about this simulator, these start states and these clocks. It does not carry over to a real
   robot or to another physics engine.
 - Intervals are over evaluation seeds of one trained policy. They say nothing about other training runs of the method.
@@ -42,25 +49,38 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     Args:
         policy: As `perdure.policy.find_policy` takes it.
         table: A table of `perdure extrapolate` with episodes of this policy.
-        out: The file; README.md in the policy's folder by default.
+        out: The file. By default README.md in the policy's folder, or STEM.README.md if that holds several policies.
 
     Raises:
-        ExtrapolationError: If the table holds no episode of this policy, or the file is there and is no card of ours.
+        ExtrapolationError: If the table holds no episode of this policy's file, the file to write is there and is no
+            card of ours, or ``out`` is missing for a policy of the package or of Hugging Face's cache.
         PolicyFileError: If there is no such policy.
         ReportError: If the table cannot be read.
     """
     file = find_policy(policy)
     subject = load_policy(file)
     frame, notes = read_table(table)
-    path = Path(out) if out is not None else file.parent / NAME
+    path = Path(out) if out is not None else _beside(file)
     if path.exists() and not _is_ours(path.read_text(errors="replace")):
         raise ExtrapolationError(f"{path} exists and is no model card of perdure; name another file with --out")
-    (estimates,) = estimate_table(_rows_of(subject, frame, str(table))).values()
-    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", "")))
+    files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
+    mine = _rows_of_file(file, frame, files, str(table)) if files else _rows_of(subject, frame, str(table))
+    (estimates,) = estimate_table(mine).values()
+    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", ""), bool(files)))
     return path
 
 
-def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str) -> str:
+def _beside(file: Path) -> Path:
+    """Return where the card of a policy file is written by default."""
+    if SHIPPED in file.absolute().parents or is_downloaded(file):
+        raise ExtrapolationError(
+            f"{file} belongs to perdure or to a Hugging Face cache, where no card is written: name a file with --out"
+        )
+    alone = len(list(file.parent.glob(f"*{SUFFIX}"))) <= 1
+    return file.parent / (NAME if alone else f"{file.stem}.{NAME}")
+
+
+def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str, checked: bool) -> str:
     """Return a model card.
 
     Args:
@@ -68,6 +88,7 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
         file: Name of its file.
         estimates: One for each clock, all of this policy.
         command: What made the table of the estimates.
+        checked: Whether the table says that it is of this file.
     """
     task = policy.task
     parts = [
@@ -75,7 +96,7 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
         f"# {_title(policy)}",
         f"A deterministic policy for `{task.name}`: {task.observation_size} observations, {task.action_size} actions, "
         f"a `{policy.activation}` network. {_time(policy)}",
-        f"## Does it hold?\n\n{_verdicts(estimates)}",
+        f"## Does it hold?\n\n{_verdicts(estimates)}{'' if checked else UNCHECKED}",
         f"## Training\n\n{_training(policy)}",
         f"## Limits\n\n{LIMITS}",
         f"## How to use it\n\n{_use(file)}",
@@ -89,10 +110,25 @@ def _is_ours(text: str) -> bool:
     return text.startswith("---\n") and OURS in text.split("\n---", 1)[0].splitlines()
 
 
+def _rows_of_file(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:
+    import polars as pl
+
+    digest = file_digest(file)
+    note = pl.format(f"{FILE_NOTE}{{}}, training seed {{}}", "policy", "train_seed")
+    mine = frame.filter(note.is_in([name for name, found in files.items() if found == digest]))
+    if mine.is_empty():
+        names = [f"{name.removeprefix(FILE_NOTE)} ({found[:12]})" for name, found in sorted(files.items())]
+        raise ExtrapolationError(
+            f"{table} holds no episode of {file} (SHA-256 {digest[:12]}): evaluate this file; "
+            f"the table is of {printable(', '.join(names))}"
+        )
+    return mine
+
+
 def _rows_of(policy: Policy, frame: pl.DataFrame, table: str) -> pl.DataFrame:
     import polars as pl
 
-    method, seed = str(policy.provenance.get("method", "unknown")), int(policy.provenance.get("seed", 0))
+    method, seed = str(policy.provenance.get("method", "unknown")), train_seed(policy)
     # Policies of equal labels are told apart by their paths, which the table has in brackets.
     label = re.escape(method_label(policy, method))
     named = pl.col("policy").str.contains(rf"^{label}( \(.*/.*\))?$")

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import World, make_world
-from perdure.extrapolate.divergence import DivergenceDetector
-from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec
+from perdure.extrapolate.errors import ExtrapolationError
+from perdure.extrapolate.lanes import FIRST_EVAL_SEED, LaneSpec, whole
 from perdure.extrapolate.movement import MovementRecorder
 from perdure.extrapolate.recorded_steps import recorded_steps
 from perdure.policy import ClosedLoop, LanePolicy, PolicyLike
+from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.one_thread import one_thread
 
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
@@ -55,22 +56,41 @@ def evaluate_lanes(
         lanes: One or more.
         steps: The test horizon.
         progress: Called every 500 steps with (step, running lanes).
-        world: The world to run in; by default the policies' own task, one lane for each evaluation seed.
+        world: The world to run in, one lane for each of ``lanes``; it stays open. By default the policies' own task.
+
+    Raises:
+        ExtrapolationError: If there is no lane or no step, or a lane names a policy that there is not.
+        PolicyError: If a policy does not fit its clock or the world, or the world has another number of lanes.
+        WorldError: If the task's world cannot be built.
     """
+    steps = whole("steps", steps, 1)
+    if not lanes:
+        raise ExtrapolationError("there is no lane to evaluate: give at least one LaneSpec")
+    for lane in lanes:
+        if not 0 <= lane.policy < len(policies):
+            raise ExtrapolationError(
+                f"LaneSpec.policy must be an index into {len(policies)} policies, from 0, got {lane.policy}"
+            )
     lane_policies = [LanePolicy(policies[lane.policy], lane.clock) for lane in lanes]
-    world = world or make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
+    if world is not None:
+        return _run(world, lane_policies, steps, progress)
+    world = make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
     try:
-        loop = ClosedLoop(world, lane_policies)
-        recorder = _Recorder(loop, lane_policies, steps, world.spec.hides_divergence)
-        with one_thread():
-            for step in range(1, steps + 1):
-                recorder.take(step)
-                if step % 500 == 0:
-                    progress(step, len(loop.running))
-                if not len(loop.running):
-                    break
+        return _run(world, lane_policies, steps, progress)
     finally:
         world.close()
+
+
+def _run(world: World, lane_policies: Sequence[LanePolicy], steps: int, progress: ProgressCallback) -> LaneRecords:
+    loop = ClosedLoop(world, lane_policies)
+    recorder = _Recorder(loop, lane_policies, steps, world.spec.hides_divergence)
+    with one_thread():
+        for step in range(1, steps + 1):
+            recorder.take(step)
+            if step % 500 == 0:
+                progress(step, len(loop.running))
+            if not len(loop.running):
+                break
     return recorder.records()
 
 

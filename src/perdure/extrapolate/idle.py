@@ -13,6 +13,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +22,8 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
 from perdure.extrapolate.errors import ExtrapolationError
+from perdure.policy import LaneStep
+from perdure.policy.divergence import DivergenceDetector
 from perdure.runs import Unit, Work, config_digest, write_atomic
 from perdure.schema import Flag, Real, SchemaError, Table, read_json
 
@@ -36,7 +39,8 @@ MOST_CONSTANT = 16
 RATES = Table({"zero": Real(), "random": Real()}, optional={"discrete": Flag()})
 """Contents of the file."""
 WITHOUT_BOUND = 1.0
-"""Random actions stay within +-this where the action box has no bound."""
+"""Random actions stay within +-this where the action box has no bound, or is too wide to draw from. Where the other
+bound lies outside, they stay this close to it."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +91,15 @@ Choose = Callable[[int], NDArray[np.float64]]
 def _idle_actions(spec: TaskSpec, rng: np.random.Generator) -> list[Choose]:
     """Return constant actions, and finally random ones."""
     if spec.discrete_actions:
-        low, high = spec.action_low.astype(np.int64), spec.action_high.astype(np.int64)
+        least, most = spec.action_low.astype(np.int64), spec.action_high.astype(np.int64)
         held: list[Choose] = [lambda n, row=row: np.tile(row, (n, 1)) for row in constant_actions(spec)]  # type: ignore[misc]
-        return [*held, lambda n: rng.integers(low, high + 1, (n, len(low))).astype(np.float64)]
-    low_box = np.where(np.isfinite(spec.action_low), spec.action_low, -WITHOUT_BOUND)
-    high_box = np.where(np.isfinite(spec.action_high), spec.action_high, WITHOUT_BOUND)
+        return [*held, lambda n: rng.integers(least, most + 1, (n, len(least))).astype(np.float64)]
+    low, high = spec.action_low, spec.action_high
+    with np.errstate(over="ignore"):
+        too_wide = np.isfinite(low) & np.isfinite(high) & ~np.isfinite(high - low)
+    open_low, open_high = too_wide | ~np.isfinite(low), too_wide | ~np.isfinite(high)
+    low_box = np.where(open_low, np.where(open_high | (high > -WITHOUT_BOUND), 0.0, high) - WITHOUT_BOUND, low)
+    high_box = np.where(open_high, np.where(open_low | (low < WITHOUT_BOUND), 0.0, low) + WITHOUT_BOUND, high)
     zero = np.clip(np.zeros_like(low_box), low_box, high_box)
 
     def between(scale: float) -> Choose:
@@ -104,7 +112,8 @@ def constant_actions(spec: TaskSpec) -> NDArray[np.float64]:
     """Return the discrete actions that an idle robot holds, shape (at most MOST_CONSTANT, action_size)."""
     sizes = [int(size) for size in spec.action_high - spec.action_low + 1]
     total = math.prod(sizes)
-    chosen = [round(k) for k in np.linspace(0, total - 1, min(total, MOST_CONSTANT))]
+    last = min(total, MOST_CONSTANT) - 1
+    chosen = [round(Fraction(k * (total - 1), max(last, 1))) for k in range(last + 1)]
     rows = []
     for number in chosen:
         row = []
@@ -118,16 +127,17 @@ def constant_actions(spec: TaskSpec) -> NDArray[np.float64]:
 def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
     """Return the sum of rewards and the number of steps."""
     earned, made = 0.0, 0
-    world.reset()
+    before = world.reset()
+    detector = DivergenceDetector(before, np.zeros_like(before), world.spec.hides_divergence)
     lanes: NDArray[np.int64] = np.arange(world.num_lanes)
     for _ in range(steps):
         step = world.step(choose(len(lanes)), lanes)
-        valid = np.isfinite(step.rewards) & ~step.diverged
+        valid = ~detector.diverged(LaneStep(lanes, before, step))
         earned, made = earned + float(step.rewards[valid].sum()), made + int(valid.sum())
         stays = valid & ~step.ended
         if not stays.all():
             world.abandon(lanes[~stays])
-        lanes = lanes[stays]
+        lanes, before = lanes[stays], step.observations[stays]
         if not len(lanes):
             break
     return earned, made

@@ -14,15 +14,18 @@ from perdure.extrapolate.baselines import idle_baseline, with_reference
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import ProgressCallback, evaluate_lanes
 from perdure.extrapolate.idle import Idle
-from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec
-from perdure.extrapolate.result import TABLE, ExtrapolationResult
+from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, whole
+from perdure.extrapolate.result import TABLE, ExtrapolationResult, file_note
 from perdure.extrapolate.score import make_score_scale, task_rate
 from perdure.extrapolate.table import judge_table, lane_table, method_label
 from perdure.horizon import Clock
-from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, load_policy
+from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, find_policy, load_policy
 from perdure.policy.measure import resolve_training_horizon
 from perdure.policy.onnx import OnnxModel
 from perdure.policy.readers import is_sb3_zip
+from perdure.report.fields import NAME
+from perdure.runs import file_digest
+from perdure.schema import SchemaError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -48,7 +51,10 @@ def extrapolate_policy(
         actor = with_reference(chosen.actor(subject, source), source)
         idle = idle_baseline(source)
         frame = _evaluate(actor, source, chosen, idle, progress)
-    result = ExtrapolationResult(frame, None)
+    files = {}
+    if isinstance(policy, str | Path) and isinstance(subject, Policy):
+        files[file_note(frame["policy"][0], frame["train_seed"][0])] = file_digest(find_policy(policy))
+    result = ExtrapolationResult(frame, None, files)
     if out is None:
         return result
     result.write(out, command)
@@ -75,12 +81,17 @@ class _Options:
 
     def __post_init__(self) -> None:
         self.evaluation  # noqa: B018 - refuses numbers and clocks that make no sense
-        if self.training_horizon is not None and self.training_horizon < 1:
-            raise ExtrapolationError(f"training_horizon must be at least 1, got {self.training_horizon}")
+        if self.training_horizon is not None:
+            whole("training_horizon", self.training_horizon, 1)
+        if self.name is not None:
+            try:
+                NAME.check(self.name, "name")
+            except SchemaError as error:
+                raise ExtrapolationError(str(error)) from None
 
     @property
     def evaluation(self) -> Extrapolation:
-        clocks = (self.clocks,) if isinstance(self.clocks, str) else tuple(self.clocks or ("default",))
+        clocks: Any = (self.clocks,) if isinstance(self.clocks, str) else self.clocks or ("default",)
         return Extrapolation(
             (Path(),), self.steps, clocks, self.eval_seeds, first_eval_seed=self.first_eval_seed
         )  # its policies are not read
@@ -147,8 +158,7 @@ class _Options:
             clocks = self.evaluation.deployment_clocks(actor.clock if isinstance(actor, Policy) else None)
             if not clocks:
                 raise ExtrapolationError("a function stores no clock: name one, such as constant:500")
-        seeds = range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
-        return [LaneSpec(0, clock, seed) for clock in clocks for seed in seeds]
+        return [LaneSpec(0, clock, seed) for clock in clocks for seed in self.evaluation.seeds]
 
 
 def _evaluate(
@@ -157,13 +167,16 @@ def _evaluate(
     import polars as pl
 
     assert actor.reference is not None
-    lanes = options.lanes(actor)
+    lanes, steps = options.lanes(actor), options.evaluation.steps
     label, frames = options.label(actor.function if isinstance(actor, FunctionPolicy) else actor), []
     for group in source.groups(len(lanes)):
         chosen = [lanes[k] for k in group]
         world = source.make([FIRST_EVAL_SEED + lane.eval_seed for lane in chosen])
-        records = evaluate_lanes([actor], chosen, options.steps, progress, world)
-        rows = lane_table([label], [actor], chosen, records, options.steps)
+        try:
+            records = evaluate_lanes([actor], chosen, steps, progress, world)
+        finally:
+            world.close()
+        rows = lane_table([label], [actor], chosen, records, steps)
         frames.append(rows.head(len(dict.fromkeys(group)) * len(records.steps)))
     frame = pl.concat(frames)
     task = actor.task.name

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from perdure.envs.checks import MAX_SEED
 from perdure.extrapolate.errors import ExtrapolationError
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
 
@@ -18,12 +22,12 @@ class Extrapolation:
     """A closed-loop evaluation over lanes = policies x clocks x evaluation seeds.
 
     Raises:
-        ExtrapolationError: If there is no lane or no step.
+        ExtrapolationError: If there is no lane or no step, or a value is of another kind or out of range.
         HorizonError: If a clock makes no sense.
     """
 
     policies: tuple[Path, ...]
-    """Policy files, all for one task."""
+    """Policies for one task, each as `perdure.policy.find_policy` takes it; texts become paths."""
     steps: int = 100_000
     """T_test: steps of each lane."""
     clocks: tuple[str, ...] = ("default",)
@@ -41,16 +45,26 @@ class Extrapolation:
 
     def __post_init__(self) -> None:
         """Refuse an evaluation of nothing."""
-        for name, value in (("steps", self.steps), ("eval_seeds", self.eval_seeds), ("max_lanes", self.max_lanes)):
-            if value < 1:
-                raise ExtrapolationError(f"{name} must be at least 1, got {value}")
-        if self.first_eval_seed < 0:
-            raise ExtrapolationError(f"first_eval_seed must be at least 0, got {self.first_eval_seed}")
+        for name, least in (("steps", 1), ("eval_seeds", 1), ("max_lanes", 1), ("first_eval_seed", 0)):
+            object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        seeds = MAX_SEED + 1 - FIRST_EVAL_SEED
+        if self.first_eval_seed + self.eval_seeds > seeds:
+            raise ExtrapolationError(
+                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {self.eval_seeds}"
+            )
+        object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
+        for name in ("clocks", "modules"):
+            object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
         if not self.policies:
             raise ExtrapolationError("no policy to evaluate: name at least one policy file")
         if not self.clocks:
             raise ExtrapolationError("no clock to evaluate under; leave the option out to use each policy's own")
         self.deployment_clocks(None)
+
+    @property
+    def seeds(self) -> range:
+        """The evaluation seeds."""
+        return range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
 
     def deployment_clocks(self, default: Clock | None) -> tuple[Clock, ...]:
         """Return the clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
@@ -70,6 +84,27 @@ class Extrapolation:
         constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
         # Periodic(0) is Constant(0), which is there already.
         return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(self.steps))]
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """Return a whole number, such as 1000 or 1e3, as an int.
+
+    Raises:
+        ExtrapolationError: If it is none, or less than `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
+        raise ExtrapolationError(f"{name} must be a whole number, got {value!r}")
+    if value < least:
+        raise ExtrapolationError(f"{name} must be at least {least}, got {value}")
+    return int(value)
+
+
+def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
+    if isinstance(values, str | Path):
+        raise ExtrapolationError(f"{name} must be a tuple, got {str(values)!r}; write ({str(values)!r},)")
+    if not isinstance(values, Sequence) or not all(isinstance(each, kind) for each in values):
+        raise ExtrapolationError(f"{name} must be a tuple of texts, got {values!r}")
+    return tuple(values)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,15 @@ TABLE = "lanes.parquet"
 """Name of the table's file."""
 
 
+FILE_NOTE = "sha256 of "
+"""How the names of the notes begin that say which policy files a table is of."""
+
+
+def file_note(policy: str, train_seed: int) -> str:
+    """Return the name of the note with the SHA-256 of the file of a policy of a table."""
+    return f"{FILE_NOTE}{policy}, training seed {train_seed}"
+
+
 @dataclass(frozen=True, eq=False)
 class ExtrapolationResult:
     """The table of all lanes, and where it was written. As text: the verdicts and the summary table."""
@@ -21,6 +31,8 @@ class ExtrapolationResult:
     """One row for each lane and recorded step; columns as in ``perdure.report.schema``."""
     path: Path | None
     """The Parquet file; None where nothing was written."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each policy file by `file_note`: stored with the table, so that a card can check its policy."""
 
     def __str__(self) -> str:
         """Return the verdict on each policy and clock, and the summary table."""
@@ -38,7 +50,7 @@ class ExtrapolationResult:
         from perdure.report import write_report, write_table
 
         Path(out).mkdir(parents=True, exist_ok=True)
-        write_table(Path(out) / TABLE, self.frame, {"command": command})
+        write_table(Path(out) / TABLE, self.frame, {"command": command, **self.files})
         return write_report(self.frame, out, command)
 
     def final(self) -> pl.DataFrame:

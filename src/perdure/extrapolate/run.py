@@ -16,11 +16,11 @@ from perdure.extrapolate.errors import ExtrapolationError
 from perdure.extrapolate.evaluate import evaluate_lanes
 from perdure.extrapolate.idle import idle_unit, read_idle
 from perdure.extrapolate.lanes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, split
-from perdure.extrapolate.result import TABLE, ExtrapolationResult
+from perdure.extrapolate.result import TABLE, ExtrapolationResult, file_note
 from perdure.extrapolate.score import ScoreScale, make_score_scale, task_rate
-from perdure.extrapolate.table import judge_table, lane_table, method_label
+from perdure.extrapolate.table import judge_table, lane_table, method_label, train_seed
 from perdure.horizon import HorizonError, clock_from_json
-from perdure.policy import Policy, check_fit, load_policy, measure_reference, save_policy
+from perdure.policy import Policy, check_fit, find_policy, load_policy, measure_reference, save_policy
 from perdure.report.schema import SCHEMA_VERSION
 from perdure.runs import (
     Observer,
@@ -81,6 +81,7 @@ def extrapolate(
     """
     check_on(on)
     workers = core_count(cores)
+    evaluation = _with_files(evaluation)
     policies = [load_policy(path) for path in evaluation.policies]
     for path, policy in zip(evaluation.policies, policies, strict=True):
         refuse_import(policy.task.name, evaluation.modules, str(path))
@@ -106,7 +107,9 @@ def extrapolate(
         frame = _table(store, evaluation, policies, lanes, digests, versions)
         from perdure.report import write_table
 
-        return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command}))
+        labels, seeds = policy_labels(evaluation.policies, policies), map(train_seed, policies)
+        files = dict(zip(map(file_note, labels, seeds), digests, strict=True))
+        return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command, **files}), files)
 
 
 def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
@@ -116,7 +119,7 @@ def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
         StoreError: If a lane is missing.
         PolicyFileError: If a policy file cannot be read.
     """
-    store = Store(out)
+    store, evaluation = Store(out), _with_files(evaluation)
     policies = [load_policy(path) for path in evaluation.policies]
     digests = [file_digest(path) for path in evaluation.policies]
     return _table(
@@ -127,6 +130,11 @@ def read_lanes(evaluation: Extrapolation, out: str | Path) -> pl.DataFrame:
         digests,
         _stored_versions(store, policies[0].task.name),
     )
+
+
+def _with_files(evaluation: Extrapolation) -> Extrapolation:
+    """Return the evaluation with the file of each policy in place of a folder or a name."""
+    return replace(evaluation, policies=tuple(map(find_policy, evaluation.policies)))
 
 
 def finished_lanes(out: str | Path, steps: int, task: str) -> set[Identity]:
@@ -156,7 +164,7 @@ def _table(
 def policy_labels(paths: Sequence[Path], policies: Sequence[Policy]) -> list[str]:
     """Return a short name for each policy: its method and preset, and what else distinguishes it."""
     labels = [method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
-    seeds = [int(policy.provenance.get("seed", 0)) for policy in policies]  # as in the table
+    seeds = [train_seed(policy) for policy in policies]
     if len(set(zip(labels, seeds, strict=True))) == len(labels):
         return labels
     short = [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(labels, paths, strict=True)]
@@ -187,7 +195,7 @@ def _plan(evaluation: Extrapolation, policies: Sequence[Policy]) -> list[LaneSpe
         LaneSpec(number, clock, seed)
         for number, policy in enumerate(policies)
         for clock in ((None,) if policy.protocol.embedding is None else evaluation.deployment_clocks(policy.clock))
-        for seed in range(evaluation.first_eval_seed, evaluation.first_eval_seed + evaluation.eval_seeds)
+        for seed in evaluation.seeds
     ]
     if not lanes:
         raise ExtrapolationError("no lane to evaluate: these clocks fit none of the policies")

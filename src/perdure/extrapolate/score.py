@@ -42,7 +42,7 @@ and random actions. If no level is known, this is the only criterion."""
 LEAST_SURVIVAL = 0.5
 """Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4
-"""An evaluation must hold as many windows, or none of it can be judged."""
+"""An evaluation must hold as many windows after settling, or none of it can be judged."""
 _DRAWS = 400
 
 State = Literal["worked", "never worked", "cannot tell"]
@@ -92,6 +92,8 @@ class ScoreScale:
     """The evidence in a sentence."""
     survival: bool = False
     """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
+    settling: int = 0
+    """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
 
     def hold(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the hold score of rates; nan for a policy that never worked."""
@@ -112,7 +114,7 @@ def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScal
     """
     if _pays_for_survival(reference, idle):
         return _survival_scale(reference, idle, task)
-    earned, lived = _settled(reference)
+    earned, lived, settling = _settled(reference)
     rate = float(earned.sum() / lived.sum())
     gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
     least = LEAST_GAIN * abs(idle.zero - idle.random)
@@ -125,7 +127,8 @@ def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScal
     if not gain - error > least:
         state: State = "never worked" if gain <= least else "cannot tell"
         return ScoreScale(idle.rate, rate, task, 0, state, f"{note}; a gain above {least:.3g} would count")
-    return ScoreScale(idle.rate, rate, task, _window(reference, idle.rate, gain), "worked", note)
+    window = _window(reference, idle.rate, gain)
+    return ScoreScale(idle.rate, rate, task, window, "worked", note, settling=settling)
 
 
 def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
@@ -147,14 +150,14 @@ def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale
     return ScoreScale(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
-def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return reward and steps of each episode after settling; of whole episodes where most end before."""
+def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return reward and steps of each episode after settling, and the steps left out: none where most end before."""
     skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
     lived = np.maximum(reference.lengths - skip * BIN_STEPS, 0)
     if lived.sum() < 0.5 * reference.lengths.sum():
-        return reference.rewards.sum(axis=1), reference.lengths.astype(np.float64)
+        return reference.rewards.sum(axis=1), reference.lengths.astype(np.float64), 0
     kept = lived > 0
-    return reference.rewards[kept, skip:].sum(axis=1), lived[kept].astype(np.float64)
+    return reference.rewards[kept, skip:].sum(axis=1), lived[kept].astype(np.float64), skip * BIN_STEPS
 
 
 def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: float) -> float:
@@ -192,7 +195,7 @@ def _window_scores(reference: Reference, skip: int, bins: int, idle: float, gain
 
 def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
     """Return the shortest window for windows longer than an episode, joined from random episodes."""
-    earned, lived = _settled(reference)
+    earned, lived, _ = _settled(reference)
     rng = np.random.default_rng(0)
     episodes = 1
     while True:

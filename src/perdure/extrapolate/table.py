@@ -29,6 +29,11 @@ def method_label(policy: PolicyLike, default: str) -> str:
     return f"{method} ({preset})" if preset else method
 
 
+def train_seed(policy: PolicyLike) -> int:
+    """Return the training seed of a policy as tables have it; 0 where it is unknown."""
+    return int(policy.provenance.get("seed", 0))
+
+
 def lane_table(
     labels: Sequence[str], policies: Sequence[PolicyLike], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
 ) -> pl.DataFrame:
@@ -69,7 +74,7 @@ def _lane_row(label: str, policy: PolicyLike, lane: LaneSpec) -> dict[str, objec
         "policy": label,
         "method": str(policy.provenance.get("method", "unknown")),
         "task": policy.task.name,
-        "train_seed": int(policy.provenance.get("seed", 0)),
+        "train_seed": train_seed(policy),
         "train_horizon": float(policy.training_horizon),
         "clock": "none" if clock is None else clock.label,
         "clock_kind": "none" if clock is None else clock.name,

@@ -64,7 +64,8 @@ def judge_lane(
     if end_reason in ended:
         failed = int(begins[silent]) if silent < len(scores) else end_step
         return LaneVerdict(ended[end_reason], failed, last, ever)
-    if len(scores) < FEWEST_WINDOWS:
+    # The reference leaves the start from rest out; a final score that includes it would be too low.
+    if np.count_nonzero(begins >= score_scale.settling) < FEWEST_WINDOWS:
         return LaneVerdict("unknown", end_step, last, ever)
     pause = _longest(idle[:silent])
     span = scores[-max(count, MEMORY * pause) :]

@@ -9,6 +9,7 @@
 | `policy_lanes.py` | the running lanes of a `Policy` |
 | `network.py`, `activations.py`, `squash.py` | the forward pass in NumPy, each row independent of the others |
 | `closed_loop.py` | policies acting in a world |
+| `divergence.py` | detecting simulations that diverged |
 | `reference.py`, `measure.py` | episodes within the training horizon, and how to record them |
 | `files.py` | `save_policy`, `load_policy`: one safetensors file with a checksum |
 | `schema.py` | what a policy file may contain |

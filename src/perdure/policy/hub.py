@@ -47,6 +47,11 @@ def policy_in_cache(name: str) -> Path | None:
     return policy_in_folder(folder) if (folder / "snapshots").is_dir() else None
 
 
+def is_downloaded(file: Path) -> bool:
+    """Return whether a file lies in a model of Hugging Face's cache, ``models--ORG--NAME/snapshots/COMMIT/``."""
+    return any(each.name == "snapshots" and _MODEL.fullmatch(each.parent.name) for each in file.absolute().parents)
+
+
 def _cache() -> Path:
     """Return the folder of models in Hugging Face's cache, by their environment variables."""
     if cache := os.environ.get("HF_HUB_CACHE"):

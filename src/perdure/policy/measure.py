@@ -11,6 +11,7 @@ import numpy as np
 from perdure.envs import TaskSpec, World, make_world
 from perdure.horizon import Clock, Countdown, TimeFeature
 from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep
+from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.errors import PolicyError, PolicyWarning
 from perdure.policy.one_thread import one_thread
 from perdure.policy.policy_like import PolicyLike
@@ -66,18 +67,27 @@ def measure_reference(
     Args:
         policy: Acts with its mean; if it has a time-to-go input, its clock counts down as in training.
         episodes: How many, each from a different start state.
-        world: Where to run, one lane for each episode; by default the policy's own task.
+        world: Where to run, one lane for each episode; it is closed. By default the policy's own task.
         observe: Called with each step.
 
     Raises:
-        PolicyError: If the policy does not fit the world.
+        PolicyError: If the policy does not fit the world, or an episode starts with an observation that is not finite.
     """
     world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
     try:
         horizon = training_horizon(policy, world.spec.default_horizon)
         clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
         loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
-        low, high = loop.observations.min(axis=0), loop.observations.max(axis=0)
+        first = loop.observations
+        if not np.isfinite(first).all():
+            lane, component = np.argwhere(~np.isfinite(first))[0]
+            raise PolicyError(
+                f"{world.spec.name} starts an episode with observation[{component}] = {first[lane, component]}; "
+                "observations must be finite"
+            )
+        low, high = first.min(axis=0), first.max(axis=0)
+        scale = np.tile(policy.observation_std, (episodes, 1))
+        detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
         lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
         with one_thread():
@@ -85,7 +95,7 @@ def measure_reference(
                 lane_step = loop.advance()
                 observe(lane_step)
                 result = lane_step.step
-                valid = ~result.diverged & np.isfinite(result.rewards) & np.isfinite(result.observations).all(axis=1)
+                valid = ~detector.diverged(lane_step)
                 rewards[lane_step.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
                 if valid.any():
                     low = np.minimum(low, result.observations[valid].min(axis=0))

@@ -8,19 +8,20 @@ END_REASONS = ("survived", "terminated", "truncated", "diverged")
 POLICY_STATES = ("worked", "never worked", "cannot tell")
 OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
 MOST_STEPS = 10**15
-_NAME = Text(shortest=1)
+NAME = Text(shortest=1)
+"""Of a policy, a task, a method or a clock."""
 _STEPS = Whole(1, MOST_STEPS)
 _RATE = Real(unknown=True)
 
 ROW = Table(
     {
-        "policy": _NAME,
-        "method": _NAME,
-        "task": _NAME,
+        "policy": NAME,
+        "method": NAME,
+        "task": NAME,
         "train_seed": Whole(),
         "train_horizon": Real(1.0, infinite=True, unknown=True),
-        "clock": _NAME,
-        "clock_kind": _NAME,
+        "clock": NAME,
+        "clock_kind": NAME,
         "clock_steps": Real(0.0, infinite=True, unknown=True),
         "eval_seed": Whole(),
         "test_horizon": _STEPS,

@@ -54,7 +54,7 @@ class Group:
     verdicts: tuple[str, ...]
     """Outcome of each lane; "never worked" or "cannot tell" if its policy was that within its training horizon."""
     notes: tuple[str, ...]
-    """Evidence for the state of each lane's policy."""
+    """Why each lane has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
     failed_steps: IntArray
     """Steps before the lane's failure; without a failure, all steps of the lane, shape (lanes,)."""
     end_hold: FloatArray
@@ -208,7 +208,7 @@ def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
         alive=lanes.alive[rows],
         end_details=tuple(part["end_detail"]),
         verdicts=tuple(part.select(VERDICT).to_series()),
-        notes=tuple(part["policy_note"]),
+        notes=tuple(part.select(_NOTE).to_series()),
         failed_steps=part["failed_step"].to_numpy(),
         end_hold=part["end_hold"].to_numpy(),
         ever_idle=part["ever_idle"].to_numpy(),
@@ -231,3 +231,12 @@ VERDICT = (
     .otherwise(pl.col("outcome"))
 )
 """Outcome of a lane as reports show it, from the columns of a table."""
+_NOTE = (
+    pl.when(pl.col("policy_state") != "worked")
+    .then(pl.col("policy_note"))
+    .when(pl.col("outcome") == "cut")
+    .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
+    .when(pl.col("outcome") == "unknown")
+    .then(pl.lit("too few steps to judge the episodes"))
+    .otherwise(pl.lit(""))
+)

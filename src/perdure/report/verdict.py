@@ -130,7 +130,7 @@ def _evidence(group: Group, label: str) -> str:
         return ""
     if label in ("never worked", "cannot tell"):
         notes = Counter(note for note, chosen in zip(group.notes, mine, strict=True) if chosen and note)
-        return notes.most_common(1)[0][0] if notes else "too few steps, or the environment ended the episodes"
+        return notes.most_common(1)[0][0] if notes else ""
     if label == "holds":
         if group.only_survival:
             return "every step pays the same, so only survival is judged"

@@ -62,7 +62,10 @@ class Judge:
         """Run one episode from each start state."""
         lanes = [LaneSpec(0, clock, seed) for seed in eval_seeds]
         world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
-        records = evaluate_lanes([self.policy], lanes, self._steps, world=world)
+        try:
+            records = evaluate_lanes([self.policy], lanes, self._steps, world=world)
+        finally:
+            world.close()
         frame = judge_table(
             lane_table(["policy"], [self.policy], lanes, records, self._steps), [self.scale] * len(lanes)
         )

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy import LaneStep
+from perdure.policy.closed_loop import LaneStep
 
 REWARD_FACTOR = 10.0
 """A reward is impossible if it exceeds this many times the largest before it ..."""
@@ -62,8 +62,10 @@ class DivergenceDetector:
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.abs(rewards)
             largest = self._largest[lanes]
-            # The sum is finite only if every term is: one pass instead of two.
-            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1)) | lane_step.step.diverged
+            # The sum is finite only if every term is: one pass instead of two. Large finite terms may overflow, too.
+            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1))
+            bad[bad] = ~(np.isfinite(rewards[bad]) & np.isfinite(after[bad]).all(axis=1))
+            bad |= lane_step.step.diverged
             if self._hidden:
                 # The first reward has nothing to be compared with.
                 goes_on = (lane_step.step.elapsed > 1) & ~lane_step.step.ended
