@@ -37,7 +37,11 @@ def main() -> None:
     except KeyboardInterrupt as interrupt:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end is not to be interrupted
-        then = "run the same command to continue" if resumes(sys.argv[1:]) else "nothing was kept"
+        then = (
+            "run the same command to continue"
+            if resumes(sys.argv[1:])
+            else "the same command starts from the beginning"
+        )
         print(f"perdure: interrupted; {then}", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:

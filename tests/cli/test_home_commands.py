@@ -91,7 +91,7 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("run", "set_table", "--place", "throw"), "rl, stop, ik, ik+"),
         (("run", "set_table", "--place", "delta-1"), "2 or more"),
         (("run", "set_table", "--episodes", 0), "episodes"),
-        (("run", "set_table", "--max-lanes", 0), "lanes must be 1 or more, not 0"),
+        (("run", "set_table", "--max-lanes", 0), "--max-lanes must be 1 or more, not 0"),
         (("run", "set_table", "--policies", "place"), "SKILL=FILE"),
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),

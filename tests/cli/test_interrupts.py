@@ -107,9 +107,9 @@ main()
     [
         (("extrapolate", "a.safetensors"), "run the same command to continue"),
         (("home", "run", "set_table"), "run the same command to continue"),
-        (("extrapolate", "a.ONNX", "--env", "Hopper-v5"), "nothing was kept"),
-        (("home", "video", "set_table"), "nothing was kept"),
-        (("watch", "a.safetensors"), "nothing was kept"),
+        (("extrapolate", "a.ONNX", "--env", "Hopper-v5"), "the same command starts from the beginning"),
+        (("home", "video", "set_table"), "the same command starts from the beginning"),
+        (("watch", "a.safetensors"), "the same command starts from the beginning"),
     ],
 )
 def test_only_a_command_that_resumes_offers_to_continue(arguments, told):

@@ -52,6 +52,16 @@ def test_it_lies_beside_the_policy_and_has_what_hugging_face_reads(made):
     assert model["results"][0]["dataset"] == {"name": "Hopper-v3", "type": "Hopper-v3"}
 
 
+@pytest.mark.parametrize(("command", "shown"), [("", False), ("perdure train Hopper-v3", True)])
+def test_a_training_command_is_shown_where_there_is_one(made, tmp_path, command, shown):
+    policy = load_policy(made[0])
+    policy = replace(policy, provenance=policy.provenance | {"command": command})
+    file = save_policy(policy, tmp_path / "policy.safetensors")
+    write_table(tmp_path / "lanes.parquet", read_table(made[1].path)[0], {})  # says nothing about files
+    text = write_card(file, tmp_path / "lanes.parquet").read_text()
+    assert ("- command: `perdure train Hopper-v3`" in text, "- command" in text) == (shown, shown)
+
+
 def test_its_metrics_are_those_of_the_table(made):
     _, result, card = made
     metrics = front_matter(card)["model-index"][0]["results"][0]["metrics"]

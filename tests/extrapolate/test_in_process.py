@@ -219,7 +219,7 @@ def test_a_discrete_action_out_of_range_is_refused():
         ({"steps": 0}, "steps must be at least 1"),
         ({"training_horizon": 0}, "training_horizon must be at least 1"),
         ({"clocks": "default"}, "stores no clock"),
-        ({"clocks": 500}, "clocks must be a tuple of texts, got 500"),
+        ({"clocks": 500}, "clocks must be a list or tuple of strings, got 500"),
         ({"steps": 10.5}, "steps must be a whole number, got 10.5"),
         ({"training_horizon": "1000"}, "training_horizon must be a whole number, got '1000'"),
         ({"name": ""}, "name must be text of 1 to 500 characters"),

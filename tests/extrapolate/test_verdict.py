@@ -92,6 +92,12 @@ def test_the_start_from_rest_is_no_decay(steps, outcome):
     assert found(Case("starts slowly", outcome, switch(100, steady(1.5), steady(3.0)), steps=steps)) == outcome
 
 
+def test_a_mean_that_goes_back_for_certainty_leaves_the_start_out():
+    """The last four windows are below 0.75 by chance; with the ten of the start they would be so beyond it."""
+    windows = [0.3] * 10 + [0.73, 0.77, 0.70, 0.78]
+    assert [lane(windows, 10, settling=settling).outcome for settling in (0, 100)] == ["decays", "unknown"]
+
+
 class TestWindows:
     def test_windows_grow_with_the_time_between_rewards(self):
         windows = [measured(case)[0].window for case in LABELED if case.name.startswith("sparse, every")]
@@ -262,9 +268,9 @@ def test_a_task_that_pays_nothing_is_not_judged_by_survival():
     assert (scale.state, scale.survival) == ("never worked", False)
 
 
-def lane(windows, width=100):
+def lane(windows, width=100, settling=0):
     """A lane whose windows have these hold scores, and its verdict."""
-    scale = ScoreScale(0.0, 1.0, math.nan, width, "worked", "")
+    scale = ScoreScale(0.0, 1.0, math.nan, width, "worked", "", settling=settling)
     steps = np.arange(1, len(windows) + 1) * width
     return judge_lane(steps, np.cumsum(windows) * width, len(windows) * width, "survived", scale)
 

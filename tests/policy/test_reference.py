@@ -12,7 +12,17 @@ from make_policy import HOPPER, random_policy
 
 from perdure.envs import GymnasiumWorld, make_world
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
-from perdure.policy import Normalizer, Policy, PolicyError, TaskInfo, load_policy, measure_reference, save_policy
+from perdure.policy import (
+    ClosedLoop,
+    LanePolicy,
+    Normalizer,
+    Policy,
+    PolicyError,
+    TaskInfo,
+    load_policy,
+    measure_reference,
+    save_policy,
+)
 from perdure.policy.measure import FIRST_SEED
 from perdure.policy.reference import BIN_STEPS
 
@@ -69,8 +79,14 @@ def test_an_environment_whose_episode_starts_with_nan_is_named():
             super().reset(**options)
             return np.full(1, np.nan), {}
 
+    def world():
+        return GymnasiumWorld([partial(Broken, 1000)], [0], "broken")
+
+    policy = ramp_policy(25)
     with pytest.raises(PolicyError, match=r"broken starts an episode with observation\[0\] = nan"):
-        measure_reference(ramp_policy(25), 1, GymnasiumWorld([partial(Broken, 1000)], [0], "broken"))
+        measure_reference(policy, 1, world())
+    with pytest.raises(PolicyError, match=r"broken starts an episode with observation\[0\] = nan"):
+        ClosedLoop(world(), [LanePolicy(policy, policy.clock)])
 
 
 def test_a_time_feature_counts_down_from_its_own_steps_however_short_the_episodes():

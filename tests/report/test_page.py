@@ -47,7 +47,7 @@ class TestWhatItSays:
         ("state", "outcome", "reason"),
         [
             ("worked", "cut", "the environment ended the episodes, for a reason that is no failure"),
-            ("worked", "unknown", "too few steps to judge the episodes"),
+            ("worked", "unknown", "too few steps, or a final score too close to 75 % to tell"),
             ("cannot tell", "unknown", "within its training horizon it earns more"),
         ],
     )

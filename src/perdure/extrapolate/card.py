@@ -232,7 +232,7 @@ def _training(policy: Policy) -> str:
         "training horizon": f"{policy.protocol.horizon}, its end counts as {policy.protocol.end}",
         "discount factor": f"{policy.protocol.gamma:g}",
         "engine": known.get("engine"),
-        "command": f"`{known['command']}`" if "command" in known else None,
+        "command": f"`{known['command']}`" if known.get("command") else None,
     }
     if policy.reference is not None:
         rows["return within the training horizon"] = (

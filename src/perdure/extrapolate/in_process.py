@@ -46,14 +46,15 @@ def extrapolate_policy(
         Path(out).mkdir(parents=True, exist_ok=True)
         if not os.access(out, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
+    digest = file_digest(find_policy(policy)) if isinstance(policy, str | Path) else ""  # of what is read now
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(chosen.env_of(subject, env)) as source:
         actor = with_reference(chosen.actor(subject, source), source)
         idle = idle_baseline(source)
         frame = _evaluate(actor, source, chosen, idle, progress)
     files = {}
-    if isinstance(policy, str | Path) and isinstance(subject, Policy):
-        files[file_note(frame["policy"][0], frame["train_seed"][0])] = file_digest(find_policy(policy))
+    if digest and isinstance(subject, Policy):
+        files[file_note(frame["policy"][0], frame["train_seed"][0])] = digest
     result = ExtrapolationResult(frame, None, files)
     if out is None:
         return result
@@ -91,7 +92,9 @@ class _Options:
 
     @property
     def evaluation(self) -> Extrapolation:
-        clocks: Any = (self.clocks,) if isinstance(self.clocks, str) else self.clocks or ("default",)
+        clocks: Any = (self.clocks,) if isinstance(self.clocks, str) else self.clocks
+        if clocks is None or (isinstance(clocks, list | tuple) and not clocks):
+            clocks = ("default",)
         return Extrapolation(
             (Path(),), self.steps, clocks, self.eval_seeds, first_eval_seed=self.first_eval_seed
         )  # its policies are not read

@@ -102,8 +102,9 @@ def whole(name: str, value: Any, least: int) -> int:
 def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
     if isinstance(values, str | Path):
         raise ExtrapolationError(f"{name} must be a tuple, got {str(values)!r}; write ({str(values)!r},)")
+    what = "strings" if kind is str else "strings or paths"
     if not isinstance(values, Sequence) or not all(isinstance(each, kind) for each in values):
-        raise ExtrapolationError(f"{name} must be a tuple of texts, got {values!r}")
+        raise ExtrapolationError(f"{name} must be a list or tuple of {what}, got {values!r}")
     return tuple(values)
 
 

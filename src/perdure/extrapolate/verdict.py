@@ -64,14 +64,15 @@ def judge_lane(
     if end_reason in ended:
         failed = int(begins[silent]) if silent < len(scores) else end_step
         return LaneVerdict(ended[end_reason], failed, last, ever)
-    # The reference leaves the start from rest out; a final score that includes it would be too low.
-    if np.count_nonzero(begins >= score_scale.settling) < FEWEST_WINDOWS:
+    # The reference leaves the start from rest out; a mean that includes it would be too low.
+    settled = scores[begins >= score_scale.settling]
+    if len(settled) < FEWEST_WINDOWS:
         return LaneVerdict("unknown", end_step, last, ever)
     pause = _longest(idle[:silent])
     span = scores[-max(count, MEMORY * pause) :]
     if last < IDLE_BELOW and (len(scores) - silent >= SURE * pause or span.mean() < IDLE_BELOW):
         return LaneVerdict("fails silently", int(begins[silent]), last, ever)
-    decayed = _decayed(scores, len(span))
+    decayed = _decayed(settled, min(len(span), len(settled)))
     if decayed is None:
         return LaneVerdict("unknown", end_step, last, ever)
     if decayed:

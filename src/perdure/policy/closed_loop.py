@@ -42,7 +42,8 @@ class ClosedLoop:
     """Step all running lanes until they end; ended lanes leave the batch.
 
     Raises:
-        PolicyError: If the numbers of policies and lanes differ, or a policy does not fit the world or its clock.
+        PolicyError: If the numbers of policies and lanes differ, a policy does not fit the world or its clock, or an
+            episode starts with an observation that is not finite.
     """
 
     def __init__(self, world: World, lane_policies: Sequence[LanePolicy]) -> None:
@@ -64,6 +65,12 @@ class ClosedLoop:
             check_fit(policy, world)
         self.world = world
         self._observations = world.reset()
+        if not np.isfinite(self._observations).all():
+            lane, component = np.argwhere(~np.isfinite(self._observations))[0]
+            raise PolicyError(
+                f"{world.spec.name} starts an episode with observation[{component}] = "
+                f"{self._observations[lane, component]}; observations must be finite"
+            )
         self._elapsed = 0
         self._running: IntArray = np.arange(world.num_lanes)
         self._groups = _group(lane_policies)

@@ -237,6 +237,6 @@ _NOTE = (
     .when(pl.col("outcome") == "cut")
     .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
     .when(pl.col("outcome") == "unknown")
-    .then(pl.lit("too few steps to judge the episodes"))
+    .then(pl.lit("too few steps, or a final score too close to 75 % to tell"))
     .otherwise(pl.lit(""))
 )

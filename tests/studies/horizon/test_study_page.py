@@ -93,7 +93,7 @@ def test_the_mean_over_tasks_is_student_with_more_freedom(tmp_path):
     assert "mean over Swimmer-v3, HalfCheetah-v3 (95 % interval over training runs of these tasks; " in text
     assert "discounted PPO 0.07 (0.03 to 0.10; 3);" in text
     assert "The method's mean gain minus that of discounted PPO: 0.10 (" in text
-    assert "differs from the method in the input alone" not in text  # that control is not evaluated
+    assert "differs from it in the input alone" not in text  # that control is not evaluated
     assert "](figures/gain.png)" in text
     (figure,) = (each for each in figures if each.name == "gain")
     assert "mean of 2 tasks" in str(figure.spec)
@@ -104,7 +104,7 @@ def test_the_control_without_the_input_stands_beside_the_method(tmp_path):
     results = make_results(tmp_path / "results", RUNS | control, tasks=("Swimmer-v3", "HalfCheetah-v3"))
     text = write_page(tmp_path / "README.md", results, (), ()).read_text()
     assert (
-        "Minus that of *random horizon, no time-to-go*, which differs from the method in the input alone: 0.10 ("
+        "The method's minus that of *random horizon, no time-to-go*, which differs from it in the input alone: 0.10 ("
         in text
     )
 
@@ -116,10 +116,10 @@ def test_fewer_failures_with_a_lower_gain_are_named(tmp_path):
         ("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0},
     }
     text = write_page(tmp_path / "README.md", make_results(tmp_path / "a", runs, task="Swimmer-v3"), (), ()).read_text()
-    assert "The method that fails less often gains less on Swimmer-v3." in text
+    assert "On Swimmer-v3 geometric time-to-go fails less often and gains less." in text
     runs["geometric", "constant:100"][2] = 6000.0
     text = write_page(tmp_path / "README.md", make_results(tmp_path / "b", runs, task="Swimmer-v3"), (), ()).read_text()
-    assert "gains less on" not in text
+    assert "and gains less" not in text
 
 
 def test_a_chosen_clock_that_is_not_yet_evaluated_is_left_out(tmp_path):

@@ -64,6 +64,7 @@ class HomeRun:
 
 def make_protocol(flags: HomeRun) -> EvaluationProtocol:
     """Return the protocol of the flags."""
+    from perdure.home.errors import HomeError
     from perdure.home.evaluate.execute import ExecutorOptions
     from perdure.home.evaluate.protocol import EvaluationProtocol
     from perdure.home.sim.world import SceneOptions
@@ -74,6 +75,8 @@ def make_protocol(flags: HomeRun) -> EvaluationProtocol:
         apple=flags.apple,
         release_velocity=flags.release_velocity,
     )
+    if flags.max_lanes < 1:
+        raise HomeError(f"--max-lanes must be 1 or more, not {flags.max_lanes}")
     options = ExecutorOptions(lanes=flags.max_lanes, jaws=flags.jaws, scene=scene)
     counts = flags.episodes, flags.train_seeds, flags.eval_seeds
     return EvaluationProtocol(

@@ -56,7 +56,7 @@ MEASURES: dict[str, str] = {
     "value error": "root mean square of (return to go - value), as a share of the spread of the returns to go",
     "value variance": "share of the variance of the returns to go that the value does not explain",
     "action dependence": "mean difference between the action with C and with 500 steps to go, over C = 0, 100, ..., "
-    "1,000 and states of short rollouts, as a share of the action box",
+    "1,000 without 500 and states of short rollouts, as a share of the action box",
     "fall rate": "falls per 1,000 steps in the mechanism rollouts",
 }
 """Name of a measure to what it is in words. Each gives one number per training run."""
@@ -129,8 +129,8 @@ class Claim:
     over: Over = "each"
     """"each": the sentence is about every task named; "mean": about the mean over tasks of the difference, each divided
     by the right side's mean, which is taken as exact (left undivided for SHARES)."""
-    would_change: str = ""
-    """What would change the verdict, beside what the numbers say."""
+    note: str = ""
+    """What a reader should know about the comparison."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be decided."""

@@ -148,7 +148,8 @@ def _claim_text(each: ClaimDecision) -> str:
     rows = "".join(_task_line(claim, task) for task in each.tasks)
     table = f".\n\n| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n{rows}"
     pooled = "" if each.pooled is None else _pooled_text(each, each.pooled)
-    return f"{head}{table}{pooled}\nWhat would change it: {_would_change(each)}\n"
+    note = f"\n{claim.note}\n" if claim.note else ""
+    return f"{head}{table}{pooled}{note}\nWhat would change it: {_would_change(each)}\n"
 
 
 def _pooled_text(each: ClaimDecision, pooled: Difference) -> str:
@@ -230,7 +231,7 @@ def _would_change(each: ClaimDecision) -> str:
         changes = [_task_change(claim, task) for task in each.tasks]
     else:
         changes = [_change("the mean", claim, each.pooled, claim.margin, each.decision)]
-    return " ".join([claim.would_change, *changes] if claim.would_change else changes)
+    return " ".join(changes)
 
 
 def _task_change(claim: Claim, task: TaskDecision) -> str:

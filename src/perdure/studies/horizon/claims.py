@@ -39,7 +39,7 @@ CLAIMS: tuple[Claim, ...] = (
         left=Condition("ppo-short"),
         right=PPO,
         direction="less",
-        would_change="When the claims were registered, ppo-short was trained on HalfCheetah-v3 only.",
+        note="When the claims were registered, ppo-short was trained on HalfCheetah-v3 only.",
     ),
     Claim(
         "short-training-horizon-is-enough-for-the-cheetah",
@@ -71,7 +71,7 @@ CLAIMS: tuple[Claim, ...] = (
         right=PPO,
         direction="not less",
         margin=0.05,
-        would_change="The thesis picks C on the seeds that it reports; so does this row. The next one does not.",
+        note="The thesis picks C on the seeds that it reports; so does this row. The next one does not.",
     ),
     Claim(
         "cross-validated-clock-matches-or-beats-discounted-ppo",
@@ -92,7 +92,7 @@ CLAIMS: tuple[Claim, ...] = (
         left=UNDISCOUNTED,
         right=BEST,
         direction="greater",
-        would_change=NOT_SUPPORTED,
+        note=NOT_SUPPORTED,
     ),
     Claim(
         "undiscounted-ppo-beats-discounted-ppo-on-hopper-and-walker2d",
@@ -102,7 +102,7 @@ CLAIMS: tuple[Claim, ...] = (
         left=UNDISCOUNTED,
         right=PPO,
         direction="greater",
-        would_change=NOT_SUPPORTED,
+        note=NOT_SUPPORTED,
     ),
     Claim(
         "the-method-is-best-on-ant-and-halfcheetah",
@@ -151,7 +151,7 @@ CLAIMS: tuple[Claim, ...] = (
         right=CHOSEN,
         direction="greater",
         measure="failed share",
-        would_change="No policy saw 0 steps to go in training, so a failure may come from the unknown input.",
+        note="No policy saw 0 steps to go in training, so a failure may come from the unknown input.",
     ),
     Claim(
         "choosing-c-on-the-reported-seeds-flatters",
@@ -162,7 +162,7 @@ CLAIMS: tuple[Claim, ...] = (
         right=CHOSEN,
         direction="greater",
         over="mean",
-        would_change="The left side is the maximum over eleven values of C on the reported episodes, so it is hardly "
+        note="The left side is the maximum over eleven values of C on the reported episodes, so it is hardly "
         "ever less. It differs in three ways: the choice sees the reported runs, their start states, and more of them.",
     ),
     Claim(
@@ -214,7 +214,7 @@ CLAIMS: tuple[Claim, ...] = (
         right=UNDISCOUNTED,
         direction="less",
         measure="value variance",
-        would_change="A critic is compared on its own policy's states; the two policies visit different ones. On the "
+        note="A critic is compared on its own policy's states; the two policies visit different ones. On the "
         "right side the returns to go have neither an end nor a discount: they are infinite, and nothing can be "
         "measured. The figure on the critic shows `random-horizon`, whose episodes end, in its place.",
     ),
@@ -228,7 +228,7 @@ CLAIMS: tuple[Claim, ...] = (
         right=0.05,
         direction="less",
         measure="action dependence",
-        would_change="C = 0, which no policy saw in training, changes actions most; the result at the top of README.md "
+        note="C = 0, which no policy saw in training, changes actions most; the result at the top of README.md "
         "gives the mean without it. A small change of the action can still change the return.",
     ),
     Claim(

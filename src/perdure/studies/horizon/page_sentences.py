@@ -93,7 +93,7 @@ def _means(results: Results) -> Iterator[str]:
     )
     without = mean_gain_difference(results, results.constant, WITHOUT_INPUT)
     yield text + (
-        f" Minus that of *{words.condition(WITHOUT_INPUT)}*, which differs from the method in the input alone: "
+        f" The method's minus that of *{words.condition(WITHOUT_INPUT)}*, which differs from it in the input alone: "
         f"{_between(without)}. These means were not registered."
         if without
         else ""
@@ -118,28 +118,33 @@ def _failures(results: Results) -> Iterator[str]:
         shares = [_failed(results, setting, each) for each in compared]
         if all(shares):
             found.append(f"{words.setting(setting)} {' against '.join(shares)}")
-            if _fails_less_and_gains_less(results, setting, *compared):
-                against.append(words.setting(setting))
+            if better := _fails_less_and_gains_less(results, setting, *compared):
+                against.append(
+                    f"On {words.setting(setting)} {words.method(better.method)} fails less often and gains less."
+                )
     steps = wording.whole(float(results.grid.steps))
     if found:
-        yield (
-            f"Share of {steps}-step episodes that failed, in brackets within the first {WITHIN:,}, as observed: "
-            f"discounted PPO against geometric time-to-go ({words.rule(compared[1].clock)}): {'; '.join(found)}. "
-            "*Failed* compares a policy with its own training, and one that never worked counts as failed from step 0."
-            + (f" The method that fails less often gains less on {', '.join(against)}." if against else "")
+        yield " ".join(
+            [
+                f"Share of {steps}-step episodes that failed, in brackets within the first {WITHIN:,}, as observed: "
+                f"discounted PPO against geometric time-to-go ({words.rule(compared[1].clock)}): {'; '.join(found)}. "
+                "*Failed* compares a policy with its own training, and one that never worked counts as failed from "
+                "step 0.",
+                *against,
+            ]
         )
 
 
-def _fails_less_and_gains_less(results: Results, setting: str, one: Condition, other: Condition) -> bool:
-    """Return whether the method with fewer failed episodes has the lower gain."""
+def _fails_less_and_gains_less(results: Results, setting: str, one: Condition, other: Condition) -> Condition | None:
+    """Return the method that fails less often if it has the lower gain; None if it has not, or both fail as often."""
     means = [
         [fmean(values.values()) for each in (one, other) if (values := results.values(setting, each, name))]
         for name in ("failed share", across_tasks.GAIN)
     ]
     if not all(len(each) == 2 for each in means):
-        return False
+        return None
     failed, gain = (first - second for first, second in means)
-    return failed * gain > 0.0
+    return (one if failed < 0.0 else other) if failed * gain > 0.0 else None
 
 
 def _failed(results: Results, setting: str, condition: Condition) -> str:

@@ -81,7 +81,7 @@ def test_an_object_that_falls_over_while_it_leaves_tipped():
 
 
 @pytest.mark.parametrize(("drop", "cause"), [(0.09, "tipped"), (0.11, "rolled")])
-def test_an_object_is_off_its_support_a_tenth_of_a_metre_below_its_rest(drop, cause):
+def test_an_object_is_off_its_support_a_tenth_of_a_meter_below_its_rest(drop, cause):
     story = Story().go(0).slide(0, (0.16, 0.0, -drop), 4).slide(0, (0.1, 0.0, 0.0), 6, tilt=90.0)
     assert latched_label(story.rest((1, 2))) == ("pick_1", cause, 0)
 

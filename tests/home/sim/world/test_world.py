@@ -94,6 +94,25 @@ def test_the_base_drives_as_fast_as_it_is_told(episodes, column, expected):
     assert np.allclose(moved.base_velocity[0], np.array(expected) * 0.2, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("heading", "speed", "drift", "sideways"),
+    [(0.0, 1.5, 0.0, 0.0), (20.0, 1.5, 0.032, 0.27), (45.0, 1.5, 0.0, 0.0), (20.0, 3.0, 0.127, 0.57)],
+)
+def test_the_base_slides_sideways_between_the_axes_of_the_room(empty_room, heading, speed, drift, sideways):
+    """A known fault, as docs/home/robot.md says it: each axis of the room has a limit of its own."""
+    apartment, middle, _ = empty_room
+    world, yaw = VectorSimulator(1), np.radians(heading)
+    world.reset(0, build_scene(apartment, []), Pose(middle[0], middle[1], yaw))
+    begin, most, action = world.sense().base[0, :2], 0.0, np.zeros((1, ACTION_SIZE))
+    action[0, FORWARD] = 1.0
+    for _ in range(15):
+        world.step(action, base_speed=speed)
+        most = max(most, abs(world.sense().base_velocity[0, 1]))
+    moved = world.sense().base[0, :2] - begin
+    assert abs(moved @ [-np.sin(yaw), np.cos(yaw)]) == pytest.approx(drift, abs=0.005)
+    assert most == pytest.approx(sideways, abs=0.02)
+
+
 def test_furniture_stops_the_base(episodes):
     apartment = episodes[0].apartment()
     sofa = next(piece for piece in apartment.pieces if piece.kind == "sofa")

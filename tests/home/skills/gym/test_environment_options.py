@@ -94,14 +94,23 @@ def test_a_single_environment_may_be_given_threads():
 def test_an_episode_cut_off_before_the_object_could_stay_is_warned_of_once(recwarn):
     env = gymnasium.make(env_id("place"), split="val", episodes=1, delta=60, max_episode_steps=3)
     env.reset(seed=0)
-    for _ in range(3):
-        env.step(np.zeros(10))
-    env.reset()
-    env.step(np.zeros(10))
-    env.reset()
+    for _ in range(4):
+        for _ in range(3):
+            env.step(np.zeros(10))
+        env.reset()
     (text,) = (str(each.message) for each in recwarn if "cut off" in str(each.message))
     assert "after 3 steps" in text
-    assert text.endswith("with delta=60: also give max_episode_steps=260")
+    assert text.endswith("such an episode cannot succeed: also give max_episode_steps=260")
+
+
+def test_a_reset_in_the_middle_of_an_episode_is_not_warned_of(recwarn):
+    env = gymnasium.make(env_id("place"), split="val", episodes=1, delta=60, max_episode_steps=260)
+    for steps in (1, 2):
+        env.reset(seed=0)
+        for _ in range(steps):
+            env.step(np.zeros(10))
+    env.reset()
+    assert not any("cut off" in str(each.message) for each in recwarn)
 
 
 def test_an_episode_that_ended_by_itself_is_not_warned_of(recwarn):

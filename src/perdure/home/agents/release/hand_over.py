@@ -151,7 +151,8 @@ class HandOver(ABC):
 def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
     """Return an action that holds the base at its pose of the freeze and moves the arm by joint steps in [rad].
 
-    The base needs about 0.2 s to stop from full speed, in which it rolls 0.15 m; M3's stops at once. So it drives back.
+    The base needs about 0.2 s to stop from full speed, in which it rolls up to 0.17 m; M3's stops at once. So it
+    drives back.
     """
     action = np.zeros(ACTION_SIZE)
     for part, error in zip((FORWARD, TURN), held.base_error, strict=True):

@@ -43,10 +43,10 @@ class ExecutorOptions:
     """Control steps of the settling time, 1 or more."""
 
     def __post_init__(self) -> None:
-        """Raise HomeError for an execution without lanes, settling time, all targets or a rate that the servos need."""
-        least = {"lanes": (self.lanes, 1), "settle_steps": (self.settle_steps, 1)}
+        """Raise HomeError for too few lanes, threads or settling steps, a low physics rate, or a choice of targets."""
+        least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
-            if value < low:
+            if value is not None and value < low:
                 raise HomeError(f"{name} must be {low} or more, not {value}")
         if self.scene.targets is not None:
             raise HomeError(f"targets must be None where plans are executed, not {self.scene.targets}")

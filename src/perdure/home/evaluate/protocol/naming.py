@@ -56,6 +56,6 @@ def read_strategy(name: str) -> tuple[str, ExecutorOptions]:
         raise HomeError(
             f"{name!r} is no release strategy of this package: these are rl, stop, ik, ik+, delta-N or delta-N-in-M, "
             f"then jaws-apart, drag, hull-apple, base-velocity-removed or released-at-zero-velocity, no-clutter, "
-            f"no-sleep and N-hz where they were chosen"
+            f"no-sleep and N-hz (120 or more, a multiple of 30) where they were chosen"
         )
     return place, options

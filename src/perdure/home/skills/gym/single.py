@@ -39,6 +39,8 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
         self.lanes = HomeSkillVectorEnv(1, threads=threads, **options)
         self._unfinished = 0
         """Steps of an episode that is not over, 0 between episodes."""
+        self._cut_before = 0
+        """Steps of the episode that was cut off last."""
         self._warned = False
         self.observation_space = self.lanes.single_observation_space
         self.action_space = self.lanes.single_action_space
@@ -65,13 +67,17 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
         self.lanes.close()
 
     def _warn_if_cut_off(self) -> None:
-        """Warn once of an episode too short for `delta`: the constructor does not see the limit of `make`."""
-        steps, delta = self._unfinished, self.lanes.options.delta
-        if 0 < steps < delta and not self._warned:
+        """Warn once of episodes too short for `delta`: the constructor does not see the limit of `make`.
+
+        Two of the same length in a row, as one alone may have been cut off by a reset on purpose.
+        """
+        steps, delta, before = self._unfinished, self.lanes.options.delta, self._cut_before
+        self._cut_before = steps
+        if 0 < steps < delta and steps == before and not self._warned:
             self._warned = True
             warnings.warn(
-                f"the last episode was cut off from outside after {steps} steps, so it could not succeed with "
-                f"delta={delta}: also give max_episode_steps={self.lanes.skill.limit}",
+                f"two episodes were cut off from outside after {steps} steps; with delta={delta} such an episode "
+                f"cannot succeed: also give max_episode_steps={self.lanes.skill.limit}",
                 stacklevel=3,
             )
 
