@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from marks import put
 from rich.console import Console
 from rich.table import Table
 
@@ -30,6 +29,9 @@ from perdure.ppo import method_config
 from perdure.runs import write_atomic
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "tools"))
+from marks import put  # noqa: E402
+
 PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
 ROBOTICS_PYTHON = HERE.parent / ".venv-bench-robotics" / "bin" / "python"
 LATEST = HERE / "latest.json"

@@ -22,7 +22,7 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.sim.world import CONTROL_HZ, VectorSimulator
 from perdure.home.video.cameras import Shot
 from perdure.home.video.files import save_picture
-from perdure.home.video.render_scene import RenderScene
+from perdure.home.video.render_scene import put, render_scene
 from perdure.home.video.side_by_side import make_agent
 from perdure.home.video.studio import Studio
 from perdure.home.video.words import write_title
@@ -50,7 +50,7 @@ def release(task: str, number: int) -> tuple[Episode, FloatArray, FloatArray]:
     Returns:
         The episode, and MuJoCo's `qpos` at the last step in the hand and `LATER` steps after it. Shape (nq,) each.
     """
-    episode, strategy = load_episodes(task, "val")[number], make_agent(task, "rl")
+    episode, agent = load_episodes(task, "val")[number], make_agent(task, "rl")
     states, held = list[FloatArray](), list[bool]()
 
     def keep(world: VectorSimulator, episodes: Mapping[int, Episode]) -> None:
@@ -58,7 +58,7 @@ def release(task: str, number: int) -> tuple[Episode, FloatArray, FloatArray]:
         states.append(lane.qpos.copy())
         held.append(lane.held >= 0 and episode.objects[lane.held].kind == CAN)
 
-    list(Executor(strategy.skills, strategy.actors, ExecutorOptions(lanes=1, threads=1)).run([episode], keep))
+    list(Executor(agent.skills, agent.skill_agents, ExecutorOptions(lanes=1, threads=1)).run([episode], keep))
     last = next(step for step, (now, then) in enumerate(pairwise(held)) if now and not then)
     return episode, states[last], states[last + LATER]
 
@@ -70,13 +70,14 @@ def row(task: str, number: int, across: float, caption: str) -> Picture:
     later = f"{title}, {LATER / CONTROL_HZ:.2f} s later"
     texts = ((f"{title}, last moment in the hand", caption), (later, "The can lies on its curved wall."))
     panels: list[Picture] = []
-    with RenderScene(episode, 0) as double, Studio(double.lane, SIZE) as studio:
-        double.put(before)
-        point, level = double.lane.gripper.copy(), double.lane.gripper_axes[:2].copy()
+    simulator = render_scene(episode, 0)
+    with Studio(simulator, SIZE) as studio:
+        put(simulator, before)
+        point, level = simulator.gripper.copy(), simulator.gripper_axes[:2].copy()
         level /= np.linalg.norm(level, axis=0)  # a held can has the gripper's axes: z along the can, y from jaw to jaw
         eye = point + np.array([*(ALONG * level[:, 2] + across * level[:, 1]), UP])
         for state, words in zip((before, after), texts, strict=True):
-            double.put(state)
+            put(simulator, state)
             panels += [write_title(studio.take(Shot(eye, point)), *words)]
     return np.concatenate([panels[0], np.full((len(panels[0]), GAP, 3), 255, np.uint8), panels[1]], axis=1)
 
