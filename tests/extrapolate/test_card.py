@@ -146,6 +146,20 @@ def test_every_table_of_a_policy_file_says_which_file_it_is_of(made, tmp_path):
         assert notes["sha256 of true, training seed 2"] == hashlib.sha256(policy.read_bytes()).hexdigest()
 
 
+def test_a_file_that_changes_during_its_evaluation_is_named_as_it_was_read(made, tmp_path):
+    file = tmp_path / "policy.safetensors"
+    shutil.copy(find_policy("Hopper-v3/geometric"), file)  # does not fall before progress is told
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    told = []
+
+    def replace_it(step, running):
+        told.append(shutil.copy(made[0], file))
+
+    result = perdure.extrapolate(file, steps=500, eval_seeds=1, progress=replace_it)
+    assert told
+    assert list(result.files.values()) == [digest]
+
+
 def test_policies_of_one_folder_have_a_card_each(made, tmp_path):
     policy, result, _ = made
     for name in ("a", "b"):

@@ -46,7 +46,9 @@ def extrapolate_policy(
         Path(out).mkdir(parents=True, exist_ok=True)
         if not os.access(out, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
-    digest = file_digest(find_policy(policy)) if isinstance(policy, str | Path) else ""  # of what is read now
+    digest = ""
+    if isinstance(policy, str | Path) and not _is_onnx(policy):
+        digest = file_digest(find_policy(policy))  # of what is read now
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(chosen.env_of(subject, env)) as source:
         actor = with_reference(chosen.actor(subject, source), source)
@@ -65,7 +67,11 @@ def extrapolate_policy(
 def _loaded(path: str | Path) -> Policy | OnnxModel:
     if Path(path).is_file() and is_sb3_zip(Path(path)):
         raise ExtrapolationError(f"{path} is a model of Stable-Baselines3: give Policy.from_sb3({str(path)!r}, env)")
-    return OnnxModel.load(path) if Path(path).suffix.lower() == ".onnx" else load_policy(path)
+    return OnnxModel.load(path) if _is_onnx(path) else load_policy(path)
+
+
+def _is_onnx(path: str | Path) -> bool:
+    return Path(path).suffix.lower() == ".onnx"
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def test_the_analysis_alone_writes_the_same_files_again(whole):
 def test_the_analysis_reads_the_groups_of_lanes(whole):
     before = files(whole)
     tables = {path: path.read_bytes() for path in whole.rglob("lanes.parquet") if "groups" not in path.parts}
-    assert len(tables) == 4
+    assert len(tables) == 3  # C is chosen for one of two methods
     for path in tables:
         path.unlink()
     run(whole, "--analyze-only")

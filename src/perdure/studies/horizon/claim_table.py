@@ -247,7 +247,7 @@ def _change(name: str, claim: Claim, found: Difference, margin: float, decision:
     edge = threshold(claim, found, margin)
     away = abs(found.estimate - edge)
     if decision != "undecided":
-        slack, where = wording.quantity(away - found.half), wording.quantity(edge)
+        slack, where = wording.quantity(away - found.half), wording.quantity(edge + 0.0)
         return f"{name}: undecided again if the difference moved by {slack} towards {where}."
     if away == 0.0:
         return f"{name}: nothing, the difference is exactly at the threshold."
