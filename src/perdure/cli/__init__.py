@@ -6,8 +6,6 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from perdure.cli.imported import is_onnx
-
 USAGE = """perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
 
   perdure train TASK --method geometric      train with time-to-go (or plain PPO, or a control)
@@ -47,7 +45,11 @@ RESUMING = ("train", "extrapolate", "study", "home train", "home run")
 def resumes(args: Sequence[str]) -> bool:
     """Return whether the same command line continues after an interruption; an evaluated ONNX model starts again."""
     name = " ".join(args[: 2 if args and args[0] == "home" else 1])
-    return name in RESUMING and not (name == "extrapolate" and any(map(is_onnx, args)))
+    if name != "extrapolate":
+        return name in RESUMING
+    from perdure.policy.onnx import is_onnx
+
+    return not any(map(is_onnx, args))
 
 
 def run(args: Sequence[str]) -> None:

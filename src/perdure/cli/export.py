@@ -8,7 +8,6 @@ from pathlib import Path
 import tyro
 
 from perdure.cli.clocks import read_clock
-from perdure.cli.imported import is_onnx
 from perdure.cli.parse import parse
 
 
@@ -30,9 +29,9 @@ def main(args: list[str]) -> None:
     flags = parse(ExportFlags, args, "export")
     from perdure.cli.errors import CommandError
     from perdure.policy import load_policy
-    from perdure.policy.onnx import export_onnx
+    from perdure.policy.onnx import export_onnx, is_onnx
 
-    if not is_onnx(flags.out.name):
+    if not is_onnx(flags.out):
         raise CommandError(f"out must be a file named .onnx, not {flags.out}")
     policy = load_policy(flags.policy)
     print(export_onnx(policy, flags.out, read_clock("--clock", flags.clock, policy)))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from perdure.cli.flags import Cores, On
-from perdure.cli.imported import IMPORTED, Sb3Options, is_onnx, policy_files
+from perdure.cli.imported import IMPORTED, Sb3Options, policy_files
 from perdure.cli.parse import flag_name, parse
 from perdure.cli.report import write_and_show
 from perdure.cli.terminal import command_line
@@ -68,6 +68,8 @@ def main(args: list[str]) -> None:
     """``perdure extrapolate``."""
     flags = parse(ExtrapolateFlags, args, "extrapolate")
     command = command_line("perdure", "extrapolate", *args)
+    from perdure.policy.onnx import is_onnx
+
     if any(map(is_onnx, flags.policies)):
         _check_one_model(flags, {flag_name(arg) for arg in args})
         _one_model(flags, command)

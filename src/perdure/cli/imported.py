@@ -44,11 +44,6 @@ class Sb3Options:
         return () if module is None else (module,)
 
 
-def is_onnx(name: str) -> bool:
-    """Return whether a file name is that of an ONNX model."""
-    return name.lower().endswith(".onnx")
-
-
 def policy_files(names: Sequence[str], options: Sb3Options, folder: Path) -> tuple[Path, ...]:
     """Return one policy file for each name; models of Stable-Baselines3 are imported into `folder`, once.
 

@@ -21,7 +21,7 @@ from perdure.extrapolate.table import judge_table, lane_table, method_label
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, find_policy, load_policy
 from perdure.policy.measure import resolve_training_horizon
-from perdure.policy.onnx import OnnxModel
+from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.policy.readers import is_sb3_zip
 from perdure.report.fields import NAME
 from perdure.runs import file_digest
@@ -47,7 +47,7 @@ def extrapolate_policy(
         if not os.access(out, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
     digest = ""
-    if isinstance(policy, str | Path) and not _is_onnx(policy):
+    if isinstance(policy, str | Path) and not is_onnx(policy):
         digest = file_digest(find_policy(policy))  # of what is read now
     subject = _loaded(policy) if isinstance(policy, str | Path) else policy
     with open_env(chosen.env_of(subject, env)) as source:
@@ -67,11 +67,7 @@ def extrapolate_policy(
 def _loaded(path: str | Path) -> Policy | OnnxModel:
     if Path(path).is_file() and is_sb3_zip(Path(path)):
         raise ExtrapolationError(f"{path} is a model of Stable-Baselines3: give Policy.from_sb3({str(path)!r}, env)")
-    return OnnxModel.load(path) if _is_onnx(path) else load_policy(path)
-
-
-def _is_onnx(path: str | Path) -> bool:
-    return Path(path).suffix.lower() == ".onnx"
+    return OnnxModel.load(path) if is_onnx(path) else load_policy(path)
 
 
 @dataclass(frozen=True)

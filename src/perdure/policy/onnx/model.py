@@ -31,6 +31,11 @@ def require() -> None:
         raise PolicyError(f"ONNX needs {' and '.join(missing)}: pip install 'perdure[onnx]'")
 
 
+def is_onnx(path: str | Path) -> bool:
+    """Return whether a file is named as an ONNX model is, in any case."""
+    return str(path).lower().endswith(".onnx")
+
+
 class OnnxModel:
     """A feed-forward model: observations in, actions out. Reading one runs none of its maker's code.
 

@@ -21,9 +21,8 @@ METHODS = (
     Condition("ppo-undiscounted"),
     Condition("ppo-average-reward"),
     Condition("linear", "constant:500"),
-    WITHOUT_INPUT,
 )
-"""Compared with each other and with the method under its constant C; the control comes last."""
+"""Compared with each other, with the control and with the method under its constant C."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class MeanGain:
 
 def conditions(results: Results) -> tuple[Condition, ...]:
     """Return what is compared, in the order of figures and tables."""
-    return (*METHODS, results.constant)
+    return (*METHODS, WITHOUT_INPUT, results.constant)
 
 
 def settings(results: Results) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from perdure.report import wording
 from perdure.studies.comparison import Difference, compare_with
 from perdure.studies.horizon import across_tasks, words
 from perdure.studies.horizon.across_tasks import WITHOUT_INPUT, mean_gain_difference, mean_gains
-from perdure.studies.horizon.claim import Condition
+from perdure.studies.horizon.claim import Claim, Condition
 from perdure.studies.horizon.claim_table import places, registered
 from perdure.studies.horizon.claims import PPO
 from perdure.studies.horizon.decide import LEVEL, ClaimDecision, Decision, TaskDecision, p_values
@@ -93,8 +93,8 @@ def _means(results: Results) -> Iterator[str]:
     )
     without = mean_gain_difference(results, results.constant, WITHOUT_INPUT)
     yield text + (
-        f" The method's minus that of *{words.condition(WITHOUT_INPUT)}*, which differs from it in the input alone: "
-        f"{_between(without)}. These means were not registered."
+        f" Minus the mean gain of *{words.condition(WITHOUT_INPUT)}*, which differs from the method in the input "
+        f"alone, it is {_between(without)}. These means were not registered."
         if without
         else ""
     )
@@ -220,7 +220,7 @@ def _numbers(results: Results, each: ClaimDecision, decision: Decision) -> str:
     against = [words.setting(task.task) for task in each.tasks if task.decision == other]
     shown += f" Before the correction it is {other} on {', '.join(against)}." if against else ""
     note = NOTES.get(claim.id)
-    return shown + (note(results, mine[0].task) if note else "")
+    return shown + (note(results, mine[0].task, claim) if note else "")
 
 
 def _side(side: Condition | float, mean: float, measure: str) -> str:
@@ -230,18 +230,21 @@ def _side(side: Condition | float, mean: float, measure: str) -> str:
     return f"{wording.quantity(mean)} ({words.condition(side) if measure in MEASURED else words.method(side.method)})"
 
 
-def _later_failures(results: Results, setting: str) -> str:
+def _later_failures(results: Results, setting: str, claim: Claim) -> str:
     """Return the share of episodes that failed after the training horizon, as a sentence."""
     whole, within = (results.values(setting, PPO, name) for name in ("failed share", "failed within"))
-    later = compare_with([whole[seed] - within[seed] for seed in whole], 0.1)
+    assert not isinstance(claim.right, Condition)
+    threshold = claim.right
+    later = compare_with([whole[seed] - within[seed] for seed in whole], threshold)
+    low, high = threshold + later.lower, threshold + later.upper
     return (
         f" Within the first {WITHIN:,} steps {wording.share(fmean(within.values()))} failed or never worked. Later "
-        f"failures alone: {later.left:.2f} ({0.1 + later.lower:.2f} to {0.1 + later.upper:.2f}; p = {later.p():.3f} "
-        "before any correction; not registered)."
+        f"failures alone: {later.left:.2f} ({low:.2f} to {high:.2f}; p = {later.p():.3f} before any correction; not "
+        "registered)."
     )
 
 
-def _trained_c(results: Results, _: str) -> str:
+def _trained_c(results: Results, _: str, __: Claim) -> str:
     """Return how much the action depends on C without C = 0, as a sentence."""
     changes = read_details(results.grid, results.out, ACTIONS)
     if changes.is_empty():
@@ -257,7 +260,7 @@ def _trained_c(results: Results, _: str) -> str:
     return f" Without C = 0, which no policy saw in training (not registered): {', '.join(found)}." if found else ""
 
 
-NOTES: dict[str, Callable[[Results, str], str]] = {
+NOTES: dict[str, Callable[[Results, str, Claim], str]] = {
     "policies-fail-beyond-their-horizon": _later_failures,
     "actions-hardly-depend-on-the-time-to-go": _trained_c,
 }

@@ -99,7 +99,7 @@ def test_the_base_drives_as_fast_as_it_is_told(episodes, column, expected):
     [(0.0, 1.5, 0.0, 0.0), (20.0, 1.5, 0.032, 0.27), (45.0, 1.5, 0.0, 0.0), (20.0, 3.0, 0.127, 0.57)],
 )
 def test_the_base_slides_sideways_between_the_axes_of_the_room(empty_room, heading, speed, drift, sideways):
-    """A known fault, as docs/home/robot.md says it: each axis of the room has a limit of its own."""
+    """A known fault (docs/home/robot.md): the force limit applies to each axis of the room separately."""
     apartment, middle, _ = empty_room
     world, yaw = VectorSimulator(1), np.radians(heading)
     world.reset(0, build_scene(apartment, []), Pose(middle[0], middle[1], yaw))
@@ -111,6 +111,21 @@ def test_the_base_slides_sideways_between_the_axes_of_the_room(empty_room, headi
     moved = world.sense().base[0, :2] - begin
     assert abs(moved @ [-np.sin(yaw), np.cos(yaw)]) == pytest.approx(drift, abs=0.005)
     assert most == pytest.approx(sideways, abs=0.02)
+
+
+@pytest.mark.parametrize(("heading", "braking"), [(0.0, 0.164), (45.0, 0.115)])
+def test_the_base_brakes_harder_along_a_diagonal_of_the_room(empty_room, heading, braking):
+    """The same fault: two servos brake there."""
+    apartment, middle, _ = empty_room
+    world, action = VectorSimulator(1), np.zeros((1, ACTION_SIZE))
+    world.reset(0, build_scene(apartment, []), Pose(middle[0], middle[1], np.radians(heading)))
+    action[0, FORWARD] = 1.0
+    for _ in range(15):
+        world.step(action, base_speed=1.5)
+    before = world.sense().base[0, :2]
+    for _ in range(20):
+        world.step(np.zeros((1, ACTION_SIZE)), base_speed=1.5)
+    assert np.linalg.norm(world.sense().base[0, :2] - before) == pytest.approx(braking, abs=0.005)
 
 
 def test_furniture_stops_the_base(episodes):
