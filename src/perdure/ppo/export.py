@@ -43,7 +43,7 @@ def export_policy(run: TrainRun, spec: TaskSpec, state: SeedState) -> Policy:
             "seed": state.seed,
             "config": run.config.to_json(),
             "engine": spec.engine,
-            "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy")},
+            "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy", "mujoco")},
             "command": command(run, spec, state.seed),
             **({} if run.preset == ZOO else {"preset": run.preset}),
         },
