@@ -109,4 +109,4 @@ bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/late
 
 clean: ## Remove caches, build products and the demonstration; keep .venv and runs
 	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md "$(DEMO_OUT)" .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
-	@find src tests benchmarks examples tools -name __pycache__ -type d -prune -exec rm -rf {} +
+	@find src studies tests benchmarks examples tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,26 +1,45 @@
-"""Our side of the benchmarks, run as a process of its own so that it can be pinned to cores: prints one JSON line.
+"""Measure perdure in a process of its own, so that it can be pinned to cores; print one JSON line.
 
-python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES
-python benchmarks/measure.py evaluate TASK LANES STEPS
-python benchmarks/measure.py floors TASK
+python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES   environment steps a second
+python benchmarks/measure.py evaluate TASK LANES STEPS               lane steps a second, and those of EnvPool alone
+python benchmarks/measure.py floors TASK                             seconds of a step that no program can do without
+python benchmarks/measure.py home scene|place|tasks                  control steps a second of the home world
+
+home scene   full SetTable scenes while the oracle manipulates
+home place   the place skill's environment
+home tasks   task plans on SetTable, policies included
+
+Acting is recorded first and played again for the clock, so that `scene` and `place` time the world alone. Both also
+give the share of that time that MuJoCo's `mj_step` takes.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
-from perdure.envs import Step, make_world
+REPEATS = 3
+HOME_LANES, PLACE_LANES = 12, 64
+"""Side by side: with 16, a control step of the place environment cost a third more."""
+MANIPULATION = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
 
-if TYPE_CHECKING:
-    from perdure.ppo import PPOConfig
+
+def world_spec(task: str) -> Any:
+    """Return sizes and bounds of a task."""
+    from perdure.envs import make_world
+
+    world = make_world(task, [0])
+    world.close()
+    return world.spec
 
 
 def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
@@ -28,12 +47,9 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
 
     A number of seeds that the processes share evenly keeps each of them busy beside the others.
     """
-    from perdure.ppo import TrainRun, method_config, on_report, train
+    from perdure.learn import TrainRun, method_config, on_report, train
 
-    world = make_world(task, [0])
-    size = world.spec.observation_size
-    world.close()
-    config = method_config("ppo", task, size)
+    config = method_config("ppo", task, world_spec(task).observation_size)
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
     marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
@@ -46,71 +62,58 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
 
 
 class Recording:
-    """A world that remembers what it was asked to do."""
+    """A world that records the actions of every step."""
 
-    def __init__(self, task: str, seeds: list[int]) -> None:
-        self._world = make_world(task, seeds)
-        self.log: list[tuple[np.ndarray, np.ndarray]] = []
-        self.spec, self.num_lanes = self._world.spec, self._world.num_lanes
-        self.reset, self.close = self._world.reset, self._world.close
+    def __init__(self, world: Any) -> None:
+        self._world, self.log = world, list[tuple[np.ndarray, np.ndarray]]()
+        self.spec, self.num_lanes = world.spec, world.num_lanes
+        self.reset, self.close = world.reset, world.close
 
-    def step(self, actions: np.ndarray, lanes: np.ndarray) -> Step:
+    def step(self, actions: np.ndarray, lanes: np.ndarray) -> Any:
         self.log.append((actions, lanes.astype(np.int32)))
         return self._world.step(actions, lanes)
 
 
-def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
-    """Lane steps a second of our closed loop, and of the engine alone fed with the same actions, in turn."""
+def engine_seconds(task: str, seeds: list[int], steps: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Seconds that EnvPool alone takes for actions of lanes. Its Python wrapper is left out: its fastest form."""
     import envpool
 
-    from perdure.extrapolate import LaneSpec, evaluate_lanes
-    from perdure.extrapolate.lanes import FIRST_EVAL_SEED
-    from perdure.policy import load_policy
-    from perdure.policy.shipped import find_policy
+    limits = {"max_episode_steps": 10**9} if len(seeds) > 1 else {}
+    pool = envpool.make(task, env_type="gymnasium", num_envs=len(seeds), num_threads=1, seed=seeds, **limits)
+    pool.reset()
+    began = time.perf_counter()
+    for actions, lanes in steps:
+        pool._send([lanes, lanes, actions])
+        pool._recv()
+    return time.perf_counter() - began
 
-    policy = load_policy(find_policy(f"{task}/geometric"))
+
+def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
+    """Lane steps a second of our closed loop, and of the engine alone fed with the same actions, in turn."""
+    from perdure.envs import make_world
+    from perdure.evaluate import LaneSpec, evaluate_lanes
+    from perdure.evaluate.episodes import FIRST_EVAL_SEED
+    from perdure.policy import load_policy
+
+    policy = load_policy(f"{task}/geometric")
     specs = [LaneSpec(0, policy.clock, seed) for seed in range(lanes)]
     seeds = [FIRST_EVAL_SEED + seed for seed in range(lanes)]
-    recording = Recording(task, seeds)
+    recording = Recording(make_world(task, seeds))
     evaluate_lanes([policy], specs, steps, world=recording)
     recording.close()
     made = sum(len(ids) for _, ids in recording.log)
     ours, engine = [], []
-    for _ in range(3):
-        world = make_world(task, seeds)  # before the clock runs, as the engine's below
+    for _ in range(REPEATS):
+        world = make_world(task, seeds)  # before the clock runs, as the engine's
         began = time.perf_counter()
         evaluate_lanes([policy], specs, steps, world=world)
         ours.append(made / (time.perf_counter() - began))
         world.close()
-        pool = envpool.make(
-            task, env_type="gymnasium", num_envs=lanes, num_threads=1, seed=seeds, max_episode_steps=10**9
-        )
-        pool.reset()
-        send, receive = pool._send, pool._recv  # EnvPool's Python wrapper left out: this is the engine at its fastest
-        began = time.perf_counter()
-        for actions, ids in recording.log:
-            send([ids, ids, actions])
-            receive()
-        engine.append(made / (time.perf_counter() - began))
-    return {"ours": float(np.median(ours)), "engine": float(np.median(engine)), "lane_steps": made}
+        engine.append(made / engine_seconds(task, seeds, recording.log))
+    return {"ours": float(np.median(ours)), "engine": float(np.median(engine))}
 
 
-def engine_step(task: str, steps: int = 5000) -> float:
-    """Seconds of one step of one environment, its own resets included."""
-    import envpool
-
-    pool = envpool.make(task, env_type="gymnasium", num_envs=1, num_threads=1, seed=0)
-    rng, lane = np.random.default_rng(0), np.zeros(1, np.int32)
-    actions = rng.uniform(-1, 1, (steps, 1, *pool.action_space.shape))
-    pool.reset()
-    began = time.perf_counter()
-    for action in actions:
-        pool._send([lane, lane, action])
-        pool._recv()
-    return (time.perf_counter() - began) / steps
-
-
-def products(config: PPOConfig, inputs: int, actions: int, repeats: int = 300) -> float:
+def products(config: Any, inputs: int, actions: int, repeats: int = 300) -> float:
     """Seconds of the matrix products of learning, for each environment step."""
     rng = np.random.default_rng(0)
 
@@ -120,8 +123,7 @@ def products(config: PPOConfig, inputs: int, actions: int, repeats: int = 300) -
     layers = []
     for outputs in (actions, 1):
         for layer, (a, b) in enumerate(pairwise((inputs, *config.hidden_sizes, outputs))):
-            x, weight, error = random(config.batch_size, a), random(a, b), random(config.batch_size, b)
-            layers.append((layer, x, weight, error))
+            layers.append((layer, random(config.batch_size, a), random(a, b), random(config.batch_size, b)))
     times = []
     for _ in range(repeats):
         began = time.perf_counter()
@@ -134,18 +136,139 @@ def products(config: PPOConfig, inputs: int, actions: int, repeats: int = 300) -
     return float(np.median(times)) * config.n_epochs / config.batch_size
 
 
-def floors(task: str) -> dict[str, float]:
-    """Microseconds of an environment step that training cannot do without."""
-    from perdure.ppo import method_config
+def floors(task: str, steps: int = 5000) -> dict[str, float]:
+    """Seconds of one step of one environment in EnvPool, its resets included, and of the products for it."""
+    from perdure.learn import method_config
 
-    world = make_world(task, [0])
-    spec = world.spec
-    world.close()
+    spec = world_spec(task)
     config = method_config("ppo", task, spec.observation_size)
-    learn = products(config, spec.observation_size, spec.action_size)
-    return {"engine": 1e6 * engine_step(task), "products": 1e6 * learn}
+    actions, lane = np.random.default_rng(0).uniform(-1, 1, (steps, 1, spec.action_size)), np.zeros(1, np.int32)
+    engine = engine_seconds(task, [0], [(action, lane) for action in actions]) / steps
+    return {"engine": engine, "products": products(config, spec.observation_size, spec.action_size)}
 
+
+class Engine:
+    """MuJoCo's `mj_step` as the lanes call it, with a clock around it."""
+
+    def __init__(self) -> None:
+        import mujoco
+
+        self.spent, self._step = 0.0, mujoco.mj_step
+        mujoco.mj_step = self
+
+    def __call__(self, *args: Any) -> None:
+        began = time.perf_counter()
+        self._step(*args)
+        self.spent += time.perf_counter() - began
+
+
+def scene() -> dict[str, float]:
+    """Lane steps a second: full scenes, all collisions, where at least half of the lanes manipulate."""
+    import perdure.home.evaluate.execute.executor as executor_module
+
+    from perdure.home.agents.learned import Scripted
+    from perdure.home.agents.scripted import Oracle
+    from perdure.home.evaluate.execute import Executor, ExecutorOptions
+    from perdure.home.sim.vector_simulator import VectorSimulator
+    from perdure.home.skills import get_skill
+    from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
+
+    log: list[tuple[np.ndarray, ...]] = []
+
+    class Recorded(VectorSimulator):
+        def step(self, *arguments: Any) -> None:
+            log.append(tuple(np.array(each) for each in arguments))
+            super().step(*arguments)
+
+    episodes = load_episodes("set_table", "val").episodes[:HOME_LANES]
+    skills = {step.skill: get_skill(step.skill) for step in episodes[0].home_task.skills}
+    oracle = Oracle()
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
+    executor_module.VectorSimulator = Recorded  # type: ignore[misc]
+    manipulates = np.zeros(100_000)
+    for episode in Executor(skills, agents, ExecutorOptions(lanes=HOME_LANES, threads=1)).run(episodes):
+        for done in episode.runs:
+            manipulates[done.begin : done.end] += done.skill in MANIPULATION
+    timed, engine, runs = (
+        [count >= 0.5 * len(step[1]) for count, step in zip(manipulates, log, strict=False)],
+        Engine(),
+        [],
+    )
+    for _ in range(REPEATS):
+        world = VectorSimulator(HOME_LANES, threads=1)
+        for lane, episode in enumerate(episodes):
+            built = episode_scene(episode)
+            world.reset(lane, built, start_pose(built.apartment, episode, 0))
+        spent, steps, inside = 0.0, 0, 0.0
+        for (actions, lanes, speed, arm_step), counts in zip(log, timed, strict=True):
+            began, engine.spent = time.perf_counter(), 0.0
+            world.step(actions, lanes, speed, arm_step)
+            world.sense(lanes)
+            if counts:
+                spent, steps, inside = spent + time.perf_counter() - began, steps + len(lanes), inside + engine.spent
+        runs.append((steps / spent, inside / spent))
+    return dict(zip(("control_steps_per_second", "engine_share"), max(runs), strict=True))
+
+
+def place(steps: int = 200) -> dict[str, float]:
+    """Control steps a second of the place environment at the evaluation's physics rate, resets included."""
+    from perdure.home.evaluate.policies import choose_policies
+    from perdure.home.sim.scene import PHYSICS_HZ
+    from perdure.home.skills.environment import HomeSkillVectorEnv
+
+    env = HomeSkillVectorEnv(
+        PLACE_LANES, skill="place", task="set_table", split="val", physics_hz=PHYSICS_HZ, threads=1
+    )
+    policy = choose_policies("set_table", 0)["place"].policy
+    assert policy is not None
+    actions, engine, runs = list[np.ndarray](), Engine(), []
+    for turn in range(REPEATS):
+        observations, _ = env.reset(seed=0)
+        spent, engine.spent = 0.0, 0.0
+        for k in range(steps):
+            if turn == 0:
+                actions.append(np.asarray(policy.act(observations, np.zeros(env.num_envs)), dtype=np.float64))
+            began = time.perf_counter()
+            observations, _, terminated, truncated, info = env.step(actions[k])
+            over = terminated | truncated | (info["elapsed"] >= env.skill.limit)
+            if over.any():
+                observations, _ = env.reset(options={"reset_mask": over})
+            spent += time.perf_counter() - began
+        if turn:  # the first one builds the scenes
+            runs.append((steps * env.num_envs / spent, engine.spent / spent))
+    return dict(zip(("control_steps_per_second", "engine_share"), max(runs), strict=True))
+
+
+def tasks() -> dict[str, float]:
+    """Control steps a second of SetTable's 100 val episodes from start to end, as `perdure home run set_table` does it.
+
+    On all cores of this process; the policies, the building of scenes and the logs included.
+    """
+    from perdure.home.evaluate.outcomes import read_logs
+    from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+
+    with tempfile.TemporaryDirectory() as out:
+        began = time.perf_counter()
+        paths = run_protocol(EvaluationProtocol("set_table"), out, on="local", cores=len(os.sched_getaffinity(0)))
+        spent = time.perf_counter() - began
+        return {"control_steps_per_second": sum(log.length for path in paths for log in read_logs(path)) / spent}
+
+
+def home(what: str) -> dict[str, float]:
+    """See the module."""
+    from perdure.home.sim.scene import CONTROL_HZ
+
+    found = {"scene": scene, "place": place, "tasks": tasks}[what]()
+    return {**found, "simulated_per_second": found["control_steps_per_second"] / CONTROL_HZ}
+
+
+MEASUREMENTS: dict[str, Callable[..., dict[str, float]]] = {
+    "train": train,
+    "evaluate": evaluate,
+    "floors": floors,
+    "home": home,
+}
 
 if __name__ == "__main__":
-    kind, task, *numbers = sys.argv[1:]
-    print(json.dumps({"train": train, "evaluate": evaluate, "floors": floors}[kind](task, *(int(n) for n in numbers))))
+    kind, *words = sys.argv[1:]
+    print(json.dumps(MEASUREMENTS[kind](*(int(word) if word.isdigit() else word for word in words))))

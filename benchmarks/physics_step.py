@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import sys
 
+import mujoco
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode, episode_scene, load_episodes, start_pose
-from perdure.home.benchmark.tasks import TASKS
-from perdure.home.sim.world import CONTROL_HZ, SceneOptions, VectorSimulator
+from perdure.home.sim.scene import CONTROL_HZ, SceneOptions
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes, start_pose
+from perdure.home.tasks.tasks import TASKS
 
 RATES = (60, 120, 240, 480)
 GOAL_RADIUS, SECONDS = 0.15, 5
@@ -25,24 +27,25 @@ NUDGE = 1e-6
 
 
 def release(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """How a target is let go of: offset in [m], unit quaternion, velocity in [m/s]."""
+    """Return how a target is let go of: offset in [m], unit quaternion, velocity in [m/s]."""
     axis, angle = rng.normal(size=3) * (1.0, 1.0, 0.0), rng.uniform(0.0, TILT)
     axis /= np.linalg.norm(axis)
     yaw, direction = rng.uniform(0.0, 2.0 * np.pi), rng.normal(size=3)
     beside = BESIDE * np.sqrt(rng.random())
     around = rng.uniform(0.0, 2.0 * np.pi)
+    turn, tilt, quaternion = np.empty((3, 4))
+    mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
+    mujoco.mju_axisAngle2Quat(tilt, axis, angle)
+    mujoco.mju_mulQuat(quaternion, tilt, turn)
     return {
         "offset": np.array([beside * np.cos(around), beside * np.sin(around), rng.uniform(0.0, HEIGHT)]),
-        "quaternion": _product(
-            np.array([np.cos(0.5 * angle), *(np.sin(0.5 * angle) * axis)]),
-            np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]),
-        ),
+        "quaternion": quaternion,
         "velocity": rng.uniform(0.0, SPEED) * direction / np.linalg.norm(direction),
     }
 
 
 def settle(episode: Episode, target: int, how: dict[str, np.ndarray], rate: int, nudge: float = 0.0) -> float:
-    """Distance from the goal in [m] after five seconds."""
+    """Return the distance from the goal in [m] after five seconds."""
     scene = episode_scene(episode, SceneOptions(physics_hz=rate))
     world, goal = VectorSimulator(1, threads=1), np.asarray(episode.goals[target].position)
     world.reset(0, scene, start_pose(scene.apartment, episode, 0), opened={"top_door": 2.0, "drawer4": 0.45})
@@ -59,7 +62,7 @@ def settle(episode: Episode, target: int, how: dict[str, np.ndarray], rate: int,
 
 
 def main(count: int) -> None:
-    """Prints the table."""
+    """Print the table."""
     names = [*(str(rate) for rate in RATES), "240, nudged"]
     distance: dict[str, list[float]] = {name: [] for name in names}
     cases = [
@@ -85,12 +88,6 @@ def main(count: int) -> None:
         error = np.sqrt(fraction[name] * (1.0 - fraction[name]) / count)
         same = [float((stays[name] == stays[other]).mean()) for other in ("480", "240")]
         print(f"{name:>12} {fraction[name]:7.3f} {error:6.3f} {same[0]:13.3f} {same[1]:13.3f}")
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of two quaternions (w, x, y, z)."""
-    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
-    return np.array([w, *v])
 
 
 if __name__ == "__main__":

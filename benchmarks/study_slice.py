@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from perdure.envs import make_world
-from perdure.extrapolate import Extrapolation, extrapolate
-from perdure.ppo import TrainRun, method_config, train
+from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.learn import TrainRun, method_config, train
 
 
 def study(config: dict[str, Any], out: Path) -> float:
@@ -31,7 +31,7 @@ def study(config: dict[str, Any], out: Path) -> float:
     run = TrainRun(task, "geometric", settings, tuple(config["seeds"]))
     policies = tuple(train(run, out / "training", cores=config["cores"], on="local"))
     evaluation = Extrapolation(policies, config["test_steps"], ("constant:500", "countdown"), config["start_states"])
-    result = extrapolate(evaluation, out / "evaluation", cores=config["cores"])
+    result = evaluate_files(evaluation, out / "evaluation", cores=config["cores"])
     seconds = time.perf_counter() - began
     assert len(result.final()) == 2 * len(policies) * config["start_states"]
     return seconds

@@ -41,10 +41,10 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
+html_sidebars = {"**": ["globaltoc.html"]}  # every page, in the order of index.md
 html_theme_options = {
-    "navbar_align": "left",
+    "navbar_center": [],
     "navigation_with_keys": False,
-    "show_nav_level": 1,
     "show_toc_level": 2,
     "footer_start": ["copyright"],
     "footer_end": [],

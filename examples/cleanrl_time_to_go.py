@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 
 from perdure.horizon import Constant, Geometric, HorizonProtocol, Uniform
-from perdure.horizon.wrappers import VectorHorizonLimit, VectorTimeToGoObservation
+from perdure.wrappers import VectorHorizonLimit, VectorTimeToGoObservation
 
 
 def make_envs(task: str, num_envs: int, protocol: HorizonProtocol) -> VectorTimeToGoObservation:

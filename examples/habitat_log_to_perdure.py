@@ -14,7 +14,7 @@ The JSON is what a few lines in an evaluation loop can write, in the simulator's
                      "gripper": [x, y, z], "base": [x, y, z, heading], "force": 0.0,
                      "drawer": 0.0, "fridge": 0.0}, ...]}]}
 
-Skills have the names of `perdure.home.benchmark.tasks`, `ending` is "stopped", "timed out" or "task limit";
+Skills have the names of `perdure.home.tasks.tasks`, `ending` is "stopped", "timed out" or "task limit";
 "forced": true where the gripper was opened by force. The history has one entry per control step and goes on after
 `steps` for a settling time in which the robot stands still: 5 s, or "it stays" cannot be said.
 """
@@ -25,9 +25,11 @@ import json
 
 import numpy as np
 
-from perdure.home.benchmark.tasks import WorldFacts
+from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.files import read_logs, write_logs
 from perdure.home.evaluate.log import EpisodeLog, History, SkillRun, Target
-from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
+from perdure.home.evaluate.page import summary_text
+from perdure.home.tasks.tasks import WorldFacts
 
 
 def z_up(points) -> np.ndarray:
@@ -92,7 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
         log = json.load(stream)
     logs = [log_of(each, float(log["control_hz"]), args.strategy, args.train_seed) for each in log["episodes"]]
     write_logs(args.out, logs, {"made from": args.log})
-    print(analyze(read_logs(args.out)).summary())
+    print(summary_text(analyze(read_logs(args.out))))
 
 
 if __name__ == "__main__":

@@ -19,12 +19,15 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import perdure.home.skills.gym  # noqa: F401  registers the skills
 from perdure.home import load_episodes
-from perdure.home.agents import Predicting
+from perdure.home.agents.learned import Predicting
 from perdure.home.agents.release import make_strategy
+from perdure.home.evaluate.analysis import analyze
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.outcomes import analyze, read_logs, write_logs
-from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, make_agents
-from perdure.home.sim.world import SceneOptions
+from perdure.home.evaluate.files import read_logs, write_logs
+from perdure.home.evaluate.page import summary_text
+from perdure.home.evaluate.policies import choose_policies, make_agents
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.sim.scene import SceneOptions
 
 TASK = "set_table"
 ROLLING = "drag"  # as in Habitat: an object that rolls is hardly slowed; "friction" is kinder
@@ -64,7 +67,7 @@ def main() -> None:
         executor = Executor(EvaluationProtocol(TASK).skills(), agents, options, **names)
         path = args.out / f"sb3-{strategy}.parquet"
         write_logs(path, list(executor.run(episodes)), {})
-        print(f"sb3 {strategy}:\n{analyze(read_logs(path)).summary()}")
+        print(f"sb3 {strategy}:\n{summary_text(analyze(read_logs(path)))}")
 
 
 if __name__ == "__main__":

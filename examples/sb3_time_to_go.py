@@ -21,7 +21,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from perdure.horizon import Clock, Constant, Geometric, HorizonProtocol, Uniform, geometric_size
-from perdure.horizon.wrappers import HorizonLimit, TimeToGoObservation
+from perdure.wrappers import HorizonLimit, TimeToGoObservation
 
 
 def make_protocol(task: str) -> HorizonProtocol:

@@ -1,24 +1,28 @@
-"""The skill of CONTRIBUTING.md: one file is trained, runs in a plan and documents itself."""
+"""A skill is one class: this one is trained, runs in a plan and documents itself. Copy it (CONTRIBUTING.md)."""
 
 import importlib.util
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
 import pytest
-from test_contributing import run  # noqa: F401  a fixture
 
-from perdure.home.agents import Learned, Predicting, Scripted
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import SET_TABLE, TASKS
-from perdure.home.benchmark.tasks.task import with_resets
-from perdure.home.errors import HomeError
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Learned, Predicting, Scripted
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.protocol import choose_policies
+from perdure.home.evaluate.policies import choose_policies
+from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.robot import REST_POSITION
+from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.skills import SKILLS, get_skill
-from perdure.home.skills.gym import env_id, register
-from perdure.home.skills.training import train_skill
+from perdure.home.skills.environment import env_id, register
+from perdure.home.skills.skill import PROPRIOCEPTION, Element, ObservationTerm, Recipe, Skill, SkillProgress
+from perdure.home.skills.train import train_skill
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import SET_TABLE, TASKS, with_resets
 from perdure.policy import load_policy
 
 NAME = "raise_hand"
@@ -26,11 +30,42 @@ TOOL = Path(__file__).parents[1] / "tools" / "skill_tables.py"
 ELBOW_FLEX = 5
 
 
+def missing_height(state: PrivilegedState) -> FloatArray:
+    """Return how far the gripper point is below 0.2 m above its rest position in [m]. Shape (n,)."""
+    return np.maximum(REST_POSITION[2] + 0.2 - state.gripper_in_base[:, 2], 0.0)
+
+
+@dataclass(frozen=True)
+class RaiseHand(Skill):
+    """Lift the hand; begins within 2 m of the target object, like pick."""
+
+    name = NAME
+    step_limit = 60
+    observation = (
+        PROPRIOCEPTION,
+        ObservationTerm(
+            (Element("missing_height", "height to rise", "m", 0.0),), lambda state, _: [missing_height(state)]
+        ),
+    )
+    rewards: ClassVar = {"rise": "4 per meter of height"}
+    success_text = "the gripper point is 0.2 m above rest"
+    recipe = Recipe(total_steps=200_000)
+
+    def reward_terms(
+        self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
+    ) -> Mapping[str, FloatArray]:
+        """See `Skill.reward_terms`."""
+        return {"rise": 4.0 * (missing_height(before) - missing_height(after))}
+
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
+        """See `success_text`."""
+        return np.asarray(missing_height(state) == 0.0)
+
+
 @pytest.fixture
-def skill(run, monkeypatch):  # noqa: F811
-    """The skill, registered by its one line."""
-    kind = run("A skill").RaiseHand
-    monkeypatch.setitem(SKILLS, NAME, kind)
+def skill(monkeypatch):
+    """The skill, registered by one line."""
+    monkeypatch.setitem(SKILLS, NAME, RaiseHand)
     register()
     yield get_skill(NAME)
     del gymnasium.registry[env_id(NAME)]
@@ -103,13 +138,13 @@ def test_it_documents_itself():
     tool = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tool)
     page = tool.page()
-    assert f"## {NAME}: `perdure/HomeRaiseHand-v0`" in page
-    for row in ("| 26 `missing_height` | height to rise |", "| rise | 4 per meter of height |", "| step limit | 60 |"):
+    assert "|raise_hand|`perdure/HomeRaiseHand-v0`|27|60|none|the gripper point is 0.2 m above rest|" in page
+    for row in ("|26 `missing_height`|height to rise|m|from 0|raise_hand|", "|rise|4 per meter of height|raise_hand|"):
         assert row in page
 
 
 def test_a_plan_with_a_skill_that_nobody_registered_is_refused(episode):
     skills = {name: get_skill(name) for name in ("navigate", "reset_arm")}
     actors = {"navigate": Scripted(), "reset_arm": Scripted()}
-    with pytest.raises(HomeError, match=NAME):
+    with pytest.raises(PerdureError, match=NAME):
         list(Executor(skills, actors, ExecutorOptions(lanes=1)).run([episode]))

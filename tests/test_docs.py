@@ -1,4 +1,4 @@
-"""The documentation site builds without network, warning or dead link, and works as local files."""
+"""Pages name only what exists, and the documentation site builds without network, warning or dead link."""
 
 import importlib
 import os
@@ -10,51 +10,120 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+import api_pages
 import cli_page
 import pytest
 
 ROOT = Path(__file__).parents[1]
 GENERATED = ("docs/reference/api", "docs/reference/cli.md", "docs/_build")
-PAGES = [
-    page
-    for page in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-    if not str(page.relative_to(ROOT)).startswith(GENERATED)
-]
-NO_NETWORK = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+PAGES = {
+    name: path.read_text()
+    for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+    if not (name := str(path.relative_to(ROOT))).startswith(GENERATED)
+}
+FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 
 
-def anchors(page):
+def anchors(text):
     """The anchors GitHub gives the headings of a page."""
-    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
-    heads = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    heads = re.findall(r"^#+ (.*)$", FENCE.sub("", text), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
 
 
-def broken(page):
+def broken_links(text, folder):
     """Links of a page that lead nowhere, read as GitHub shows it."""
-    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if re.match(r"[a-z]+:", target):
-            continue
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", text)):
         path, _, anchor = target.partition("#")
-        file = (page.parent / path).resolve() if path else page
-        if file.is_relative_to(ROOT) and str(file.relative_to(ROOT)).startswith(GENERATED):
-            continue  # the site's own test follows these
-        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors(file)):
-            yield target
+        file = (folder / path).resolve()
+        generated = file.is_relative_to(ROOT) and str(file.relative_to(ROOT)).startswith(GENERATED)
+        if re.match(r"[a-z]+:", target) or generated:  # the site's own test follows the generated pages
+            continue
+        headed = anchor and file.suffix in ("", ".md")
+        if not file.exists() or (headed and anchor not in anchors(file.read_text() if path else text)):
+            yield f"dead link: {target}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_links_lead_somewhere(page):
-    assert list(broken(page)) == []
+SCHEMAS = ("perdure.home.episodes", "perdure.home.episodes.log", "perdure.extrapolation", "perdure.policy")
+"""Names of file formats."""
 
 
-def test_broken_links_are_found(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# One heading\n[a](#one-heading) [b](#two) [c](none.md) [d](page.md#one-heading) [e](https://x.y)\n"
-    )
-    assert list(broken(page)) == ["#two", "none.md"]
+def unknown_names(text):
+    """Dotted names of the package that a page writes in code and that do not exist."""
+    for name in re.findall(r"`(perdure(?:\.\w+)+)", FENCE.sub("", text)):
+        if name not in SCHEMAS and not exists(name):
+            yield f"no such name: {name}"
+
+
+def exists(dotted):
+    """Whether a dotted name is a module, or an attribute of one."""
+    module, _, name = dotted.rpartition(".")
+    try:
+        importlib.import_module(dotted)
+    except ModuleNotFoundError:
+        return bool(module) and exists(module) and hasattr(sys.modules.get(module), name)
+    return True
+
+
+@cache
+def known_flags():
+    return {name: cli_page.flags(name) for name in cli_page.commands()}
+
+
+def unknown_flags(text):
+    """Commands of the package in a text, in blocks and in sentences, with an unknown name or flag."""
+    joined = re.sub(r"\\\n", " ", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+    for line in re.findall(r"\bperdure (?=[a-z-])([^`#\n]*)", joined):
+        words = line.split()
+        command = " ".join(words[: 2 if words[0] == "home" and len(words) > 1 else 1])
+        flags = re.findall(r"(?<!\S)--[a-z][\w.-]*", line)
+        if flags and command not in known_flags():
+            yield f"no such command: {command}"
+        for flag in flags:
+            if flag not in known_flags().get(command, {flag}) and not flag.startswith("--ppo.") and flag != "--help":
+                yield f"perdure {command} has no {flag}"
+
+
+def bad_python(text):
+    """Python blocks of a page that do not compile."""
+    for language, code in FENCE.findall(text):
+        if language == "python":
+            try:
+                compile(code if not code.startswith('"') else f"{{{code}}}", "block", "exec")
+            except SyntaxError as error:
+                yield f"{error.msg}: {error.text}"
+
+
+def faults(text, folder):
+    return [*broken_links(text, folder), *unknown_names(text), *unknown_flags(text), *bad_python(text)]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_names_only_what_exists(name):
+    assert faults(PAGES[name], (ROOT / name).parent) == []
+
+
+def test_every_page_is_listed_in_the_index():
+    folder = ROOT / "docs"
+    indexes = [(folder / name, (folder / name).read_text()) for name in ("index.md", "home/index.md")]
+    listed = {(page.parent / each).resolve() for page, text in indexes for each in re.findall(r"\]\(([^)#]+)", text)}
+    assert [name for name in PAGES if name.startswith("docs/") and (ROOT / name) not in listed] == ["docs/index.md"]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("# One heading\n[a](#one-heading) [e](https://x.y) [b](#two)", "dead link: #two"),
+        ("[c](none.md)", "dead link: none.md"),
+        ("`perdure.horizon.Constant` `perdure.horizon.Gone`", "no such name: perdure.horizon.Gone"),
+        ("`perdure.gone`", "no such name: perdure.gone"),
+        ("perdure train Hopper-v3 --seeds 1 --seed 1\n", "perdure train has no --seed"),
+        ("`perdure home run set_table --place ik --arm x`", "perdure home run has no --arm"),
+        ("perdure go --far\n", "no such command: go"),
+        ("```python\nx = (1\n```\n", "'(' was never closed: x = (1\n"),
+    ],
+)
+def test_a_planted_fault_is_found(text, fault, tmp_path):
+    assert faults(text, tmp_path) == [fault]
 
 
 class Html(HTMLParser):
@@ -100,26 +169,9 @@ def dead_links(folder):
 def site(tmp_path_factory):
     pytest.importorskip("sphinx")
     out = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "sphinx",
-            "-q",
-            "-W",
-            "--keep-going",
-            "-b",
-            "html",
-            "-d",
-            out / "cache",
-            "docs",
-            out / "html",
-        ],
-        cwd=ROOT,
-        env={**os.environ, **NO_NETWORK},
-        capture_output=True,
-        text=True,
-    )
+    command = [*(sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going"), "-d", out / "cache", "docs", out / "html"]
+    nowhere = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+    done = subprocess.run(command, cwd=ROOT, env={**os.environ, **nowhere}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return out / "html"
 
@@ -128,31 +180,16 @@ def test_the_site_has_no_dead_link_and_loads_nothing_from_the_network(site):
     assert list(dead_links(site)) == []
 
 
-def test_every_public_name_is_documented_once(site):
-    """Counted in the built pages: each documented object has an anchor with its full name."""
-    from test_imports import PACKAGES
-
-    found = [
-        anchor
-        for path in (site / "reference" / "api").glob("*.html")
-        for anchor in re.findall(r'<dt[^>]* id="([\w.]+)"', path.read_text())
-    ]
+def test_every_public_name_and_flag_is_in_the_reference(site):
+    """Counted in the built pages: each documented object has an anchor with its full name, once."""
+    text = "".join(path.read_text() for path in (site / "reference" / "api").glob("*.html"))
+    found = re.findall(r'<dt[^>]* id="([\w.]+)"', text)
     assert len(found) == len(set(found))
-    by_last = {anchor.rsplit(".", 1)[-1] for anchor in found}
-    offered = {name for package in PACKAGES for name in getattr(importlib.import_module(package), "__all__", [])}
-    assert offered - by_last == set()
-
-
-def test_every_command_and_flag_is_in_the_reference(site):
-    text = (site / "reference" / "cli.html").read_text()
+    offered = {name for each in api_pages.public_modules() for name in importlib.import_module(each).__all__}
+    assert offered - {anchor.rsplit(".", 1)[-1] for anchor in found} == set()
+    commands = (site / "reference" / "cli.html").read_text()
     for words in ("perdure train", "perdure home run", "--first-eval-seed", "--release-velocity", "--ppo.total-steps"):
-        assert words in text
-
-
-def test_the_search_index_is_a_script_which_local_files_may_load(site):
-    index = (site / "searchindex.js").read_text()
-    assert index.startswith("Search.setIndex(")
-    assert "searchindex.js" in (site / "search.html").read_text()
+        assert words in commands
 
 
 def test_dead_links_of_a_site_are_found(tmp_path):
@@ -166,89 +203,3 @@ def test_dead_links_of_a_site_are_found(tmp_path):
         "three.html loads https://x.y/z.js",
         "three.html -> none.png",
     ]
-
-
-def lost_files(text):
-    """Source files that a page names in code and that are not there; a name before a block is the block's own."""
-    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]+\.(?:py|pddl|json|yml))`(?!:\n)", text)
-    ours = {path.name for folder in (ROOT, ROOT / "src" / "perdure") for path in folder.iterdir()}
-    named = [each for each in named if each.split("/")[0] in ours]  # others are files of other projects
-    return [each for each in named if not any((ROOT / base / each).exists() for base in ("", "src", "src/perdure"))]
-
-
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_source_files_that_a_page_names_exist(page):
-    assert lost_files(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)) == []
-
-
-def test_a_lost_source_file_is_found():
-    text = "`ppo/rollout.py` `ppo/gone.py` `src/perdure/ppo/update.py` `other/gone.py`; in `ppo/new.py`:\n\n```python\n"
-    assert lost_files(text) == ["ppo/gone.py"]
-
-
-SCHEMAS = {"perdure.home.episodes", "perdure.home.episodes.log", "perdure.extrapolation", "perdure.policy"}
-"""Names of file formats."""
-
-
-def lost_names(text):
-    """Dotted names of the package that a page writes in code and that do not exist."""
-    named = re.findall(r"`(perdure(?:\.\w+)+)", text)
-    return [each for each in named if each not in SCHEMAS and not exists(each)]
-
-
-def exists(dotted):
-    """Whether a dotted name is a module, or an attribute of one."""
-    parts = dotted.split(".")
-    for length in range(len(parts), 0, -1):
-        try:
-            found = importlib.import_module(".".join(parts[:length]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[length:]:
-            if not hasattr(found, part):
-                return False
-            found = getattr(found, part)
-        return True
-    return False
-
-
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_names_of_the_package_that_a_page_writes_exist(page):
-    assert lost_names(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)) == []
-
-
-def test_a_lost_name_is_found():
-    assert lost_names("`perdure.horizon.Constant` `perdure.horizon.Gone` `perdure.gone`") == [
-        "perdure.horizon.Gone",
-        "perdure.gone",
-    ]
-
-
-@cache
-def known_flags():
-    return {name: cli_page.flags(module) for name, module in cli_page.commands().items()}
-
-
-def unknown_flags(text):
-    """Commands of the package in a text, in blocks and in sentences, with an unknown name or flag."""
-    known = known_flags()
-    joined = re.sub(r"\\\n", " ", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
-    for line in re.findall(r"\bperdure (?=[a-z-])([^`#\n]*)", joined):
-        words = line.split()
-        command = " ".join(words[: 2 if words[0] == "home" and len(words) > 1 else 1])
-        flags = re.findall(r"(?<!\S)--[a-z][\w.-]*", line)
-        if flags and command not in known:
-            yield f"perdure {command}"
-        for flag in flags:
-            if flag not in known.get(command, {flag}) and not flag.startswith("--ppo.") and flag != "--help":
-                yield f"perdure {command} {flag}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_flags_that_a_page_writes_exist(page):
-    assert list(unknown_flags(page.read_text())) == []
-
-
-def test_an_unknown_flag_is_found():
-    text = "perdure train Hopper-v3 --seed 1\n`perdure home run set_table --place ik --arm x`\nperdure go --far\n"
-    assert list(unknown_flags(text)) == ["perdure train --seed", "perdure home run --arm", "perdure go"]

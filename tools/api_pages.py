@@ -1,4 +1,4 @@
-"""Write one page of the API reference for each public package: every public name once, from its docstring."""
+"""Write one page of the API reference for each public module: every public name once, from its docstring."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ import docstrings
 
 import perdure
 
-FIRST = ("perdure", "horizon", "envs", "policy", "ppo", "extrapolate", "report", "runs")
+FIRST = ("perdure", "horizon", "wrappers", "envs", "policy", "learn", "evaluate", "stats", "report", "runs", "film")
 """Parts of the package in the order of their pages; the others follow."""
 
 INDEX = """# Python API
 
-Each public name is documented once, on the page of the package that defines it. The names that most programs need can
+Each public name is documented once, on the page of the module that defines it. The names that most programs need can
 be imported from `perdure` itself.
 
 ```{{toctree}}
@@ -32,9 +32,14 @@ be imported from `perdure` itself.
 """
 
 
-def public_packages() -> list[str]:
-    """Return the names of all packages that have `__all__`, parents first."""
-    found = ["perdure", *(each.name for each in pkgutil.walk_packages(perdure.__path__, "perdure.") if each.ispkg)]
+def public_modules() -> list[str]:
+    """Return the names of all packages, and of all modules directly in perdure, that have `__all__`; parents first."""
+    found = ["perdure"]
+    found += [
+        each.name
+        for each in pkgutil.walk_packages(perdure.__path__, "perdure.")
+        if each.ispkg or (each.name.count(".") == 1 and not each.name.endswith("__main__"))
+    ]
     return [name for name in found if hasattr(importlib.import_module(name), "__all__")]
 
 
@@ -93,9 +98,9 @@ def _entry(module: ModuleType, name: str) -> str:
 
 
 def constant_text(package: ModuleType, name: str) -> str:
-    """Return the docstring below the assignment of a constant, searched in all files of the package."""
-    folder = Path(str(package.__file__)).parent
-    for path in sorted(folder.rglob("*.py")):
+    """Return the docstring below the assignment of a constant, searched in all files of the package or module."""
+    file = Path(str(package.__file__))
+    for path in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
         body = ast.parse(path.read_text(encoding="utf-8")).body
         for statement, after in pairwise(body):
             if name in _assigned(statement) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
@@ -114,7 +119,7 @@ def _assigned(statement: ast.stmt) -> list[str]:
 def write(folder: Path) -> None:
     """Write all pages into a folder; remove pages of packages that are gone."""
     folder.mkdir(parents=True, exist_ok=True)
-    packages = public_packages()
+    packages = public_modules()
     owner = owners(packages)
     pages = {f"{package}.md": page(package, owner) for package in packages}
     pages["index.md"] = INDEX.format(pages="\n".join(sorted(packages, key=_place)))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
+import io
 import re
 import sys
 import warnings
-from importlib import import_module
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import tyro
 
-from perdure.cli import COMMANDS, home
+from perdure import cli
+from perdure.cli import home
 
 HEAD = """# Command line
 
@@ -21,19 +24,45 @@ written as `100000`, `100_000` or `1e5`. A wrong flag or value ends with one lin
 """
 
 
-def commands() -> dict[str, str]:
-    """Return every command, such as "home run", with the module that carries it out."""
-    outer = {name: module for name, module in COMMANDS.items() if name != "home"}
-    return outer | {f"home {name}": f"home.{name}" for name in home.COMMANDS}
+def commands() -> tuple[str, ...]:
+    """Return the name of every command, such as "home run"."""
+    return (*(name for name in cli.COMMANDS if name != "home"), *(f"home {name}" for name in home.COMMANDS))
 
 
-def section(command: str, module: str) -> str:
+class _SeenError(Exception):
+    """Carries what a command gave to tyro."""
+
+
+@cache
+def parser(command: str) -> Any:
+    """Return the argparse parser of a command: that of the function or dataclass which it gives to tyro for --help."""
+
+    def seen(kind: Any, *, args: Any, **options: Any) -> None:
+        raise _SeenError(kind, options)
+
+    try:
+        with patch("tyro.cli", seen), redirect_stdout(io.StringIO()):
+            cli.run([*command.split(), "--help"])
+    except _SeenError as found:
+        kind, options = found.args
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            return tyro.extras.get_parser(kind, **options)
+    raise AssertionError(f"perdure {command} --help did not call tyro")
+
+
+def flags(command: str) -> set[str]:
+    """Return every flag of a command, with both forms of a switch (`--x`, `--no-x`)."""
+    return {option for action in parser(command)._actions for option in action.option_strings}
+
+
+def section(command: str) -> str:
     """Return the section of one command: what it does, its arguments and its flags."""
-    kind = _flags(import_module(f"perdure.cli.{module}"))
-    parser = _parser(kind)
-    rows = [_row(action) for action in parser._actions if action.dest != "help"]
+    rows = [_row(action) for action in parser(command)._actions if action.dest != "help"]
     usage = " ".join(["perdure", command, *(name for name, is_flag, *_ in rows if not is_flag), "[flags]"])
-    lines = [f"## perdure {command}", "", _text(kind.__doc__ or ""), "", f"`{usage}`", ""]
+    lines = [f"## perdure {command}", "", _text(parser(command).description or ""), "", f"`{usage}`", ""]
+    if example := cli.example(command):
+        lines += [f"Example: `{example}`", ""]
     if command == "train":
         lines += [
             "Task, method and preset decide the defaults of `--ppo.*`; `perdure train TASK --help` shows them.",
@@ -42,28 +71,6 @@ def section(command: str, module: str) -> str:
     if rows:
         lines += ["| argument | meaning |", "|---|---|", *(_table_row(*row) for row in rows)]
     return "\n".join([*lines, ""])
-
-
-def flags(module: str) -> set[str]:
-    """Return every flag of a command's module, with both forms of a switch (`--x`, `--no-x`)."""
-    parser = _parser(_flags(import_module(f"perdure.cli.{module}")))
-    return {option for action in parser._actions for option in action.option_strings}
-
-
-def _flags(module: Any) -> Any:
-    """Return the dataclass that holds a command's flags: the one that its module defines."""
-    (kind,) = [
-        each
-        for each in vars(module).values()
-        if isinstance(each, type) and dataclasses.is_dataclass(each) and each.__module__ == module.__name__
-    ]
-    return kind
-
-
-def _parser(kind: type) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return tyro.extras.get_parser(kind, config=(tyro.conf.AvoidSubcommands,))
 
 
 def _row(action: Any) -> tuple[str, bool, str, str, str]:
@@ -92,7 +99,7 @@ def _code(text: str) -> str:
 
 def page() -> str:
     """Return the whole page."""
-    return "\n".join([HEAD, *(section(command, module) for command, module in commands().items())])
+    return "\n".join([HEAD, *map(section, commands())])
 
 
 def write(path: Path) -> None:

@@ -17,15 +17,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.home.benchmark.episodes import Episode, load_episodes
+from perdure.film import GRAY, INK, annotate, save_picture
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.sim.world import CONTROL_HZ, VectorSimulator
-from perdure.home.video.cameras import Shot
-from perdure.home.video.files import save_picture
-from perdure.home.video.render_scene import put, render_scene
-from perdure.home.video.side_by_side import make_agent
-from perdure.home.video.studio import Studio
-from perdure.home.video.words import write_title
+from perdure.home.film import make_agent
+from perdure.home.pictures import Shot, Studio, put, render_scene
+from perdure.home.sim.scene import CONTROL_HZ
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import Episode, load_episodes
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -78,7 +76,8 @@ def row(task: str, number: int, across: float, caption: str) -> Picture:
         eye = point + np.array([*(ALONG * level[:, 2] + across * level[:, 1]), UP])
         for state, words in zip((before, after), texts, strict=True):
             put(simulator, state)
-            panels += [write_title(studio.take(Shot(eye, point)), *words)]
+            title, note = words
+            panels += [annotate(studio.take(Shot(eye, point)), [(18, [(title, INK)]), (13, [(note, GRAY)])])]
     return np.concatenate([panels[0], np.full((len(panels[0]), GAP, 3), 255, np.uint8), panels[1]], axis=1)
 
 

@@ -8,9 +8,9 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from perdure.home.benchmark.episodes import EpisodeSet, ObjectModels, generate_episodes, write_episodes
-from perdure.home.benchmark.tasks import TASKS
 from perdure.home.sim.objects import YcbObjects
+from perdure.home.tasks.episodes import EpisodeSet, ObjectModels, generate_episodes, write_episodes
+from perdure.home.tasks.tasks import TASKS
 
 PUBLISHED = ("val", "eval")
 """The splits that are published; training draws its own."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections import Counter
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,17 +23,13 @@ import numpy as np
 import polars as pl
 from marks import put
 
-from perdure.home.benchmark.tasks import TASKS
-from perdure.home.evaluate.protocol import read_release
-from perdure.home.evaluate.protocol.policies import LEARNED_ON, SHIPPED, shipped_policy, shipped_seeds
+from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, read_release, shipped_policy, shipped_seeds
 from perdure.home.skills import learned_skills
-from perdure.home.skills.training import evaluate_skill
+from perdure.home.skills.train import evaluate_skill
+from perdure.home.tasks.tasks import TASKS
 from perdure.policy import Policy, load_policy, save_policy
-from perdure.report import theme
-from perdure.report.axes import Axis
-from perdure.report.curves import Curve, curve_chart
-from perdure.report.render import Figure, save
-from perdure.report.theme import style
+from perdure.report import charts
+from perdure.report.charts import Axis, Curve, Figure, curve_chart, save, style
 from perdure.report.wording import share
 from perdure.runs import write_atomic
 
@@ -115,7 +110,9 @@ def _draw(name: str, title: str, seeds: dict[tuple[str, int], list[dict[str, Any
         rates = ", ".join(share(entry["success"]).removesuffix(" %") for entry in entries)
         label = f"{_words(policy)}: {rates} %"
         curves.append(Curve(label, steps, returns.mean(axis=0), style(number), members=returns))
-    chart = curve_chart(curves, Axis("environment steps"), Axis("mean training return of an episode"), width=theme.WIDE)
+    chart = curve_chart(
+        curves, Axis("environment steps"), Axis("mean training return of an episode"), width=charts.WIDE
+    )
     note = (
         "Thick: mean of the training seeds. Thin: each seed. Behind the name: success of each seed from "
         f"n = {EPISODES} starts on the validation set."
@@ -206,22 +203,12 @@ def table(scores: dict[str, dict[str, Any]]) -> str:
     for name, entry in sorted(scores.items(), key=lambda item: (list(TASKS).index(item[0].split("/")[0]), item[0])):
         task, policy, _ = name.split("/")
         rows.setdefault((task, policy), []).append(entry)
-    lines = [
-        "| task | policy | steps | success, seed by seed | with drag | how the others ended |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["| task | policy | success, seed by seed | with drag |", "|---|---|---|---|"]
     for (task, policy), entries in rows.items():
-        ways: Counter[str] = sum((Counter(entry["failures"]) for entry in entries), Counter())
-        ended = "; ".join(f"{way} {count}" for way, count in ways.most_common()) or "-"
-        steps = ", ".join(dict.fromkeys(_steps(entry) for entry in entries))
         rates = ", ".join(f"{entry['success']:.3f}" for entry in entries)
         drag = ", ".join(f"{entry['drag']['success']:.3f}" for entry in entries if "drag" in entry)
-        lines.append(f"| {task} | {policy} | {steps} | {rates} | {drag} | {ended} |")
+        lines.append(f"| {task} | {policy} | {rates} | {drag} |")
     return "\n".join(lines)
-
-
-def _steps(entry: dict[str, Any]) -> str:
-    return f"{entry['steps']:,}" if "steps" in entry else f"as on {entry['learned_on']}"
 
 
 def _write(scores: dict[str, dict[str, Any]]) -> None:

@@ -3,73 +3,48 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from perdure.home.sim.robot.data import ARM_JOINTS
+from perdure.home.sim.robot import ARM_JOINTS
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
-from perdure.home.skills.gym import env_id
-from perdure.home.skills.observation import PROPRIOCEPTION
-from perdure.home.skills.progress import FORCE_MARGIN
-from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, PENALTY, SUCCESS_REWARD
+from perdure.home.skills.environment import env_id
+from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
 
 PAGE = Path(__file__).parents[1] / "docs" / "home" / "skills.md"
 INTRODUCTION = """\
-Written by `tools/skill_tables.py` from the skills' own declarations. The page lists the observation, the actions, the
-reward and the terminations of each environment.
+What each skill's environment observes, what its actions do, what it rewards and when it ends. Written by
+`tools/skill_tables.py` from the skills' own declarations, which follow M3 except where OURS is written.
 
-- **Observation**: the numbers of the table below, then those of the skill.
-- **Frames**: base frame x forward, y left, z up from the floor. A vector is given along the axes of the base.
-- **Rest**: the gripper's rest position in front of the robot, where it carries objects.
+- **Base frame**: x forward, y left, z up from the floor. **Rest**: where the gripper carries objects.
 - **Region**: the floor cells from which the next skill can begin; navigation drives there.
-- **OURS**: differs from M3 (hab-mobile-manipulation), whose definitions the skills otherwise follow.
 - **Rows for several numbers**: the components of a vector, all arm joints, or all sectors and beams k, in order."""
+_AXES = ("_x", "_y", "_z")
 
 
 def page() -> str:
     """Return the whole page as Markdown."""
-    failures = {name: text for skill in map(get_skill, learned_skills()) for name, text in skill.failures.items()}
+    skills = {name: _longest(name) for name in learned_skills()}
+    head = ("skill", "environment", "numbers observed", "step limit", "force limit", "success")
     parts = [
         "# Skills as environments",
         INTRODUCTION,
-        "## Numbers that every skill observes",
-        _elements(PROPRIOCEPTION.elements, 0),
-        *(skill_section(name) for name in learned_skills()),
+        _table(head, map(_summary, skills)),
+        "## Observations",
+        _shared(("number", "meaning", "unit", "range"), skills, lambda skill: _elements(skill.elements)),
+        "## Actions, from -1 to 1",
+        _shared(("action", "effect"), skills, _actions),
+        "## Reward",
+        _shared(("term", "value"), skills, lambda skill: reward_texts(skill).items()),
         "## Failures",
-        _table(("failure", "when"), failures.items()),
+        "A failure ends the skill.",
+        _table(("failure", "when", "skills"), _failures(skills)),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def skill_section(name: str) -> str:
-    """Return the section of one skill."""
-    usual, skill, common = get_skill(name), _longest(name), len(PROPRIOCEPTION.elements)
-    rows = [
-        ("success", skill.success_text),
-        ("failures", ", ".join(skill.failures) or "none"),
-        (
-            "excess force",
-            f"the increases of the contact force add up to more than {skill.force_limit:g} N"
-            if np.isfinite(skill.force_limit)
-            else "",
-        ),
-        ("step limit", _with_delta(usual.limit, skill.limit, f"{usual.limit} + `delta`")),
-    ]
-    size = _with_delta(len(usual.elements), len(skill.elements), str(len(skill.elements)))
-    return "\n\n".join(
-        [
-            f"## {name}: `{env_id(name)}`",
-            f"Size of the observation: {size}. Numbers 0 to {common - 1} are those above.",
-            _elements(skill.elements[common:], common),
-            _table(("action, from -1 to 1", "effect"), _actions(skill)),
-            _table(("reward term", "value"), reward_texts(skill).items()),
-            _table(("ending", "when"), [row for row in rows if row[1]]),
-        ]
-    )
 
 
 def reward_texts(skill: Skill) -> Mapping[str, str]:
@@ -84,6 +59,20 @@ def reward_texts(skill: Skill) -> Mapping[str, str]:
     }
 
 
+def _summary(name: str) -> tuple[str, ...]:
+    usual, longest = get_skill(name), _longest(name)
+    size = _with_delta(len(usual.elements), len(longest.elements), str(len(longest.elements)))
+    force = f"{usual.force_limit:g} N" if np.isfinite(usual.force_limit) else "none"
+    limit = _with_delta(usual.limit, longest.limit, f"{usual.limit} + `delta`")
+    return name, f"`{env_id(name)}`", size, limit, force, usual.success_text
+
+
+def _failures(skills: Mapping[str, Skill]) -> Iterable[tuple[str, ...]]:
+    texts = {name: text for skill in skills.values() for name, text in skill.failures.items()}
+    for name, text in texts.items():
+        yield name, text, _names(skills, [each for each, skill in skills.items() if name in skill.failures])
+
+
 def _longest(name: str) -> Skill:
     """Return the skill with all elements that it can have."""
     return get_skill(name, **({"delta": 2} if "delta" in (each.name for each in fields(SKILLS[name])) else {}))
@@ -93,22 +82,36 @@ def _with_delta(usual: int, lasting: int, text: str) -> str:
     return str(usual) if usual == lasting else f"{usual}; {text} for `delta` above 1"
 
 
-def _elements(elements: Iterable[Element], first: int) -> str:
+def _shared(
+    head: tuple[str, ...], skills: Mapping[str, Skill], rows: Callable[[Skill], Iterable[tuple[str, ...]]]
+) -> str:
+    """Return one table: a row that several skills share appears once, with their names."""
+    owners: dict[tuple[str, ...], list[str]] = {}
+    for name, skill in skills.items():
+        for line in rows(skill):
+            owners.setdefault(line, []).append(name)
+    return _table((*head, "skills"), ((*line, _names(skills, names)) for line, names in owners.items()))
+
+
+def _names(every: Iterable[str], some: Sequence[str]) -> str:
+    """Return the names of some skills, or briefly of all or all but one or two."""
+    missing = [name for name in every if name not in some]
+    if not missing:
+        return "all"
+    return f"all but {', '.join(missing)}" if len(missing) <= 2 else ", ".join(some)
+
+
+def _elements(elements: Sequence[Element]) -> list[tuple[str, ...]]:
     """Return a row for each element; the components of a vector, and elements that are numbered, share one."""
     rows = []
-    for _, each in groupby(enumerate(elements, start=first), lambda pair: _series(pair[1])):
+    for _, each in groupby(enumerate(elements), lambda pair: _series(pair[1])):
         group = list(each)
         (k, one), (last, other) = group[0], group[-1]
         name, meaning = f"{k} `{one.name}`", one.meaning
         if len(group) > 1:
-            name = f"{name} to {last} `{other.name}`"
-            axes = ", ".join(element.name[-1] for _, element in group)
-            meaning = f"{_general(one)}, {axes}" if one.name[-2:] in _AXES else _general(one)
-        rows.append((name, meaning, one.unit, f"{_number(one.low)} .. {_number(one.high)}"))
-    return _table(("number", "meaning", "unit", "range"), rows)
-
-
-_AXES = ("_x", "_y", "_z")
+            name, meaning = f"{k} `{one.name}` to {last} `{other.name}`", _general(one)
+        rows.append((name, meaning, one.unit, _range(one.low, one.high)))
+    return rows
 
 
 def _series(element: Element) -> tuple[object, ...]:
@@ -120,13 +123,13 @@ def _general(element: Element) -> str:
     """Return the meaning of an element without its axis, joint or number."""
     meaning = element.meaning
     for joint in ARM_JOINTS:
-        meaning = meaning.replace(joint, "each arm joint, from the shoulder to the wrist")
+        meaning = meaning.replace(joint, "each arm joint")
     if element.name[-2:] in _AXES:
         return meaning.removesuffix(f", {element.name[-1]}")
     return re.sub(r"(sector|beam) \d+", r"\1 k", meaning)
 
 
-def _actions(skill: Skill) -> list[tuple[str, str]]:
+def _actions(skill: Skill) -> list[tuple[str, ...]]:
     speed = f"{skill.base_speed:g}"
     effects = [
         ("forward", f"speed of the base; 1 is {speed} m/s"),
@@ -140,13 +143,16 @@ def _actions(skill: Skill) -> list[tuple[str, str]]:
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    lines = [head, ("---",) * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join(f"|{'|'.join(line)}|" for line in (head, ("---",) * len(head), *rows))
+
+
+def _range(low: float, high: float) -> str:
+    if np.isinf(low):
+        return "any"
+    return f"from {_number(low)}" if np.isinf(high) else f"{_number(low)} to {_number(high)}"
 
 
 def _number(value: float) -> str:
-    if np.isinf(value):
-        return "inf" if value > 0 else "-inf"
     return {np.pi: "pi", -np.pi: "-pi"}.get(value, f"{value:g}")
 
 

@@ -2,7 +2,7 @@
 
 Usage: python sb3_record.py OUT.safetensors
 
-Run with the peer's environment. tests/ppo/test_sb3_parity.py feeds the same rollout to perdure's learner.
+Run with the peer's environment. tests/learn/test_sb3_parity.py feeds the same rollout to perdure's learner.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors.numpy import save_file
-from sb3_train import EnvPoolVecEnv, make_model
+from sb3 import EnvPoolVecEnv, make_model
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
 CONFIG: dict[str, Any] = {

@@ -5,16 +5,15 @@
 | `perdure.horizon` | embeddings of the time-to-go, clocks, training horizons, Gymnasium wrappers |
 | `perdure.envs` | vectorized environments with one interface (`World`) |
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
-| `perdure.ppo` | PPO in JAX with a configurable horizon; training methods |
-| `perdure.extrapolate` | evaluation far beyond the training horizon |
-| `perdure.extrapolate.film` | videos of a policy as it fails |
+| `perdure.learn` | PPO in JAX with a configurable horizon; training methods |
+| `perdure.evaluate` | evaluation far beyond the training horizon: `perdure.extrapolate` |
+| `perdure.stats` | intervals over training runs, differences, survival curves |
+| `perdure.film` | pictures and films of simulations; `perdure.evaluate.watch` films a policy as it fails |
 | `perdure.report` | figures and an HTML report from evaluation tables |
 | `perdure.home` | the Home Assistant Benchmark |
 | `perdure.runs` | resumable units of work, on this machine or on a cluster |
-| `perdure.studies` | studies: training, evaluation and analysis of a question |
 
-The names below are the ones most programs need. Each is loaded at its first use, so ``import perdure`` is fast. The
-package `perdure.extrapolate` is callable: ``perdure.extrapolate(function, env="Hopper-v5")``.
+The names below are the ones most programs need. Each is loaded at its first use, so ``import perdure`` is fast.
 """
 
 from importlib import import_module
@@ -24,8 +23,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from perdure.envs import list_tasks, make_world
-    from perdure.extrapolate import Extrapolation, ExtrapolationResult
-    from perdure.extrapolate import extrapolate as extrapolate
+    from perdure.evaluate import Extrapolation, ExtrapolationResult, extrapolate
     from perdure.horizon import (
         Constant,
         Countdown,
@@ -38,8 +36,8 @@ if TYPE_CHECKING:
         Uniform,
         parse_clock,
     )
+    from perdure.learn import PPOConfig, TrainRun, method_config, train
     from perdure.policy import Policy, load_policy, save_policy
-    from perdure.ppo import PPOConfig, TrainRun, method_config, train
     from perdure.report import read_table, write_report
 
 __all__ = [
@@ -57,6 +55,7 @@ __all__ = [
     "Policy",
     "TrainRun",
     "Uniform",
+    "extrapolate",
     "list_tasks",
     "load_policy",
     "make_world",
@@ -70,21 +69,19 @@ __all__ = [
 
 _NAMES = {
     "envs": ("list_tasks", "make_world"),
-    "extrapolate": ("Extrapolation", "ExtrapolationResult"),
+    "evaluate": ("Extrapolation", "ExtrapolationResult", "extrapolate"),
     "horizon": (
         *("Constant", "Countdown", "Fixed", "Geometric", "HorizonProtocol"),
         *("Infinite", "Linear", "Periodic", "Uniform", "parse_clock"),
     ),
     "policy": ("Policy", "load_policy", "save_policy"),
-    "ppo": ("PPOConfig", "TrainRun", "method_config", "train"),
+    "learn": ("PPOConfig", "TrainRun", "method_config", "train"),
     "report": ("read_table", "write_report"),
 }
 _HOME = {name: package for package, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "extrapolate":
-        return import_module(f"{__name__}.extrapolate")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -6,21 +6,26 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+from perdure.errors import PerdureError, PerdureWarning
 from perdure.schema import printable
 
 AGAIN_SECONDS = 0.05
 """Until an interruption that Python dropped is raised again."""
 
 
-def main() -> None:
+def main(args: Sequence[str] | None = None) -> None:
     """Run the command line.
 
     What a user can cause ends in one line and exit code 2, Ctrl-C in 130 and SIGTERM in 143, with all workers ended.
+
+    Args:
+        args: The arguments of the program; by default those of this process.
     """
+    words = sys.argv[1:] if args is None else list(args)
     from perdure.cli import resumes, run
     from perdure.cli.terminal import prepare_terminal
 
@@ -31,17 +36,13 @@ def main() -> None:
     sys.unraisablehook = partial(_raise_again, sys.unraisablehook)
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     try:
-        run(sys.argv[1:])
+        run(words)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the pipe is gone, so nothing can be printed
     except KeyboardInterrupt as interrupt:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end is not to be interrupted
-        then = (
-            "run the same command to continue"
-            if resumes(sys.argv[1:])
-            else "the same command starts from the beginning"
-        )
+        then = "run the same command to continue" if resumes(words) else "the same command starts from the beginning"
         print(f"perdure: interrupted; {then}", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
@@ -72,15 +73,15 @@ def _raise_again(others: Callable[..., None], dropped: Any) -> None:
 
 def _show_warning(others: Callable[..., None], message: Warning | str, category: type[Warning], *where: Any) -> None:
     """Print perdure's own warnings as one line; leave other warnings unchanged."""
-    if category.__module__.startswith("perdure."):
+    if issubclass(category, PerdureWarning):
         print(f"perdure: {printable(str(message))}", file=sys.stderr)
     else:
         others(message, category, *where)
 
 
 def _is_users(error: ValueError | OSError) -> bool:
-    """Return whether the user caused the error: an OSError, or an error class of perdure."""
-    return isinstance(error, OSError) or type(error).__module__.startswith("perdure.")
+    """Return whether the user caused the error."""
+    return isinstance(error, OSError | PerdureError)
 
 
 def _sentence(error: ValueError | OSError) -> str:

@@ -2,6 +2,8 @@
 
 import io
 import os
+import re
+import signal
 import subprocess
 import sys
 import warnings
@@ -18,6 +20,8 @@ from perdure.runs import ONE_THREAD
 
 TASK = "InvertedPendulum-v4"
 OTHER_TASK = "Hopper-v3"
+PROGRESS = re.compile(r"^\d\d:\d\d:\d\d  .*\n", re.MULTILINE)
+"""Lines of progress, which a slow machine has time to print. They are no complaint."""
 
 
 def make_policy(task, timed, seed=0):
@@ -61,33 +65,37 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def perdure():
-    """Runs ``perdure ARGUMENTS`` in a folder and returns the finished process; never waits for input.
+def process():
+    """Runs ``perdure ARGUMENTS`` in a process of its own and returns it when it has finished; never waits for input.
 
     With a ``longest_file_kb``, writing more than that into one file fails, as if the disk were full.
     """
 
-    def run(*arguments, cwd, longest_file_kb="unlimited", timeout=300):
-        limited = ["bash", "-c", f'ulimit -f {longest_file_kb}; exec "$@"', "limited"]
-        return subprocess.run(
-            [*limited, sys.executable, "-m", "perdure", *map(str, arguments)],
+    def run(*arguments, cwd, longest_file_kb="unlimited", most_memory_kb="unlimited", **environment):
+        limited = ["bash", "-c", f'ulimit -f {longest_file_kb} -v {most_memory_kb}; exec "$@"', "limited"]
+        words = [each if isinstance(each, bytes) else str(each) for each in arguments]
+        done = subprocess.run(
+            [*limited, sys.executable, "-m", "perdure", *words],
             cwd=cwd,
-            env={**os.environ, **ONE_THREAD, "COLUMNS": "80"},
+            env={**os.environ, **ONE_THREAD, "COLUMNS": "80", **environment},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=timeout,
+            timeout=300,
         )
+        done.stderr = PROGRESS.sub("", done.stderr)
+        return done
 
     return run
 
 
 @pytest.fixture(scope="session")
 def command():
-    """Runs ``perdure ARGUMENTS`` in this process, which has its libraries loaded; returns what `perdure` returns."""
+    """Runs ``perdure ARGUMENTS`` in this process, which has its libraries loaded; returns what `process` returns."""
 
     def run(*arguments, cwd):
         out, err, code = io.StringIO(), io.StringIO(), 0
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         with (
             pytest.MonkeyPatch.context() as patch,
             warnings.catch_warnings(),
@@ -97,11 +105,14 @@ def command():
             warnings.filterwarnings("ignore", category=DeprecationWarning)  # as in a separate process
             patch.chdir(cwd)
             patch.setenv("COLUMNS", "80")
-            patch.setattr(sys, "argv", ["perdure", *map(str, arguments)])
+            patch.setattr(sys, "unraisablehook", sys.unraisablehook)  # set back, as warnings are
             try:
-                main()
+                main(list(map(str, arguments)))
             except SystemExit as end:
                 code = end.code or 0
-        return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+            finally:
+                for number, handler in handlers.items():
+                    signal.signal(number, handler)
+        return subprocess.CompletedProcess(arguments, code, out.getvalue(), PROGRESS.sub("", err.getvalue()))
 
     return run

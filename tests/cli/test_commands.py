@@ -38,12 +38,15 @@ def test_help_lists_every_command(command, tmp_path, arguments):
 )
 def test_every_command_explains_itself_on_stdout(command, tmp_path, name):
     process = command(*name.split(), "--help", cwd=tmp_path)
-    assert "usage: perdure" in succeeded(process)
+    lines = succeeded(process).splitlines()
+    assert lines[0].startswith(f"example: perdure {name}")
+    assert lines[2].startswith("usage: perdure")
+    assert lines[-1].startswith("More: https://")
     assert process.stderr == ""
 
 
-def test_the_version_is_printed(perdure, tmp_path):
-    assert succeeded(perdure("--version", cwd=tmp_path)).split() == ["perdure", library.__version__]
+def test_the_version_is_printed(command, tmp_path):
+    assert succeeded(command("--version", cwd=tmp_path)).split() == ["perdure", library.__version__]
 
 
 def test_list_tasks_names_the_six_tasks_of_the_thesis(command, tmp_path):
@@ -51,14 +54,14 @@ def test_list_tasks_names_the_six_tasks_of_the_thesis(command, tmp_path):
 
 
 def test_list_methods_names_every_method(command, tmp_path):
-    from perdure.ppo import METHODS
+    from perdure.learn import METHODS
 
     text = succeeded(command("list", "methods", cwd=tmp_path))
     assert [name for name in METHODS if f"| {name} |" not in text] == []
 
 
 def test_list_policies_names_every_shipped_file(command, tmp_path):
-    from perdure.policy.shipped import shipped_policies
+    from perdure.policy.files import shipped_policies
 
     lines = succeeded(command("list", "policies", cwd=tmp_path)).splitlines()
     assert [line.split()[0] for line in lines if line] == list(shipped_policies())
@@ -77,11 +80,11 @@ def test_a_reader_that_leaves_early_causes_no_traceback():
 
 
 @pytest.fixture(scope="module")
-def trained(perdure, tmp_path_factory):
+def trained(command, tmp_path_factory):
     """A folder with one tiny run, and what training it printed."""
     folder = tmp_path_factory.mktemp("trained")
-    arguments = ("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs")
-    return folder, succeeded(perdure(*arguments, cwd=folder))
+    arguments = ("train", "InvertedPendulum-v4", "--method", "geometric", *TINY, "--out", "runs", "--on", "here")
+    return folder, succeeded(command(*arguments, cwd=folder))
 
 
 def test_train_prints_where_the_policy_is(trained):

@@ -1,12 +1,9 @@
 """Whatever a user gets wrong ends in one line on stderr and exit code 2, and never in a traceback."""
 
 import os
-import re
-import sys
 
 import pytest
 
-from perdure.__main__ import main
 from perdure.cli.parse import sentence
 
 TINY = ("--ppo.total-steps", 64, "--ppo.n-steps", 32, "--ppo.batch-size", 32, "--ppo.hidden-sizes", 4)
@@ -54,29 +51,20 @@ MISTAKES = {
     "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
     "a place that is none": ("did you mean 'local'?", *PENDULUM, *TINY, "--on", "locl"),
     "a place that is none in an evaluation": ("here, local, ray or ray:ADDRESS", *EVALUATE, "--on", "cloud"),
-    "a place that is none in a study": ("here, local, ray or ray:ADDRESS", "study", "horizon", "--on", "cloud"),
     "no cores in an evaluation": ("cores", *EVALUATE, "--steps", 10, "--cores", 0),
     "inspect nothing": ("A policy file", "inspect"),
     "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
     "report of a folder without a table": ("/lanes.parquet does not exist", "report", "{files}"),
     "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
-    "unknown study": ("'horizon'", "study", "horizont"),
-    "unknown scale of a study": ("smoke", "study", "horizon", "--scale", "smok"),
-    "analysis without results": ("none", "study", "horizon", "--analyze-only", "--out", "none"),
-    "phases without a row": ("[7]", "study", "horizon", "--phases", 7, "--status"),
-    "a study into a file": ("foreign.txt", "study", "horizon", "--out", "{files}/foreign.txt"),
     "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
     "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
 }
 
 
-WHOLE_PROCESSES = ("unknown command", "bad flag value", "cut policy", "unknown task")
-"""Mistakes made in a separate process; the others are made in this one, which has its libraries loaded."""
-
-
-def check_failure(code, stdout, stderr):
+def failed(process):
     """The one line a failure consists of."""
+    code, stdout, stderr = process.returncode, process.stdout, process.stderr
     assert code == 2, stderr
     assert stdout == ""
     assert stderr.count("\n") == 1, stderr
@@ -87,15 +75,6 @@ def check_failure(code, stdout, stderr):
     return line
 
 
-PROGRESS = re.compile(r"\d\d:\d\d:\d\d  ")
-
-
-def failed(process):
-    """The one line of a process that failed, without the lines of progress that a slow machine has time to print."""
-    errors = [line for line in process.stderr.splitlines(keepends=True) if not PROGRESS.match(line)]
-    return check_failure(process.returncode, process.stdout, "".join(errors))
-
-
 def arguments_of(mistake, files):
     """What a line about a mistake must name, and the command line that makes it."""
     names, *arguments = MISTAKES[mistake]
@@ -103,41 +82,35 @@ def arguments_of(mistake, files):
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_ends_in_one_line_that_names_it(files, tmp_path, monkeypatch, capsys, mistake):
+def test_a_mistake_ends_in_one_line_that_names_it(command, files, tmp_path, mistake):
     names, arguments = arguments_of(mistake, files)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["perdure", *arguments])
-    with pytest.raises(SystemExit) as end:  # anything else would have been a traceback
-        main()
-    assert names in check_failure(end.value.code, *capsys.readouterr())
+    assert names in failed(command(*arguments, cwd=tmp_path))
 
 
-@pytest.mark.parametrize("mistake", WHOLE_PROCESSES)
-def test_a_process_ends_as_its_main_function_does(perdure, files, tmp_path, mistake):
-    names, arguments = arguments_of(mistake, files)
-    assert names in failed(perdure(*arguments, cwd=tmp_path))
+def test_a_process_ends_as_its_main_function_does(process, files, tmp_path):
+    names, arguments = arguments_of("cut policy", files)
+    assert names in failed(process(*arguments, cwd=tmp_path))
 
 
-def test_a_fault_of_the_program_is_not_passed_off_as_the_users(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["perdure", "list"])
-    monkeypatch.setattr("perdure.cli.texts.tasks", lambda suite: int("a bug"))
+def test_a_fault_of_the_program_is_not_passed_off_as_the_users(command, monkeypatch, tmp_path):
+    monkeypatch.setattr("perdure.cli.commands.tasks", lambda suite: int("a bug"))
     with pytest.raises(ValueError, match="a bug"):
-        main()
+        command("list", cwd=tmp_path)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the administrator may write anywhere")
-def test_a_folder_that_may_not_be_written_is_named(perdure, files, tmp_path):
+def test_a_folder_that_may_not_be_written_is_named(command, files, tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
     arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 10, "--eval-seeds", 1)
-    line = failed(perdure(*arguments, "--out", locked / "out", cwd=tmp_path))
+    line = failed(command(*arguments, "--out", locked / "out", cwd=tmp_path))
     assert "locked" in line
     assert "Permission denied" in line
 
 
-def test_a_full_disk_leaves_no_half_written_report(perdure, files, tmp_path):
+def test_a_full_disk_leaves_no_half_written_report(process, files, tmp_path):
     arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2, "--on", "here")
-    line = failed(perdure(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
+    line = failed(process(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()
     assert not (tmp_path / "out" / "lanes.parquet").exists()
@@ -159,11 +132,7 @@ def test_a_message_without_a_frame_is_kept_whole():
     assert sentence("something\n  else\n") == "something else"
 
 
-def test_a_worker_process_that_fails_ends_in_one_line_and_leaves_no_run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_worker_process_that_fails_ends_in_one_line_and_leaves_no_run(command, tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.runs.workers._START", "import perdure.no_such_worker")
-    monkeypatch.setattr(sys, "argv", ["perdure", "train", "InvertedPendulum-v4", "--seeds", "0", "1"])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert "no_such_worker" in check_failure(end.value.code, *capsys.readouterr())
+    assert "no_such_worker" in failed(command("train", "InvertedPendulum-v4", "--seeds", 0, 1, cwd=tmp_path))
     assert not list(tmp_path.glob("runs/*/*/seed-*"))

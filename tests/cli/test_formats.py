@@ -9,7 +9,7 @@ import onnxruntime
 import pytest
 
 from perdure.cli.parse import parse
-from perdure.extrapolate import film
+from perdure.evaluate import watch as films
 from perdure.horizon import Constant, Countdown
 from perdure.policy import load_policy
 from perdure.report import read_table
@@ -40,36 +40,29 @@ def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp
     (actions,) = onnxruntime.InferenceSession(tmp_path / "p.onnx").run(None, {"observation": rows})
     expected = load_policy(file).act(rows, np.zeros(50), Constant(20.0))
     np.testing.assert_allclose(actions, expected, atol=1e-6)
-    flags = ("--env", "envpool:InvertedPendulum-v4", "--steps", 30, "--eval-seeds", 2, "--out", "out")
-    assert "Report: " in succeeded(command("extrapolate", "p.onnx", *flags, cwd=tmp_path))
+    flags = ("--env", "envpool:InvertedPendulum-v4", "--eval-seeds", 2, "--on", "here", "--out", "out")
+    assert "Report: " in succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 30, cwd=tmp_path))
     frame, notes = read_table(tmp_path / "out" / "lanes.parquet")
     assert set(frame["policy"]) == {"p"}
     assert notes["command"].startswith("perdure extrapolate p.onnx --env")
+    groups = set((tmp_path / "out" / "groups").iterdir())
+    succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 30, cwd=tmp_path))
+    assert set((tmp_path / "out" / "groups").iterdir()) == groups, "nothing is run again"
+    succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 20, cwd=tmp_path))
+    assert set((tmp_path / "out" / "groups").iterdir()) > groups, "what another evaluation left is kept"
 
 
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (("--normalizer", "n.pkl"), "--normalizer n.pkl: for models of Stable-Baselines3"),
-        (("--time-feature=linear:1000",), "--time-feature linear:1000: for models of Stable-Baselines3"),
-        (("--trust",), "--trust: for models of Stable-Baselines3"),
-        (("--cores", 2), "--cores 2: an ONNX model is evaluated in this process, on one core"),
-        (("--on", "local"), "--on local: an ONNX model is evaluated in this process, on one core"),
-        (("--max_lanes", 48), "--max-lanes 48: an ONNX model is evaluated in this process, on one core"),
-        (("--modules", "walls", "doors"), "--modules walls doors: an ONNX model imports nothing but the module that"),
-        (("--clocks", "default"), "--clocks default: an ONNX model stores no clock"),
-        (("--clocks", "constant:9", "default"), "--clocks default: an ONNX model stores no clock"),
+        (("--normalizer", "n.pkl"), "--normalizer: only for Stable-Baselines3 models"),
+        (("--time-feature=linear:1000", "--trust"), "--time-feature, --trust: only for Stable-Baselines3 models"),
+        ((), "there is no file p.onnx"),
     ],
 )
 def test_a_flag_that_means_nothing_to_an_onnx_model_is_refused(command, tmp_path, flags, message):
     line = refused(command("extrapolate", "p.onnx", "--env", "Pendulum-v1", *flags, cwd=tmp_path))
     assert message in line
-
-
-@pytest.mark.parametrize("flags", [("--on", "here"), ("--cores", 1)])
-def test_a_flag_that_says_how_an_onnx_model_is_evaluated_anyway_is_not(command, tmp_path, flags):
-    line = refused(command("extrapolate", "p.onnx", "--env", "Pendulum-v1", *flags, cwd=tmp_path))
-    assert "there is no file p.onnx" in line
 
 
 def test_the_clock_default_is_the_policys_own(command, files, tmp_path):
@@ -83,18 +76,6 @@ def test_the_ending_of_an_onnx_model_may_be_written_in_capitals(command, files, 
     assert onnxruntime.InferenceSession(tmp_path / "P.ONNX").get_inputs()[0].name == "observation"
 
 
-def test_the_evaluation_of_an_onnx_model_shows_the_share_of_steps_made(command, monkeypatch, tmp_path):
-    def extrapolate(*arguments, progress, **options):
-        for step, running in ((500, 2), (1000, 1), (500, 3)):  # two groups of lanes
-            progress(step, running)
-
-    monkeypatch.setattr("perdure.extrapolate.extrapolate", extrapolate)
-    monkeypatch.setattr("perdure.runs.progress.LINE_SECONDS", 0.0)
-    flags = ("--env", "Hopper-v5", "--steps", 1000, "--eval-seeds", 2, "--clocks", "constant:1", "constant:2")
-    lines = command("extrapolate", "p.onnx", *flags, cwd=tmp_path).stderr.splitlines()
-    assert [line.split()[2] for line in lines[:3]] == ["25%", "38%", "75%"]  # 1000, 1500 and 3000 of 4000
-
-
 def test_films_know_the_clocks_default_and_countdown(command, files, monkeypatch, tmp_path):
     filmed = []
 
@@ -102,7 +83,7 @@ def test_films_know_the_clocks_default_and_countdown(command, files, monkeypatch
         filmed.append((clock, beside))
         return SimpleNamespace(sentences=[], world="", path=out)
 
-    monkeypatch.setattr(film, "watch", watch)
+    monkeypatch.setattr(films, "watch", watch)
     clocks = ("--clock", "default", "--beside", "countdown", "--steps", 70)
     succeeded(command("watch", files / "timed.safetensors", *clocks, cwd=tmp_path))
     assert filmed == [(Constant(50.0), Countdown(70.0))]
@@ -131,8 +112,8 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
         (("extrapolate", "P.ONNX"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx", "--env", "Hopper-v5"), "there is no file p.onnx"),
-        (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4, not as p.avi"),
-        (("watch", "{timeless}", "--beside", "constant:3"), "no clock to set beside it"),
+        (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4 or .gif, not as p.avi"),
+        (("watch", "{timeless}", "--beside", "constant:3"), "takes no clock"),
         (("watch", "home/set_table/place/seed-0"), "see perdure home video"),
         (("card", "{timed}", "--table", "none.parquet"), "none.parquet does not exist"),
         (("extrapolate", "."), "must hold one policy (*.safetensors), it holds none"),

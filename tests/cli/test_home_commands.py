@@ -3,7 +3,7 @@
 import pytest
 
 from perdure.cli.home.flags import policies
-from perdure.home.errors import HomeError
+from perdure.errors import PerdureError
 
 
 def succeeded(process):
@@ -35,9 +35,9 @@ def test_list_names_tasks_skills_and_objects(command, tmp_path):
         assert name in text
 
 
-def test_an_episode_is_told_and_drawn(perdure, tmp_path):
+def test_an_episode_is_told_and_drawn(command, tmp_path):
     out = tmp_path / "out.png"
-    process = perdure("home", "episode", "set_table", "--split", "val", "--index", 3, "--render", out, cwd=tmp_path)
+    process = command("home", "episode", "set_table", "--split", "val", "--index", 3, "--render", out, cwd=tmp_path)
     assert "set_table/val/003" in process.stdout
     assert "024_bowl" in process.stdout
     assert process.stdout.count("\n") > 25
@@ -55,9 +55,9 @@ def test_the_plan_of_set_table_opens_the_drawer_first(command, tmp_path):
     assert text.index("open_drawer") < text.index("pick") < text.index("close_drawer") < text.index("open_fridge")
 
 
-def test_a_run_is_kept_and_analyzed(perdure, command, tmp_path):
-    arguments = ("set_table", "--episodes", 1, "--max-lanes", 1, "--policies", "place=oracle", "--out", "kept")
-    text = succeeded(perdure("home", "run", *arguments, cwd=tmp_path))
+def test_a_run_is_kept_and_analyzed(command, tmp_path):
+    arguments = ("set_table", "--episodes", 1, "--policies", "place=oracle", "--on", "here", "--out", "kept")
+    text = succeeded(command("home", "run", *arguments, cwd=tmp_path))
     assert "close_1" in text
     again = succeeded(command("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
     assert again == text
@@ -118,7 +118,7 @@ def test_the_word_oracle_alone_means_every_skill():
     assert set(policies(("oracle",))) >= {"pick", "place", "navigate"}
     assert set(policies(("oracle",)).values()) == {"oracle"}
     assert policies(("place=oracle",)) == {"place": "oracle"}
-    with pytest.raises(HomeError, match="SKILL=oracle"):
+    with pytest.raises(PerdureError, match="SKILL=oracle"):
         policies(("oracle", "place=oracle"))
-    with pytest.raises(HomeError, match="place is named twice"):
+    with pytest.raises(PerdureError, match="place is named twice"):
         policies(("place=a", "place=b"))

@@ -1,5 +1,6 @@
 """``perdure home failures``: what it prints and draws, how it tells of a replay that went otherwise, how it refuses."""
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -7,17 +8,24 @@ from pathlib import Path
 import pytest
 
 from perdure.__main__ import main
+from perdure.errors import PerdureError
+from perdure.film import open_context
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.outcomes import read_logs, write_logs
+from perdure.home.evaluate.files import read_logs, write_logs
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.skills import SKILLS
-from perdure.render import RenderError, open_context
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 from home_stories import good
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")
-NOTES = {"strategy": "ik drag"}
+
+
+def noted(place="rl"):
+    """The notes of logs of a release strategy."""
+    return {"protocol": json.dumps(EvaluationProtocol("set_table", place).to_json())}
+
+
 OF_IT = "set_table, val, {strategy}, training seed -1, evaluation seed 0, 000, open_0, {why}, 024_bowl"
 
 
@@ -53,11 +61,11 @@ def command(monkeypatch, capsys):
 @pytest.fixture
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
-    monkeypatch.setattr("perdure.home.video.failure_sheets.SIZE", (240, 160))
-    monkeypatch.setattr("perdure.home.video.studio.SHADOWS", 256)
+    monkeypatch.setattr("perdure.home.failures.SIZE", (240, 160))
+    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)
     try:
         open_context(16, 16).free()
-    except RenderError:
+    except PerdureError:
         pytest.skip("this machine has neither EGL nor OSMesa")
 
 
@@ -68,7 +76,8 @@ def hit(record):
 
 
 def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, command, tmp_path):
-    write_logs(tmp_path / "logs.parquet", [record, hit(record)], NOTES)
+    write_logs(tmp_path / "rl.parquet", [record], noted())
+    write_logs(tmp_path / "ik.parquet", [hit(record)], noted("ik"))
     code, printed, complaint = command(tmp_path, "--out", tmp_path / "out", "--policies", "oracle")
     lines = {line.split(", ")[2]: line for line in printed.splitlines()}
     paths = {
@@ -84,7 +93,7 @@ def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, comma
 
 
 def test_logs_without_failures_are_no_mistake(command, tmp_path):
-    write_logs(tmp_path / "logs.parquet", [good()], NOTES)
+    write_logs(tmp_path / "logs.parquet", [good()], noted())
     assert command(tmp_path, "--counting", "latched") == (0, "no episode of these logs failed (latched)\n", "")
 
 
@@ -101,20 +110,20 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
         (("{logs}", "{logs}"), "twice"),
-        (("{foreign}",), "'TP+SRL' is no release strategy of this package"),
+        (("{foreign}",), "foreign.parquet does not say with which options it was made"),
         (("{changed}",), "is not the episode that this package has"),
     ],
 )
 def test_what_a_user_gets_wrong_ends_in_one_line(record, command, tmp_path, monkeypatch, arguments, names):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("perdure.home.video.replay_failure", lambda *given: pytest.fail("it was found out too late"))
+    monkeypatch.setattr("perdure.home.failures.replay_failure", lambda *given: pytest.fail("it was found out too late"))
     others = {
         "logs": record,
         "foreign": replace(record, strategy="TP+SRL"),
         "changed": replace(record, episode_hash="other"),
     }
     for name, each in others.items():
-        write_logs(tmp_path / f"{name}.parquet", [each], NOTES)
+        write_logs(tmp_path / f"{name}.parquet", [each], {} if name == "foreign" else noted())
     files = {name: f"{name}.parquet" for name in others}
     code, printed, complaint = command("--out", "out", *(str(each).format(**files) for each in arguments))
     assert (code, printed, complaint.count("\n")) == (2, "", 1)

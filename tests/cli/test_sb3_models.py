@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from perdure.__main__ import main
 from perdure.policy import load_policy
 
 FIXTURES = Path(__file__).parents[1] / "policy" / "readers" / "fixtures"
@@ -89,10 +87,11 @@ gymnasium.register("Walled-v0", PendulumEnv, max_episode_steps=200)
 """
 
 
-def test_a_module_named_in_env_is_imported(perdure, tmp_path, monkeypatch):
+def test_a_module_named_in_env_is_imported(command, tmp_path, monkeypatch):
     (tmp_path / "walls.py").write_text(WALLS)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    process = perdure(
+    monkeypatch.syspath_prepend(tmp_path)
+    process = command(
         "extrapolate", FIXTURES / "trpo.zip", "--env", "walls:Walled-v0", *SHORT, "--on", "local", cwd=tmp_path
     )
     assert process.returncode == 0, process.stderr
@@ -100,7 +99,7 @@ def test_a_module_named_in_env_is_imported(perdure, tmp_path, monkeypatch):
 
 MISTAKES = {
     "no environment": ("--env Hopper-v5", (MODEL,)),
-    "unknown environment": ("Did you mean", (MODEL, "--env", "Pendulom-v1")),
+    "unknown environment": ("did you mean", (MODEL, "--env", "Pendulom-v1")),
     "another environment": ("takes 3 numbers", (MODEL, "--env", "Hopper-v5", "--normalizer", "none")),
     "a normalizer forgotten": ("--normalizer", (MODEL, "--env", "Pendulum-v1")),
     "a missing normalizer": ("nowhere.pkl", (MODEL, "--env", "Pendulum-v1", "--normalizer", "nowhere.pkl")),
@@ -114,17 +113,13 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_ends_in_one_line(mistake, tmp_path, monkeypatch, capsys):
+def test_a_mistake_ends_in_one_line(command, mistake, tmp_path):
     if mistake.startswith("trust without") and find_spec("stable_baselines3"):
         pytest.skip("Stable-Baselines3 is installed")
     named, arguments = MISTAKES[mistake]
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["perdure", "extrapolate", *map(str, (*arguments, *SHORT))])
-    with pytest.raises(SystemExit) as end:
-        main()
-    output = capsys.readouterr()
-    assert (end.value.code, output.out) == (2, "")
-    *before, line = output.err.splitlines()
+    refused = command("extrapolate", *arguments, *SHORT, cwd=tmp_path)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    *before, line = refused.stderr.splitlines()
     assert [each for each in before if not each.startswith("perdure: reading ")] == []
     assert line.startswith("perdure: ")
     assert named in line

@@ -1,54 +1,37 @@
 """Commands work in terminals of any width and encoding, with paths of any bytes."""
 
 import os
-import resource
-import subprocess
-import sys
 
 import pytest
 
 from perdure.cli.terminal import _plain, command_line
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-MEMORY = 4 * 2**30
+MEMORY_KB = 4 * 2**20
 
 
-def bounded():
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-
-
-def perdure(*words, before=None, **environment):
-    return subprocess.run(
-        [sys.executable, "-m", "perdure", *words],
-        env={**os.environ, **environment},
-        capture_output=True,
-        timeout=120,
-        preexec_fn=before,
-    )
-
-
-@pytest.mark.parametrize("columns", ["1", "4", "1000000000"])
-def test_help_ends_in_a_terminal_of_any_width(columns):
-    done = perdure("report", "--help", before=bounded, COLUMNS=columns)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"lanes.parquet" in done.stdout
+@pytest.mark.parametrize("columns", ["1", "1000000000"])
+def test_help_ends_in_a_terminal_of_any_width(process, tmp_path, columns):
+    done = process("report", "--help", cwd=tmp_path, most_memory_kb=MEMORY_KB, COLUMNS=columns)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "lanes.parquet" in done.stdout
     assert len(done.stdout) < 100_000
 
 
-def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(tmp_path):
-    from perdure.policy.shipped import find_policy
+def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(process, tmp_path):
+    from perdure.policy.files import find_policy
 
     policy, out = (os.fsencode(tmp_path) + name for name in (b"/p\xff.safetensors", b"/out\xff"))
     os.symlink(os.fsencode(find_policy("Hopper-v3/geometric")), policy)
-    flags = ("--steps", "20", "--eval-seeds", "1", "--cores", "1", "--out", out)
-    done = perdure("extrapolate", policy, *flags, **ASCII)
-    assert (done.returncode, done.stderr) == (0, b"")
+    flags = ("--steps", "20", "--eval-seeds", "1", "--on", "here", "--out", out)
+    done = process("extrapolate", policy, *flags, cwd=tmp_path, **ASCII)
+    assert (done.returncode, done.stderr) == (0, "")
     with open(out + b"/report.html", encoding="utf-8") as page:
         assert "out\\xff" in page.read()
     again = os.fsencode(tmp_path) + "/\u00fc".encode()
-    done = perdure("report", out + b"/lanes.parquet", "--out", again, **ASCII)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"Report: " in done.stdout
+    done = process("report", out + b"/lanes.parquet", "--out", again, cwd=tmp_path, **ASCII)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Report: " in done.stdout
     assert done.stdout.isascii()
     assert os.path.exists(again + b"/report.html")
 

@@ -5,11 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from perdure.envs.source import source_digest
-from perdure.extrapolate import Extrapolation, extrapolate
+from perdure.envs.suites import source_digest
+from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.horizon import Fixed, HorizonProtocol
+from perdure.learn import TrainRun, method_config
 from perdure.policy import Normalizer, Policy, TaskInfo, save_policy
-from perdure.ppo import TrainRun, method_config
 
 TASK = "gymnasium:edited_worlds.corridor:Corridor-v0"
 CODE = """
@@ -67,11 +67,11 @@ def policy(path):
 def test_lanes_of_an_edited_environment_are_run_again(package, tmp_path):
     path = policy(tmp_path / "policy.safetensors")
     asked = Extrapolation((path,), steps=30, eval_seeds=2, modules=("edited_worlds.corridor",))
-    first = extrapolate(asked, tmp_path / "out", on="here").final()["return"].to_list()
+    first = evaluate_files(asked, tmp_path / "out", on="here").final()["return"].to_list()
     assert first == [30.0, 30.0]
-    assert extrapolate(asked, tmp_path / "out", on="here").final()["return"].to_list() == first
+    assert evaluate_files(asked, tmp_path / "out", on="here").final()["return"].to_list() == first
     edit(package, reward=2.0)
-    assert extrapolate(asked, tmp_path / "out", on="here").final()["return"].to_list() == [60.0, 60.0]
+    assert evaluate_files(asked, tmp_path / "out", on="here").final()["return"].to_list() == [60.0, 60.0]
 
 
 def test_the_identity_of_a_training_run_has_the_whole_package(package):

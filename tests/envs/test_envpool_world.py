@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from worlds import trajectories
 
-from perdure.envs import WorldError, make_world
-from perdure.envs.envpool_channel import PublicChannel, RawChannel, has_known_layout, open_channel
-from perdure.envs.envpool_world import EnvPoolWorld
+from perdure.envs import make_world
+from perdure.envs.envpool import EnvPoolWorld, PublicChannel, RawChannel, has_known_layout, open_channel
+from perdure.errors import PerdureError
 
 SEEDS = [11, 12, 13]
 one_of_each = pytest.mark.parametrize("task", ["Hopper-v3", "HumanoidWalk-v1", "HandReach-v3"])
@@ -142,7 +142,7 @@ def test_the_engine_is_named_with_its_versions() -> None:
 
 @pytest.mark.parametrize("seeds", [[], [-1], [2**31], [1.5], 7, "12", [[1, 2]], [[1], [2, 3]], [True]])
 def test_impossible_seeds_are_refused(seeds: object) -> None:
-    with pytest.raises(WorldError, match=r"[Ss]eed"):
+    with pytest.raises(PerdureError, match=r"[Ss]eed"):
         make_world("Hopper-v3", seeds)
 
 
@@ -153,10 +153,10 @@ def test_the_largest_seed_and_repeated_seeds_are_legal() -> None:
 
 
 def test_zero_threads_are_refused() -> None:
-    with pytest.raises(WorldError, match="threads must be at least 1, got 0"):
+    with pytest.raises(PerdureError, match="threads must be at least 1, got 0"):
         make_world("Hopper-v3", [1], threads=0)
 
 
 def test_a_discrete_task_is_refused() -> None:
-    with pytest.raises(WorldError, match=r"one vector in a box.*Discrete"):
+    with pytest.raises(PerdureError, match=r"one vector in a box.*Discrete"):
         EnvPoolWorld("CartPole-v1", "test", [1])

@@ -6,8 +6,9 @@ import pytest
 from counting import Counting, factories, first_starts
 from worlds import counting_world
 
-from perdure.envs import UnknownTask, WorldError, make_world
-from perdure.envs.gymnasium_world import GymnasiumWorld
+from perdure.envs import make_world
+from perdure.envs.gymnasium import GymnasiumWorld
+from perdure.errors import PerdureError
 
 
 def test_every_number_of_the_counting_environment_arrives() -> None:
@@ -90,15 +91,15 @@ class Worded(Counting):
 
 
 def test_what_does_not_fit_the_contract_is_refused_with_a_reason() -> None:
-    with pytest.raises(WorldError, match=r"continuous \(a Box\) or discrete.*Text"):
+    with pytest.raises(PerdureError, match=r"continuous \(a Box\) or discrete.*Text"):
         GymnasiumWorld([Worded], [1])
-    with pytest.raises(WorldError, match="2 environments need as many seeds, got 1"):
+    with pytest.raises(PerdureError, match="2 environments need as many seeds, got 1"):
         GymnasiumWorld(factories(2), [1])
-    with pytest.raises(WorldError, match="same spaces"):
+    with pytest.raises(PerdureError, match="same spaces"):
         GymnasiumWorld([Counting, lambda: Counting(as_dict=True)], [1, 2])
-    with pytest.raises(UnknownTask, match="Did you mean gymnasium:Pendulum-v1"):
+    with pytest.raises(PerdureError, match="did you mean 'gymnasium:Pendulum-v1"):
         make_world("gymnasium:pendulum-v1", [1])
-    with pytest.raises(WorldError, match="no_such_module"):
+    with pytest.raises(PerdureError, match="no_such_module"):
         make_world("gymnasium:no_such_module:Thing-v0", [1])
 
 
@@ -108,7 +109,7 @@ def test_observations_of_varying_length_are_refused() -> None:
             super().__init__()
             self.observation_space = gymnasium.spaces.Sequence(gymnasium.spaces.Box(0, 1, (1,)))
 
-    with pytest.raises(WorldError, match="one vector of fixed length"):
+    with pytest.raises(PerdureError, match="one vector of fixed length"):
         GymnasiumWorld([Varying], [1])
 
 
@@ -136,15 +137,15 @@ def test_environments_made_before_one_that_fails_are_closed() -> None:
     def fails() -> None:
         raise RuntimeError("no more")
 
-    with pytest.raises(WorldError, match="no more"):
+    with pytest.raises(PerdureError, match="no more"):
         GymnasiumWorld([Closing, Closing, fails], [1, 2, 3])
     assert len(closed) == 2
-    with pytest.raises(WorldError, match="same spaces"):
+    with pytest.raises(PerdureError, match="same spaces"):
         GymnasiumWorld([Closing, lambda: Closing(as_dict=True)], [1, 2])
     assert len(closed) == 4
 
 
 def test_one_environment_for_two_lanes_is_refused() -> None:
     one = gymnasium.make("Pendulum-v1")
-    with pytest.raises(WorldError, match="two lanes got the same environment"):
+    with pytest.raises(PerdureError, match="two lanes got the same environment"):
         GymnasiumWorld([lambda: one, lambda: one], [0, 1], "pendulum")

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perdure.envs import WorldError
-from perdure.envs.checks import checked_lanes
-from perdure.envs.lane_tracker import LaneTracker
+from perdure.envs.gymnasium import LaneTracker
+from perdure.envs.world import checked_lanes
+from perdure.errors import PerdureError
 
 LANES = 4
 event = st.tuples(
@@ -28,7 +28,7 @@ def test_every_lane_lives_as_if_it_were_alone(history: list) -> None:
             for lane in lanes:
                 made[lane] = 0
         elif any(made[lane] is None for lane in lanes):
-            with pytest.raises(WorldError):
+            with pytest.raises(PerdureError):
                 tracker.lanes_to_step(lanes)
         else:
             chosen = tracker.lanes_to_step(lanes)
@@ -46,5 +46,5 @@ def test_lanes_are_accepted_exactly_when_each_exists_and_is_named_once(lanes: li
     if lanes and len(set(lanes)) == len(lanes) and set(lanes) <= set(range(LANES)):
         assert checked_lanes(lanes, LANES).tolist() == lanes
     else:
-        with pytest.raises(WorldError):
+        with pytest.raises(PerdureError):
             checked_lanes(np.array(lanes, dtype=np.int64), LANES)

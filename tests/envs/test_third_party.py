@@ -8,8 +8,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from perdure.envs import GymnasiumWorld, VectorEnvWorld, WorldError, make_world
-from perdure.ppo import PPOConfig, TrainRun, train
+from perdure.envs import GymnasiumWorld, VectorEnvWorld, make_world
+from perdure.errors import PerdureError
+from perdure.learn import PPOConfig, TrainRun, train
 
 
 class Broken(gymnasium.Env):
@@ -70,7 +71,7 @@ def test_a_step_that_breaks_the_rules_is_refused_by_name_and_step(returns, said)
     world.reset()
     for _ in range(2):
         world.step(np.zeros((2, 1)))
-    with pytest.raises(WorldError, match=said) as refusal:
+    with pytest.raises(PerdureError, match=said) as refusal:
         world.step(np.zeros((2, 1)))
     assert str(refusal.value).startswith("mine, lane 1, step 3: ")
     assert "\n" not in str(refusal.value)
@@ -85,7 +86,7 @@ def test_a_step_that_breaks_the_rules_is_refused_by_name_and_step(returns, said)
     ],
 )
 def test_a_reset_that_breaks_the_rules_is_refused_too(resets, said):
-    with pytest.raises(WorldError, match=f"mine, lane 0: {said}"):
+    with pytest.raises(PerdureError, match=f"mine, lane 0: {said}"):
         GymnasiumWorld([lambda: Broken(resets=resets)], [0], "mine").reset()
 
 
@@ -99,7 +100,7 @@ def test_numbers_of_other_kinds_are_taken_for_what_they_are():
 
 
 def test_an_environment_that_cannot_be_made_is_named():
-    with pytest.raises(WorldError, match="mine: making it raised OSError: no such robot"):
+    with pytest.raises(PerdureError, match="mine: making it raised OSError: no such robot"):
         GymnasiumWorld([raises(OSError("no such robot"))], [0], "mine")
 
 
@@ -120,7 +121,7 @@ class TestVectors:
         world.reset()
         whole = env.step
         monkeypatch.setattr(env, "step", lambda actions: change(*whole(actions)))
-        with pytest.raises(WorldError, match=f"mine: .*{said}"):
+        with pytest.raises(PerdureError, match=f"mine: .*{said}"):
             world.step(np.zeros((2, 1)))
 
 
@@ -164,7 +165,7 @@ def test_training_says_in_one_line_which_environment_broke_where(module, tmp_pat
 def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
     (tmp_path / "perdure_test_exits.py").write_text("import sys; sys.exit('bye')")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(WorldError, match="importing perdure_test_exits raised SystemExit: bye"):
+    with pytest.raises(PerdureError, match="importing perdure_test_exits raised SystemExit: bye"):
         make_world("gymnasium:perdure_test_exits:Id-v0", [0])
-    with pytest.raises(WorldError, match="No module named 'perdure_test_absent'; put its folder on PYTHONPATH"):
+    with pytest.raises(PerdureError, match="No module named 'perdure_test_absent'; put its folder on PYTHONPATH"):
         make_world("gymnasium:perdure_test_absent:Id-v0", [0])

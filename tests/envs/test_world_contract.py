@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from worlds import CASES, SAMPLE_CASES, Case, actions_of, trajectories
 
-from perdure.envs import VectorEnvWorld, World, WorldError
+from perdure.envs import VectorEnvWorld, World
+from perdure.errors import PerdureError
 
 SEEDS = [11, 12, 13]
 STEPS = 6
@@ -91,7 +92,7 @@ def test_an_ended_lane_is_refused_until_it_is_reset_and_the_refusal_moves_nothin
     ended = np.setdiff1d(np.arange(3), alive)
     assert len(ended)
     before = world.elapsed
-    with pytest.raises(WorldError, match="have ended"):
+    with pytest.raises(PerdureError, match="have ended"):
         world.step(full)
     assert np.array_equal(world.elapsed, before)
     again = world.reset(ended)
@@ -102,10 +103,10 @@ def test_an_ended_lane_is_refused_until_it_is_reset_and_the_refusal_moves_nothin
 
 @every_sample
 def test_lanes_that_were_never_reset_are_refused(world: World) -> None:
-    with pytest.raises(WorldError, match="Lanes 0, 1, 2 were never reset"):
+    with pytest.raises(PerdureError, match="Lanes 0, 1, 2 were never reset"):
         world.step(plan(world)[0])
     world.reset(np.array([1]))
-    with pytest.raises(WorldError, match="Lanes 0, 2 were never reset"):
+    with pytest.raises(PerdureError, match="Lanes 0, 2 were never reset"):
         world.step(plan(world)[0])
     assert world.step(plan(world)[0][1:2], np.array([1])).elapsed.tolist() == [1]
 
@@ -113,7 +114,7 @@ def test_lanes_that_were_never_reset_are_refused(world: World) -> None:
 def test_stepping_some_lanes_leaves_the_others_where_they_are(case: Case, world: World) -> None:
     if isinstance(world, VectorEnvWorld):  # moves all lanes at once
         world.reset()
-        with pytest.raises(WorldError, match=r"lanes \[0 2\] are running"):
+        with pytest.raises(PerdureError, match=r"lanes \[0 2\] are running"):
             world.step(plan(world)[0][1:2], np.array([1]))
         return
     actions, twin = plan(world), case.build(SEEDS)
@@ -163,13 +164,13 @@ def test_an_abandoned_lane_is_refused_until_it_is_reset_and_the_others_go_on(cas
     world.reset()
     world.step(actions[0])
     world.abandon(np.array([1]))
-    with pytest.raises(WorldError, match="ended"):
+    with pytest.raises(PerdureError, match="ended"):
         world.step(actions[1])
     others = world.step(actions[1][[0, 2]], np.array([0, 2]))
     for row, lane in enumerate((0, 2)):
         size = world.spec.observation_size
         assert np.array_equal(others.observations[row], told(case)[lane][2][:size]), "as if it had never been there"
-    with pytest.raises(WorldError, match="do not exist"):
+    with pytest.raises(PerdureError, match="do not exist"):
         world.abandon(np.array([3]))
     world.reset(np.array([1]))
     assert world.step(actions[2]).elapsed.tolist() == [3, 1, 3]
@@ -179,9 +180,9 @@ def test_an_abandoned_lane_is_refused_until_it_is_reset_and_the_others_go_on(cas
 def test_impossible_lanes_are_refused(world: World) -> None:
     world.reset()
     for lanes in ([3], [-1], [0, 0], [[0]], [], [0.0], [True, False, True], 1, [[0], [1, 2]]):
-        with pytest.raises(WorldError, match=r"[Ll]anes"):
+        with pytest.raises(PerdureError, match=r"[Ll]anes"):
             world.reset(lanes)
-        with pytest.raises(WorldError, match=r"[Ll]anes"):
+        with pytest.raises(PerdureError, match=r"[Ll]anes"):
             world.step(plan(world)[0], lanes)
     assert world.elapsed.tolist() == [0, 0, 0]
 
@@ -192,10 +193,10 @@ def test_actions_of_a_wrong_shape_or_without_a_value_are_refused_and_move_nothin
     world.reset(), twin.reset()
     nan = actions[0].copy()
     nan[1, -1] = np.nan
-    with pytest.raises(WorldError, match="lane 1 is NaN"):
+    with pytest.raises(PerdureError, match="lane 1 is NaN"):
         world.step(nan)
     for wrong in (actions[0][:2], actions[0][:, :0], actions[0].ravel(), "left"):
-        with pytest.raises(WorldError, match="actions must"):
+        with pytest.raises(PerdureError, match="actions must"):
             world.step(wrong)
     assert np.array_equal(world.step(actions[0]).observations, twin.step(actions[0]).observations)
 
@@ -233,7 +234,7 @@ def test_a_closed_world_is_refused_and_closes_twice(case: Case) -> None:
     world.reset()
     world.close()
     world.close()
-    with pytest.raises(WorldError, match="closed"):
+    with pytest.raises(PerdureError, match="closed"):
         world.reset()
-    with pytest.raises(WorldError, match="closed"):
+    with pytest.raises(PerdureError, match="closed"):
         world.step(plan(world)[0])

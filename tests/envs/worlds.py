@@ -10,8 +10,7 @@ from counting import factories
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from perdure.envs import World, list_tasks, make_world
-from perdure.envs.gymnasium_world import GymnasiumWorld
-from perdure.envs.vector_env_world import VectorEnvWorld
+from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
 
 SAMPLE = {
     "Hopper-v3",

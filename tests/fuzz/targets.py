@@ -1,7 +1,6 @@
 """For each reader: valid files, how they are changed, and what a consumer does with whatever is still read."""
 
 import hashlib
-import io
 import json
 import math
 import struct
@@ -13,43 +12,35 @@ from pathlib import Path
 import altered
 import mutations
 import numpy as np
-import payloads
 import polars as pl
-from home_stories import Story, good
 from make_policy import random_policy
 from safetensors.numpy import load, save
 
-from perdure.cli import texts
-from perdure.extrapolate.idle import Idle
-from perdure.extrapolate.lanes import LaneSpec
-from perdure.extrapolate.score import make_score_scale
-from perdure.extrapolate.table import _lane_row
-from perdure.home import HomeError
-from perdure.home.benchmark.episodes import EpisodeSet, load_episodes, read_episodes, write_episodes
-from perdure.home.benchmark.episodes.episode import episode_hash
-from perdure.home.benchmark.plan import plan_problem
-from perdure.home.evaluate.outcomes import analyze, files, find_overlaps, read_logs, write_logs
-from perdure.home.evaluate.outcomes.schema import columns
-from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
-from perdure.policy import Policy, PolicyError, load_policy, save_policy
+from perdure.cli.commands import policy_text
+from perdure.errors import PerdureError
+from perdure.evaluate.episodes import LaneSpec
+from perdure.evaluate.reference import Idle
+from perdure.evaluate.score import make_score_scale
+from perdure.evaluate.table import _lane_row
+from perdure.home.tasks.episodes import EpisodeSet, episode_hash, load_episodes, read_episodes, write_episodes
+from perdure.home.tasks.planning import plan_problem
+from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.policy import Policy, load_policy, save_policy
 from perdure.policy.files import _digest as policy_digest
 from perdure.policy.reference import Reference
-from perdure.ppo.checkpoint import load_checkpoint, save_checkpoint
-from perdure.ppo.errors import CheckpointError
-from perdure.ppo.state import SeedState
-from perdure.report import ReportError, read_table, schema, summary_text, write_table
-from perdure.runs import Store, StoreError
-from perdure.runs.unit import read_progress
+from perdure.report import COLUMNS
+from perdure.runs import Store
+from perdure.runs.store import read_progress
 
 FOLDER = Path(tempfile.mkdtemp(prefix="perdure-fuzz-"))
-OWN = (PolicyError, HorizonError, ReportError, HomeError, StoreError, CheckpointError)
 
 
 def _read(name, content, reader):
     """What a reader makes of content; None where it refuses it with an error of ours."""
     path = FOLDER / name
     path.write_bytes(content)
-    with suppress(OWN):
+    with suppress(PerdureError):
         return reader(path)
     return None
 
@@ -113,9 +104,9 @@ def use_policy(content):
         assert np.isfinite(actions).all()
         assert (actions >= policy.task.action_low).all()
         assert (actions <= policy.task.action_high).all()
-    assert "\x1b" not in texts.policy(policy)
+    assert "\x1b" not in policy_text(policy)
     row = _lane_row("label", policy, LaneSpec(0, policy.clock, 0))
-    pl.DataFrame({name: [value] for name, value in row.items()}, schema={name: schema.COLUMNS[name] for name in row})
+    pl.DataFrame({name: [value] for name, value in row.items()}, schema={name: COLUMNS[name] for name in row})
     if policy.reference is not None:
         make_score_scale(policy.reference, Idle(0.0, 0.1), math.nan)
     save_policy(policy, FOLDER / "again.safetensors")
@@ -137,6 +128,18 @@ def sb3_model(rng):
     use_sb3(content, altered.FIXTURES / "ppo.pkl")
 
 
+def cleanrl_model(rng):
+    """A model of CleanRL changed in its archive, or in the description of its tensors."""
+    whole = (altered.FIXTURES / "cleanrl.cleanrl_model").read_bytes()
+    inner = {"cleanrl/data.pkl": lambda old: mutations.bytes_of(rng, old)}
+    content = mutations.bytes_of(rng, whole) if rng.random() < 0.3 else altered.rebuilt(whole, inner)
+    _read(
+        "model.cleanrl_model",
+        content,
+        lambda path: Policy.from_cleanrl(path, "Pendulum-v1", normalizer="none", measure=False),
+    )
+
+
 def vecnormalize(rng):
     path = FOLDER / "statistics.pkl"
     path.write_bytes(mutations.bytes_of(rng, (altered.FIXTURES / "ppo.pkl").read_bytes()))
@@ -149,134 +152,20 @@ def use_sb3(content, normalizer):
     )
     if read is not None:
         path = FOLDER / "imported.safetensors"
-        with suppress(PolicyError):  # numbers that no policy file may hold
+        with suppress(PerdureError):  # numbers that no policy file may hold
             save_policy(read, path)
             use_policy(path.read_bytes())
 
 
 def horizon_json(rng):
     protocol = random_policy().protocol.to_json()
-    with suppress(OWN):
+    with suppress(PerdureError):
         read = HorizonProtocol.from_json(mutations.json_value(rng, protocol))
         assert np.isfinite(read.embed(np.arange(3.0), np.array([0.0, 5.0, np.inf]))).all()
-    with suppress(OWN):
+    with suppress(PerdureError):
         clock = clock_from_json(mutations.json_value(rng, {"name": rng.choice(("constant", "periodic")), "steps": 5.0}))
         assert not np.isnan(clock.time(np.arange(3.0))).any()
         assert clock_from_json(clock.to_json()) == clock
-
-
-# Tables
-
-
-@cache
-def table_file():
-    frame = payloads._builder()([{"hazard": 1e-2}, {"clock": "none", "method": "ppo"}], lanes=2, recorded=(100, 1000))
-    content = write_table(FOLDER / "table.parquet", frame, {"command": "perdure extrapolate"}).read_bytes()
-    old = frame.rename({"movement_first": "first_tenth", "movement_last": "last_tenth", "window": "stuck_steps"})
-    old = old.select(pl.col(name).cast(kind) for name, kind in schema._COLUMNS_1.items())
-    notes = {"schema": schema.SCHEMA_NAME, "version": "1", "command": "x"}
-    buffer = io.BytesIO()
-    old.write_parquet(buffer, metadata={**notes, "sha256": schema._digest(old.get_column, notes, schema._COLUMNS_1)})
-    return frame, content, buffer.getvalue()
-
-
-def table_bytes(rng):
-    _, content, old = table_file()
-    use_table(mutations.bytes_of(rng, content if rng.random() < 0.7 else old))
-
-
-def table_resealed(rng):
-    """Bytes of the file changed by somebody who knows how it is sealed."""
-    content = bytearray(table_file()[1])
-    foot = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
-    for _ in range(rng.choice((1, 1, 2, 5))):
-        at = rng.randrange(foot if rng.random() < 0.7 else 4, len(content) - 8)
-        content[at] = rng.choice((0, 255, 127, 128, content[at] ^ (1 << rng.randrange(8))))
-    with suppress(OverflowError):
-        content = schema._sealed(bytes(content))
-    use_table(bytes(content))
-
-
-def table_cells(rng):
-    frame = table_file()[0]
-    for _ in range(rng.choice((1, 1, 2, 3))):
-        frame = _other_frame(rng, frame)
-    notes = {"schema": schema.SCHEMA_NAME, "version": rng.choice(("2", "2", "2", "2", "1", "3")), "command": "x"}
-    buffer = io.BytesIO()
-    digest = ""
-    with suppress(pl.exceptions.PolarsError):
-        digest = schema._digest(frame.get_column, notes)
-    frame.write_parquet(buffer, metadata={**notes, "sha256": digest, "seal": schema._UNSEALED.decode()})
-    use_table(schema._sealed(buffer.getvalue()))
-
-
-def _other_frame(rng, frame):
-    name, kind = rng.choice(frame.columns), rng.randrange(12)
-    if frame.is_empty():
-        return frame
-    if kind == 0:
-        return frame.drop(name) if len(frame.columns) > 1 else frame
-    if kind == 1:
-        return frame.with_columns(pl.lit(1).alias(f"{name}x"))
-    if kind == 2:
-        return frame.vstack(frame.sample(1, seed=rng.randrange(9)))
-    if kind == 3:
-        return frame.sample(rng.randrange(len(frame) + 1), seed=rng.randrange(9))
-    if kind == 4:
-        return frame.with_columns(pl.col(name).cast(rng.choice((pl.String, pl.Int32, pl.Float32)), strict=False))
-    odd = [each for each in mutations.ODD if isinstance(each, int | float | str | None) and each != "\ud800"]
-    values = frame[name].to_list()
-    for row in rng.sample(range(len(values)), min(len(values), rng.choice((1, 1, 2, 8)))):
-        values[row] = rng.choice(odd)
-    with suppress(TypeError, OverflowError, pl.exceptions.PolarsError):
-        return frame.with_columns(pl.Series(name, values, dtype=frame.schema[name], strict=False))
-    return frame
-
-
-def use_table(content):
-    read = _read("table.parquet", content, read_table)
-    if read is not None:
-        assert summary_text(read[0])
-
-
-# Logs
-
-
-@cache
-def log_file():
-    logs = [good(0), Story(index=1).go(0).go(1, beside=0.5).go(2).log()]
-    content = write_logs(FOLDER / "logs.parquet", logs, {"arm": "rl", "train_seed": "0", "policies": "{}"}).read_bytes()
-    return pl.read_parquet(io.BytesIO(content)).to_dicts(), content
-
-
-def logs_bytes(rng):
-    use_logs(mutations.bytes_of(rng, log_file()[1]))
-
-
-def logs_rows(rng):
-    # Polars does not return from rows whose structs hold a deep list; files are not made of Python objects.
-    rows = mutations.json_value(rng, log_file()[0][: rng.choice((1, 1, 2))], depths=(2, 5))
-    notes = {"schema": files.SCHEMA_NAME, "version": rng.choice(("2", "2", "2", "1")), "arm": "rl"}
-    notes |= {"policies": json.dumps(mutations.json_value(rng, {"pick": "oracle"}))}
-    try:
-        frame = pl.DataFrame(rows, schema=columns(notes["version"]))
-        digest = files._digest(frame, notes)
-        buffer = io.BytesIO()
-        frame.write_parquet(buffer, metadata={**notes, "sha256": digest})
-    except (pl.exceptions.PolarsError, TypeError, ValueError, OverflowError, AttributeError):
-        return  # no table can hold these rows
-    use_logs(buffer.getvalue())
-
-
-def use_logs(content):
-    records = _read("logs.parquet", content, read_logs)
-    if records is None:
-        return
-    assert analyze(records).summary()
-    with suppress(HomeError):  # objects whose shape is not known
-        list(find_overlaps(records))
-    with suppress(HomeError):
-        files.noted_policies(files.read_notes(FOLDER / "logs.parquet"))
 
 
 # Episodes
@@ -308,7 +197,7 @@ def use_episodes(content):
     for episode in episodes.episodes:
         assert episode_hash(episode)
         assert np.isfinite(episode.goal_positions).all()
-        with suppress(HomeError):  # other furniture, doors that stand ajar
+        with suppress(PerdureError):  # other furniture, doors that stand ajar
             plan_problem(episode)
             episode.container(0)
 
@@ -335,9 +224,9 @@ def records(rng):
         content = json.dumps(record).encode()
     store = Store(FOLDER / "store")
     (FOLDER / "store/a/b/unit.json").write_bytes(content)
-    with suppress(StoreError):
+    with suppress(PerdureError):
         assert isinstance(store.config("a/b"), dict)
-    with suppress(StoreError):
+    with suppress(PerdureError):
         store.warn_of_other_source(["a/b"])
     path = store.note_path("progress", "a/b")
     path.parent.mkdir(exist_ok=True)
@@ -355,11 +244,8 @@ def records(rng):
 def checkpoint_file():
     rng = np.random.default_rng(0)
     params = {"policy.0.weight": rng.normal(size=(3, 2)).astype(np.float32), "log_std": np.zeros(2, np.float32)}
-    state = SeedState(
-        **{"seed": 0, "segment": 2, "params": params, "adam": {"count": np.zeros((), np.int32), "mean": params}},
-        **{"statistics": {"mean": np.zeros(3)}, "estimator": (), "episodes": np.zeros((5, 3))},
-        iterations=np.zeros((2, 7)),
-    )
+    learner = {"params": params, "adam": {"count": np.zeros((), np.int32), "mean": params}}
+    state = RunState(0, 2, learner, np.zeros((5, 3)), np.zeros((2, 7)))
     save_checkpoint(state, FOLDER / "checkpoint.safetensors")
     return state, (FOLDER / "checkpoint.safetensors").read_bytes()
 
@@ -375,25 +261,12 @@ def checkpoints(rng):
         content = save(arrays, {"perdure.checkpoint": json.dumps(rng.choice((header, {"version": "2"} | header)))})
     state = _read("checkpoint.safetensors", content, lambda path: load_checkpoint(path, start))
     if state is not None:
-        assert state.params["policy.0.weight"].shape == (3, 2)
+        assert state.learner["params"]["policy.0.weight"].shape == (3, 2)
         assert state.episodes.shape[1:] == (3,)
         save_checkpoint(state, FOLDER / "again.safetensors")
 
 
-SHARES = {
-    policy_bytes: 0.17,
-    policy_parts: 0.13,
-    sb3_model: 0.02,
-    vecnormalize: 0.02,
-    horizon_json: 0.1,
-    table_bytes: 0.08,
-    table_resealed: 0.04,
-    table_cells: 0.08,
-    logs_bytes: 0.08,
-    logs_rows: 0.03,
-    episode_bytes: 0.07,
-    episode_values: 0.07,
-    records: 0.06,
-    checkpoints: 0.05,
-}
-"""Each target's share of all cases."""
+TARGETS = (
+    *(policy_bytes, policy_parts, sb3_model, vecnormalize, cleanrl_model, horizon_json),
+    *(episode_bytes, episode_values, records, checkpoints),
+)

@@ -1,7 +1,8 @@
 """Whatever is in a file, a reader refuses it with an error of ours or returns what its consumers can use.
 
 A case is a seed: `random.Random(seed)` chooses a valid file and changes it, in its bytes or in its values with the
-checksums made to fit again.
+checksums made to fit again. Tables and logs are not here: they are as trusted as any CSV, and Polars may end the
+process over a damaged one.
 """
 
 import os
@@ -11,14 +12,14 @@ import warnings
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from targets import SHARES
+from targets import TARGETS
 
-from perdure.runs import OtherSourceWarning
+from perdure.errors import OtherSourceWarning
 
-CASES = 10_000
-"""In `make test`, over all targets together."""
-VERIFY = int(os.environ.get("PERDURE_FUZZ_CASES", "1000000"))
-"""In `make verify`."""
+CASES = 300
+"""Of each reader, in `make test`."""
+VERIFY = int(os.environ.get("PERDURE_FUZZ_CASES", "1000000")) // len(TARGETS)
+"""Of each reader, in `make verify`."""
 
 
 def fuzz(target, cases, derandomize):
@@ -32,16 +33,12 @@ def fuzz(target, cases, derandomize):
     run()
 
 
-@pytest.mark.parametrize("target", SHARES, ids=lambda target: target.__name__)
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.__name__)
 def test_a_reader_refuses_or_its_consumers_can_use_it(target):
-    fuzz(target, round(CASES * SHARES[target]), derandomize=True)
+    fuzz(target, CASES, derandomize=True)
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("target", SHARES, ids=lambda target: target.__name__)
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.__name__)
 def test_a_reader_refuses_or_its_consumers_can_use_it_in_many_cases(target):
-    fuzz(target, round(VERIFY * SHARES[target]), derandomize=False)
-
-
-def test_the_shares_are_of_everything():
-    assert sum(SHARES.values()) == pytest.approx(1.0)
+    fuzz(target, VERIFY, derandomize=False)

@@ -7,17 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perdure.horizon import (
-    Constant,
-    Countdown,
-    Geometric,
-    HorizonError,
-    LaneClocks,
-    Linear,
-    Periodic,
-    clock_from_json,
-    parse_clock,
-)
+from perdure.errors import PerdureError
+from perdure.horizon import Constant, Countdown, Geometric, LaneClocks, Linear, Periodic, clock_from_json, parse_clock
 
 ELAPSED = np.arange(6.0)
 TIMETABLES = {
@@ -73,7 +64,7 @@ def test_a_finished_countdown_stays_at_nothing_left():
 @pytest.mark.parametrize("kind", [Countdown, Constant, Periodic])
 @pytest.mark.parametrize("steps", [-1, -0.5, float("nan")])
 def test_fewer_than_no_steps_are_refused(kind, steps):
-    with pytest.raises(HorizonError, match=f"a {kind.name} clock needs 0 steps or more, got {steps}"):
+    with pytest.raises(PerdureError, match=f"a {kind.name} clock needs 0 steps or more, got {steps}"):
         kind(steps)
 
 
@@ -102,19 +93,19 @@ def test_the_command_line_writes_a_clock_as_name_and_steps():
 
 @pytest.mark.parametrize("text", ["constant", "constant:", "500", "", "constant:many"])
 def test_text_without_steps_is_refused_with_an_example(text):
-    with pytest.raises(HorizonError, match="for example constant:500"):
+    with pytest.raises(PerdureError, match="for example constant:500"):
         parse_clock(text)
 
 
 def test_an_unknown_clock_is_refused_with_the_known_ones():
     with pytest.raises(
-        HorizonError, match=r"unknown Clock 'sundial'; the known ones are constant, countdown, .*periodic"
+        PerdureError, match=r"unknown Clock 'sundial'; the known ones are constant, countdown, .*periodic"
     ):
         parse_clock("sundial:3")
 
 
 def test_negative_steps_on_the_command_line_are_refused():
-    with pytest.raises(HorizonError, match="0 steps or more, got -5"):
+    with pytest.raises(PerdureError, match="0 steps or more, got -5"):
         parse_clock("constant:-5")
 
 
@@ -156,19 +147,19 @@ def test_clocks_of_lanes_survive_json():
 
 @pytest.mark.parametrize("values", [None, [], {}, {"clocks": 3}])
 def test_what_is_no_list_of_clocks_is_refused(values):
-    with pytest.raises(HorizonError, match="the clocks of lanes are written"):
+    with pytest.raises(PerdureError, match="the clocks of lanes are written"):
         LaneClocks.from_json(values)
 
 
 def test_lanes_that_do_not_fit_are_refused():
-    with pytest.raises(HorizonError, match="at least one clock"):
+    with pytest.raises(PerdureError, match="at least one clock"):
         LaneClocks([])
     two = LaneClocks([Constant(1), Constant(2)])
-    with pytest.raises(HorizonError, match=r"shape \(2,\), one number a lane, got \(3,\)"):
+    with pytest.raises(PerdureError, match=r"shape \(2,\), one number a lane, got \(3,\)"):
         two.time([0, 0, 0])
-    with pytest.raises(HorizonError, match=r"shape \(1,\), one number a lane, got \(2,\)"):
+    with pytest.raises(PerdureError, match=r"shape \(1,\), one number a lane, got \(2,\)"):
         two.time([0, 0], [1])
-    with pytest.raises(HorizonError, match="there is no lane 2; the lanes are 0 to 1"):
+    with pytest.raises(PerdureError, match="there is no lane 2; the lanes are 0 to 1"):
         two.time([0], [2])
-    with pytest.raises(HorizonError, match="there is no lane -1"):
+    with pytest.raises(PerdureError, match="there is no lane -1"):
         two.time([0], [-1])

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from perdure.horizon import Fixed, HorizonError, Infinite, Uniform, distribution_from_json
+from perdure.errors import PerdureError
+from perdure.horizon import Fixed, Infinite, Uniform, distribution_from_json
 
 
 def test_each_horizon_of_a_uniform_law_owns_an_equal_share_of_the_unit_interval():
@@ -52,17 +53,17 @@ def test_the_longest_horizon_is_known():
 
 
 def test_a_shortest_horizon_above_the_longest_is_refused():
-    with pytest.raises(HorizonError, match=r"the shortest horizon \(1000\) must not exceed the longest \(200\)"):
+    with pytest.raises(PerdureError, match=r"the shortest horizon \(1000\) must not exceed the longest \(200\)"):
         Uniform(1000, 200)
 
 
 @pytest.mark.parametrize("steps", [0, -3, 1.5, float("nan"), float("inf")])
 def test_horizons_that_are_no_whole_steps_are_refused(steps):
-    with pytest.raises(HorizonError, match=f"a whole number of steps, at least 1, got {steps}"):
+    with pytest.raises(PerdureError, match=f"a whole number of steps, at least 1, got {steps}"):
         Fixed(steps)
-    with pytest.raises(HorizonError, match="must be a whole number of steps"):
+    with pytest.raises(PerdureError, match="must be a whole number of steps"):
         Uniform(steps, 1000)
-    with pytest.raises(HorizonError, match="must be a whole number of steps"):
+    with pytest.raises(PerdureError, match="must be a whole number of steps"):
         Uniform(1, steps)
 
 

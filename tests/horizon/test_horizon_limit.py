@@ -6,8 +6,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stumbling import ACTION, Stumbling, flags
 
-from perdure.horizon import Fixed, HorizonError, Infinite, Uniform
-from perdure.horizon.wrappers import HorizonLimit
+from perdure.errors import PerdureError
+from perdure.horizon import Fixed, Infinite, Uniform
+from perdure.wrappers import HorizonLimit
 
 RUNS, FELL, CUT = (0, 0), (1, 0), (0, 1)
 
@@ -130,15 +131,15 @@ def test_gymnasium_can_rebuild_it_from_its_spec():
 
 def test_a_shorter_limit_of_the_environments_own_is_refused():
     short = gymnasium.make("Pendulum-v1")  # 200 steps
-    with pytest.raises(HorizonError, match=r"cuts its episodes after 200 steps, before the longest horizon \(1000\)"):
+    with pytest.raises(PerdureError, match=r"cuts its episodes after 200 steps, before the longest horizon \(1000\)"):
         HorizonLimit(short, Uniform(200, 1000), "terminated")
-    with pytest.raises(HorizonError, match=r"before the longest horizon \(inf\)"):
+    with pytest.raises(PerdureError, match=r"before the longest horizon \(inf\)"):
         HorizonLimit(short, Infinite(), "truncated")
     assert HorizonLimit(short, Fixed(200), "terminated").distribution == Fixed(200)
 
 
 def test_a_step_before_the_first_reset_is_refused():
-    with pytest.raises(HorizonError, match="reset the environment before the first step"):
+    with pytest.raises(PerdureError, match="reset the environment before the first step"):
         HorizonLimit(Stumbling(), Fixed(3), "terminated").step(ACTION)
 
 
@@ -150,5 +151,5 @@ def test_a_step_before_the_first_reset_is_refused():
     ],
 )
 def test_wrong_settings_are_refused(distribution, end, sentence):
-    with pytest.raises(HorizonError, match=sentence):
+    with pytest.raises(PerdureError, match=sentence):
         HorizonLimit(Stumbling(), distribution, end)

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from perdure.horizon import Constant, Fixed, Geometric, HorizonError, HorizonProtocol, Infinite, Linear, Uniform
+from perdure.errors import PerdureError
+from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Infinite, Linear, Uniform
 
 THESIS = HorizonProtocol(Geometric(10), Uniform(200, 1000), "terminated", gamma=1.0, normalizer_gamma=0.99)
 BLIND = HorizonProtocol(None, Fixed(1000), "truncated", gamma=0.99, normalizer_gamma=0.99)
@@ -82,7 +83,7 @@ def test_undiscounted_bootstrapping_is_legal_even_without_end():
     ],
 )
 def test_a_contradiction_is_refused_with_a_sentence(change, sentence):
-    with pytest.raises(HorizonError, match=sentence):
+    with pytest.raises(PerdureError, match=sentence):
         replace(THESIS, **change)
 
 
@@ -93,7 +94,7 @@ def test_a_contradiction_is_refused_with_a_sentence(change, sentence):
         ({"embedding": "linear"}, "unknown Embedding 'linear'"),
         ({"embedding": {"name": ["linear"]}}, "unknown Embedding"),
         ({"embedding": {"size": 5}}, "unknown Embedding None"),
-        ({"embedding": {"name": "geometric", "size": 10.5}}, "size must be a whole number"),
+        ({"embedding": {"name": "geometric", "size": 10.5}}, "size must be"),
         ({"embedding": {"name": "geometric", "color": 1}}, "Embedding 'geometric' cannot be built from"),
         (
             {"horizon": {"name": "poisson"}},
@@ -107,18 +108,18 @@ def test_a_contradiction_is_refused_with_a_sentence(change, sentence):
     ],
 )
 def test_an_edited_protocol_is_refused_by_name(change, sentence):
-    with pytest.raises(HorizonError, match=sentence):
+    with pytest.raises(PerdureError, match=sentence):
         HorizonProtocol.from_json({**THESIS.to_json(), **change})
 
 
 def test_missing_parts_are_named():
     values = THESIS.to_json()
     del values["gamma"], values["end"]
-    with pytest.raises(HorizonError, match=r"cannot be read: missing end, gamma$"):
+    with pytest.raises(PerdureError, match=r"cannot be read: missing end, gamma$"):
         HorizonProtocol.from_json(values)
 
 
 @pytest.mark.parametrize("values", [None, "protocol", [1, 2]])
 def test_what_is_no_protocol_is_refused(values):
-    with pytest.raises(HorizonError, match="table of fields"):
+    with pytest.raises(PerdureError, match="table of fields"):
         HorizonProtocol.from_json(values)

@@ -7,17 +7,19 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from perdure.errors import PerdureError
 from perdure.horizon import (
     Clock,
     Embedding,
     Fixed,
-    HorizonError,
     HorizonProtocol,
+    Registered,
     clock_from_json,
     distribution_from_json,
     embedding_from_json,
+    from_json,
+    known,
 )
-from perdure.horizon.registered import Registered, from_json, known
 
 
 @dataclass(frozen=True)
@@ -94,5 +96,5 @@ def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
         name: ClassVar[str] = "square"
         corners = 4
 
-    with pytest.raises(HorizonError, match=r"Square and .*CopiedAndForgotten are both named 'square'"):
+    with pytest.raises(PerdureError, match=r"Square and .*CopiedAndForgotten are both named 'square'"):
         known(Shape)

@@ -6,8 +6,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stumbling import ACTION, Stumbling
 
-from perdure.horizon import Constant, Countdown, Fixed, Geometric, HorizonError, Linear, Periodic, Uniform
-from perdure.horizon.wrappers import HorizonLimit, TimeToGoObservation
+from perdure.errors import PerdureError
+from perdure.horizon import Constant, Countdown, Fixed, Geometric, Linear, Periodic, Uniform
+from perdure.wrappers import HorizonLimit, TimeToGoObservation
 
 COIN = Geometric(1, low=0.5, high=0.5)  # phi = 2^-(time-to-go)
 
@@ -81,7 +82,7 @@ def test_as_a_dictionary_phi_stands_beside_the_observation():
 
 def test_dictionary_observations_can_only_stand_beside_phi():
     limit = HorizonLimit(Stumbling(as_dict=True), Fixed(4), "terminated")
-    with pytest.raises(HorizonError, match="use dict=True, or flatten them first"):
+    with pytest.raises(PerdureError, match="use dict=True, or flatten them first"):
         TimeToGoObservation(limit, Linear())
     env = TimeToGoObservation(limit, Linear(), dict=True)
     assert env.observation_space.contains(env.reset(seed=0)[0])
@@ -96,14 +97,14 @@ def test_a_float32_observation_stays_float32():
 
 def test_whole_numbers_cannot_carry_phi():
     frozen_lake = gymnasium.make("FrozenLake-v1", max_episode_steps=-1)
-    with pytest.raises(HorizonError, match=r"phi cannot be appended to observations in Discrete\(16\)"):
+    with pytest.raises(PerdureError, match=r"phi cannot be appended to observations in Discrete\(16\)"):
         TimeToGoObservation(frozen_lake, Linear(), clock=Constant(5))
 
 
 def test_without_horizon_or_clock_nothing_can_be_told():
-    with pytest.raises(HorizonError, match="needs a HorizonLimit below it, or a clock"):
+    with pytest.raises(PerdureError, match="needs a HorizonLimit below it, or a clock"):
         TimeToGoObservation(Stumbling(), Linear())
-    with pytest.raises(HorizonError, match="needs a HorizonLimit below it, or a clock"):
+    with pytest.raises(PerdureError, match="needs a HorizonLimit below it, or a clock"):
         TimeToGoObservation(gymnasium.wrappers.TimeLimit(Stumbling(), 4), Linear())
 
 

@@ -10,13 +10,9 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 from stumbling import Stumbling
 
-from perdure.horizon import Constant, Countdown, Fixed, Geometric, HorizonError, Infinite, LaneClocks, Linear, Uniform
-from perdure.horizon.wrappers import (
-    HorizonLimit,
-    TimeToGoObservation,
-    VectorHorizonLimit,
-    VectorTimeToGoObservation,
-)
+from perdure.errors import PerdureError
+from perdure.horizon import Constant, Countdown, Fixed, Geometric, Infinite, LaneClocks, Linear, Uniform
+from perdure.wrappers import HorizonLimit, TimeToGoObservation, VectorHorizonLimit, VectorTimeToGoObservation
 
 COIN = Geometric(1, low=0.5, high=0.5)  # phi = 2^-(time-to-go)
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -130,7 +126,7 @@ def test_disabled_mode_leaves_the_reset_to_the_user():
     rows = rows_of(env, 2)
     env.reset(options={"reset_mask": np.array([False, True])})
     rows += rows_of(env, 1)
-    with pytest.raises(HorizonError, match=r"lanes \[0\] have ended: reset them before the next step"):
+    with pytest.raises(PerdureError, match=r"lanes \[0\] have ended: reset them before the next step"):
         env.step(actions(env))
     env.reset(options={"reset_mask": np.array([True, False])})
     rows += rows_of(env, 2)
@@ -316,13 +312,13 @@ def test_envpool_is_limited_lane_by_lane_and_other_lanes_do_not_notice():
 
 
 def test_envpools_own_limit_is_seen():
-    with pytest.raises(HorizonError, match=r"cuts its episodes after 1000 steps, before the longest horizon \(2000\)"):
+    with pytest.raises(PerdureError, match=r"cuts its episodes after 1000 steps, before the longest horizon \(2000\)"):
         VectorHorizonLimit(hoppers(), Fixed(2000), "truncated")
 
 
 def test_a_limit_inside_the_vector_environment_is_seen():
     pendulums = gymnasium.make_vec("Pendulum-v1", num_envs=2, vectorization_mode="sync")
-    with pytest.raises(HorizonError, match="cuts its episodes after 200 steps"):
+    with pytest.raises(PerdureError, match="cuts its episodes after 200 steps"):
         VectorHorizonLimit(pendulums, Infinite(), "truncated")
 
 
@@ -331,7 +327,7 @@ def test_a_limit_inside_the_vector_environment_is_seen():
 )
 def test_a_limit_that_only_the_spec_tells_is_seen(name, kind, steps):
     vector = gymnasium.make_vec(name, num_envs=2, vectorization_mode=kind)
-    with pytest.raises(HorizonError, match=f"cuts its episodes after {steps} steps"):
+    with pytest.raises(PerdureError, match=f"cuts its episodes after {steps} steps"):
         VectorHorizonLimit(vector, Fixed(1000), "terminated")
     vector.close()
 
@@ -342,7 +338,7 @@ def test_an_environment_that_ignores_the_mask_is_found_out():
     env = VectorHorizonLimit(poles, Uniform(1, 6), "truncated")
     env.reset(seed=0)
     assert env.horizons[0] != env.horizons[1]
-    with pytest.raises(HorizonError, match="this vector environment ignores"):
+    with pytest.raises(PerdureError, match="this vector environment ignores"):
         rows_of(env, 8)
 
 
@@ -350,21 +346,21 @@ def test_an_environment_that_does_not_say_how_it_resets_is_refused():
     silent = worlds(NEXT_STEP, {})
     del silent.metadata["autoreset_mode"]
     sentence = "must be one of AutoresetMode.NEXT_STEP, .*got None"
-    with pytest.raises(HorizonError, match=sentence):
+    with pytest.raises(PerdureError, match=sentence):
         VectorHorizonLimit(silent, Fixed(3), "terminated")
-    with pytest.raises(HorizonError, match=sentence):
+    with pytest.raises(PerdureError, match=sentence):
         VectorTimeToGoObservation(silent, Linear(), clock=Constant(3))
 
 
 def test_what_cannot_work_is_refused():
     two = worlds(NEXT_STEP, {}, {})
-    with pytest.raises(HorizonError, match="needs a VectorHorizonLimit below it, or a clock"):
+    with pytest.raises(PerdureError, match="needs a VectorHorizonLimit below it, or a clock"):
         VectorTimeToGoObservation(two, Linear())
-    with pytest.raises(HorizonError, match="2 lanes need as many clocks, got 1"):
+    with pytest.raises(PerdureError, match="2 lanes need as many clocks, got 1"):
         VectorTimeToGoObservation(two, Linear(), clock=LaneClocks([Constant(1)]))
-    with pytest.raises(HorizonError, match="end must be one of"):
+    with pytest.raises(PerdureError, match="end must be one of"):
         VectorHorizonLimit(two, Fixed(3), "done")
-    with pytest.raises(HorizonError, match="reset the vector environment before the first step"):
+    with pytest.raises(PerdureError, match="reset the vector environment before the first step"):
         VectorHorizonLimit(two, Fixed(3), "terminated").step(actions(two))
-    with pytest.raises(HorizonError, match="use dict=True"):
+    with pytest.raises(PerdureError, match="use dict=True"):
         VectorTimeToGoObservation(worlds(NEXT_STEP, {"as_dict": True}), Linear(), clock=Constant(1))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from home_stories import good
 
-from perdure.home.evaluate.outcomes import write_logs
+from perdure.home.evaluate.files import write_logs
 from perdure.report import write_table
 
 RUN = "document.title='owned'"
@@ -99,7 +99,7 @@ def logs(path, text=lambda payload: payload, payloads=PAYLOADS, split=None):
     ]
     named = {text(each): text(each) for each in payloads}
     notes = {
-        **{"arm": "rl", "policies": json.dumps(named), "command": " ".join(named)},
+        **{"policies": json.dumps(named), "command": " ".join(named)},
         **{"hand_overs": json.dumps(dict.fromkeys(named, 1)), "more": " ".join(named)},
     }
     return write_logs(path, records, notes)

@@ -7,8 +7,8 @@ import subprocess
 import pytest
 from payloads import PAYLOADS, logs, table
 
-from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_assignment, write_page
+from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.page import read_all, write_page
 from perdure.report import read_table, write_report
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -46,7 +46,7 @@ def test_a_table_of_payloads_runs_nothing_and_is_drawn(tmp_path, payloads):
 
 @pytest.mark.parametrize("payloads", GROUPS, ids=range(len(GROUPS)))
 def test_logs_of_payloads_run_nothing_and_are_drawn(tmp_path, payloads):
-    records, cast = read_assignment([logs(tmp_path / "logs.parquet", payloads=payloads)])
+    records, cast = read_all([logs(tmp_path / "logs.parquet", payloads=payloads)])
     check(write_page(analyze(records), tmp_path / "page", "x", cast, ()), tmp_path / "profile")
 
 
@@ -54,7 +54,7 @@ def test_logs_of_payloads_run_nothing_and_are_drawn(tmp_path, payloads):
 def test_tasks_and_splits_of_payloads_run_nothing(tmp_path, text):
     frame, _ = read_table(table(tmp_path / "lanes.parquet", payloads=(text,), tasks=(text,)))
     check(write_report(frame, tmp_path / "page", text, ()), tmp_path / "profile")
-    records, cast = read_assignment([logs(tmp_path / "logs.parquet", payloads=(text,), split=text[:50])])
+    records, cast = read_all([logs(tmp_path / "logs.parquet", payloads=(text,), split=text[:50])])
     check(write_page(analyze(records), tmp_path / "home", text, cast, ()), tmp_path / "profile-2")
 
 

@@ -8,12 +8,14 @@ import pytest
 from make_policy import HOPPER, random_policy
 from payloads import PAYLOADS, harmless, logs, table
 
-from perdure.cli import texts
-from perdure.home.evaluate.outcomes import analyze
-from perdure.home.evaluate.page import read_assignment, write_page
-from perdure.policy import PolicyFileError, load_policy, save_policy
+from perdure.cli.commands import policy_text
+from perdure.errors import PerdureError
+from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.page import read_all, write_page
+from perdure.home.evaluate.page import summary_text as home_summary
+from perdure.policy import load_policy, save_policy
 from perdure.report import read_table, summary_text, write_report
-from perdure.schema.text import UNSEEN
+from perdure.schema import UNSEEN
 
 FEW = tuple(PAYLOADS[k] for k in (1, 6, 17, 27))
 """Of a split there is a section with figures each."""
@@ -56,7 +58,7 @@ def table_page(folder, text, formats=(), **how):
 
 
 def logs_page(folder, text, formats=(), **how):
-    records, cast = read_assignment([logs(folder / "logs.parquet", text, **how)])
+    records, cast = read_all([logs(folder / "logs.parquet", text, **how)])
     return write_page(analyze(records), folder / "page", "perdure home analyze", cast, formats)
 
 
@@ -104,8 +106,8 @@ def test_files_named_after_text_stay_in_their_folder(tmp_path, text):
 
 def test_text_for_a_terminal_holds_nothing_that_acts_on_it(tmp_path):
     frame, _ = read_table(table(tmp_path / "lanes.parquet"))
-    records, _ = read_assignment([logs(tmp_path / "logs.parquet")])
-    for text in (summary_text(frame), analyze(records).summary()):
+    records, _ = read_all([logs(tmp_path / "logs.parquet")])
+    for text in (summary_text(frame), home_summary(analyze(records))):
         assert not UNSEEN.search(text.replace("\n", ""))
 
 
@@ -120,14 +122,14 @@ def test_a_policy_of_payloads_is_shown_as_text(tmp_path, text):
         "more": {text: text},
     }
     policy = random_policy(hidden=(4,), task=replace(HOPPER, name=text), provenance=notes)
-    shown = texts.policy(load_policy(save_policy(policy, tmp_path / "p")))
+    shown = policy_text(load_policy(save_policy(policy, tmp_path / "p")))
     assert text in shown
     assert not UNSEEN.search(shown.replace("\n", ""))
 
 
 @pytest.mark.parametrize("text", ["\x1b]0;owned\x07", "\x9b2J", "a\nb", "\u202eowned", "\u2028"])
 def test_control_characters_in_a_name_are_refused(tmp_path, text):
-    with pytest.raises(PolicyFileError, match="control characters"):
+    with pytest.raises(PerdureError, match="control characters"):
         save_policy(random_policy(task=replace(HOPPER, name=text)), tmp_path / "p")
     with pytest.raises(ValueError, match="control characters"):
         table(tmp_path / "t", lambda payload: text, payloads=PAYLOADS[:1])

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perdure.extrapolate.evaluate import evaluate_lanes
-from perdure.extrapolate.lanes import LaneSpec
+from perdure.evaluate.episodes import LaneSpec, evaluate_lanes
 from perdure.policy import load_policy
 
 LANE_STEPS = int(os.environ.get("PERDURE_SOAK_STEPS", "10000000"))

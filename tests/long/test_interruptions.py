@@ -43,7 +43,6 @@ COMMANDS = {
         "--out",
         "out",
     ),
-    "study": ("study", "horizon", "--scale", "smoke", "--out", "out"),
 }
 """Long commands: whoever adds one adds it here. Each writes into the folder `out`."""
 LONGEST_WAIT = 20.0

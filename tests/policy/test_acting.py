@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_policy import random_policy
 
+from perdure.errors import PerdureError
 from perdure.horizon import Constant, Countdown, LaneClocks, Periodic
-from perdure.policy import PolicyError, TaskInfo
-from perdure.policy.fair_product import TILES
+from perdure.policy import TaskInfo
+from perdure.policy.network import TILES
 
 ROWS = 3 * max(TILES) + 5
 RNG = np.random.default_rng(1)
@@ -58,7 +59,7 @@ def test_a_row_gets_the_same_action_at_every_place_of_the_batch(hidden):
 def test_numpy_acting_and_values_agree_with_the_learners_forward_pass(activation, kind):
     import jax.numpy as jnp
 
-    from perdure.ppo.networks import forward
+    from perdure.learn.networks import forward
 
     policy = random_policy(activation=activation, hidden=(32, 32), **kind)
     inputs = policy.inputs(OBSERVATIONS, policy.embed(ELAPSED, np.full(ROWS, 1000.0)))
@@ -96,7 +97,7 @@ def test_modulation_by_a_part_of_the_observation_is_refused():
         else each
         for name, each in policy.weights.items()
     }
-    with pytest.raises(PolicyError, match="phi has 5 numbers, but hidden layers are modulated by 6"):
+    with pytest.raises(PerdureError, match="phi has 5 numbers, but hidden layers are modulated by 6"):
         dataclasses.replace(policy, weights=changed)
 
 
@@ -116,9 +117,9 @@ def test_inputs_agree_with_what_the_learner_feeds_its_networks(normalize_embeddi
     import jax
     import jax.numpy as jnp
 
-    from perdure.ppo import PPOConfig
-    from perdure.ppo.normalizer import RunningMoments
-    from perdure.ppo.rollout import network_inputs
+    from perdure.learn import PPOConfig
+    from perdure.learn.networks import RunningMoments
+    from perdure.learn.rollout import network_inputs
 
     policy = random_policy(normalize_embedding=normalize_embedding)
     horizons = np.full(ROWS, 700.0)
@@ -149,19 +150,19 @@ class TestClocks:
         np.testing.assert_array_equal(policy.act(OBSERVATIONS, ELAPSED), policy.act(OBSERVATIONS, 0 * ELAPSED))
 
     def test_a_policy_without_phi_takes_no_clock(self):
-        with pytest.raises(PolicyError, match="no clock"):
+        with pytest.raises(PerdureError, match="no clock"):
             random_policy(embedding=None).act(OBSERVATIONS, ELAPSED, Constant(1.0))
 
 
 @pytest.mark.parametrize("shape", [(11,), (4, 10), (4, 11, 1)])
 def test_observations_of_another_shape_are_refused(shape):
-    with pytest.raises(PolicyError, match=r"\(n, 11\)"):
+    with pytest.raises(PerdureError, match=r"\(n, 11\)"):
         random_policy().act(np.zeros(shape), np.zeros(4))
 
 
 @pytest.mark.parametrize("embedding", ["geometric", None])
 def test_elapsed_steps_of_another_length_are_refused(embedding):
-    with pytest.raises(PolicyError, match="elapsed"):
+    with pytest.raises(PerdureError, match="elapsed"):
         random_policy(embedding=embedding).act(np.zeros((4, 11)), np.zeros(3))
 
 

@@ -7,7 +7,7 @@ from math import erf, exp, log1p, sqrt, tanh
 import numpy as np
 import pytest
 
-from perdure.policy.activations import ACTIVATIONS
+from perdure.policy.network import ACTIVATIONS
 
 DEFINITIONS = {
     "relu": lambda x: max(x, 0.0),

@@ -9,8 +9,9 @@ import pytest
 from make_policy import random_policy
 
 from perdure.envs import make_world
+from perdure.errors import PerdureError
 from perdure.horizon import Constant, Countdown, Periodic
-from perdure.policy import ClosedLoop, LanePolicy, PolicyError, TaskInfo
+from perdure.policy import ClosedLoop, LanePolicy, TaskInfo
 
 STEPS = 60
 WITH_PHI = random_policy(seed=1)
@@ -97,11 +98,11 @@ class TestPoliciesThatDoNotFit:
         [TaskInfo("HalfCheetah-v3", 17, (-1.0,) * 6, (1.0,) * 6), TaskInfo("Hopper", 11, (-2.0,) * 3, (2.0,) * 3)],
     )
     def test_are_refused_by_name(self, world, task):
-        with pytest.raises(PolicyError, match=f"policy for {task.name}.*Hopper-v3"):
+        with pytest.raises(PerdureError, match=f"policy for {task.name}.*Hopper-v3"):
             ClosedLoop(world, [LanePolicy(random_policy(task=task), Constant(1.0))])
 
     def test_each_lane_needs_a_policy(self, world):
-        with pytest.raises(PolicyError, match="2 policies for 1 lanes"):
+        with pytest.raises(PerdureError, match="2 policies for 1 lanes"):
             ClosedLoop(world, [LanePolicy(WITHOUT, None)] * 2)
 
     def test_a_policy_of_another_version_of_the_same_shape_is_accepted(self, world):

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from perdure.policy.one_thread import _libraries, one_thread
+from perdure.policy.network import _libraries, one_thread
 
 ACTS = """
 import hashlib

@@ -11,20 +11,19 @@ import pytest
 from make_policy import HOPPER, random_policy
 
 from perdure.envs import GymnasiumWorld, make_world
+from perdure.errors import PerdureError
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy import (
     ClosedLoop,
     LanePolicy,
     Normalizer,
     Policy,
-    PolicyError,
     TaskInfo,
     load_policy,
     measure_reference,
     save_policy,
 )
-from perdure.policy.measure import FIRST_SEED
-from perdure.policy.reference import BIN_STEPS
+from perdure.policy.reference import BIN_STEPS, FIRST_SEED
 
 
 class Ramp(gymnasium.Env):
@@ -83,9 +82,9 @@ def test_an_environment_whose_episode_starts_with_nan_is_named():
         return GymnasiumWorld([partial(Broken, 1000)], [0], "broken")
 
     policy = ramp_policy(25)
-    with pytest.raises(PolicyError, match=r"broken starts an episode with observation\[0\] = nan"):
+    with pytest.raises(PerdureError, match=r"broken starts an episode with observation\[0\] = nan"):
         measure_reference(policy, 1, world())
-    with pytest.raises(PolicyError, match=r"broken starts an episode with observation\[0\] = nan"):
+    with pytest.raises(PerdureError, match=r"broken starts an episode with observation\[0\] = nan"):
         ClosedLoop(world(), [LanePolicy(policy, policy.clock)])
 
 
@@ -149,7 +148,7 @@ def test_a_file_of_version_1_has_neither():
 
 
 def test_without_a_scale_values_are_in_scaled_units_only():
-    with pytest.raises(PolicyError, match="scaled_value"):
+    with pytest.raises(PerdureError, match="scaled_value"):
         random_policy(return_scale=None).value(np.zeros((1, 11)), np.zeros(1), np.full(1, 1000.0))
 
 
@@ -161,7 +160,7 @@ def test_the_value_is_in_reward_units_where_the_scale_is_known():
 
 @pytest.mark.parametrize("scale", [0, -1.0, float("nan"), float("inf"), "2"])
 def test_a_scale_that_is_no_positive_number_is_refused(scale):
-    with pytest.raises(PolicyError, match="return_scale"):
+    with pytest.raises(PerdureError, match="return_scale"):
         random_policy(return_scale=scale)
 
 
@@ -178,10 +177,10 @@ def test_a_scale_that_is_no_positive_number_is_refused(scale):
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(change):
-    with pytest.raises(PolicyError, match="reference"):
+    with pytest.raises(PerdureError, match="reference"):
         dataclasses.replace(measure_ramps(25, 7, 30), **change)
 
 
 def test_a_reference_of_another_task_is_refused():
-    with pytest.raises(PolicyError, match="observation components"):
+    with pytest.raises(PerdureError, match="observation components"):
         random_policy(task=HOPPER, reference=measure_ramps(25, 7, 30))

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from make_policy import random_policy
 
-from perdure.policy import PolicyError, PolicyFileError, TaskInfo, load_policy, save_policy
-from perdure.policy.shipped import shipped_policies
-from perdure.policy.squash import TanhSquash
+from perdure.errors import PerdureError
+from perdure.policy import TaskInfo, load_policy, save_policy
+from perdure.policy.files import shipped_policies
+from perdure.policy.policy import TanhSquash
 
 LOW, HIGH = np.array([-2.0, 0.0]), np.array([2.0, 10.0])
 WIDE = TaskInfo("Hopper-v3", 11, (-2.0, 0.0, -1.0), (2.0, 10.0, 1.0))
@@ -37,7 +38,7 @@ def test_the_limit_cuts_before_tanh():
 
 @pytest.mark.parametrize("limit", [0, -1.0, float("nan"), "2"])
 def test_a_limit_that_is_no_positive_number_is_refused(limit):
-    with pytest.raises(PolicyError, match=f"positive number, got {limit!r}"):
+    with pytest.raises(PerdureError, match=f"positive number, got {limit!r}"):
         TanhSquash(limit)
 
 
@@ -45,7 +46,7 @@ def test_a_limit_that_is_no_positive_number_is_refused(limit):
     "values", [None, 3, {"name": "tanh"}, {"name": "sine", "limit": 1.0}, {"name": "tanh", "x": 1}]
 )
 def test_a_description_of_something_else_is_refused(values):
-    with pytest.raises(PolicyError, match="a squashing is written"):
+    with pytest.raises(PerdureError, match="a squashing is written"):
         TanhSquash.from_json(values)
 
 
@@ -79,7 +80,7 @@ def test_an_older_reader_refuses_a_squashed_policy_by_its_version(tmp_path):
 
 def test_a_squashed_output_needs_finite_bounds():
     endless = TaskInfo("Hopper-v3", 11, (-np.inf,) * 3, (np.inf,) * 3)
-    with pytest.raises(PolicyError, match="finite bounds"):
+    with pytest.raises(PerdureError, match="finite bounds"):
         replace(random_policy(task=endless), squash=TanhSquash())
 
 
@@ -95,5 +96,5 @@ def test_a_shipped_policy_saved_again_has_the_same_bytes(name, tmp_path):
 def test_a_damaged_squashing_is_refused(tmp_path):
     path = save_policy(replace(random_policy(), squash=TanhSquash(2.0)), tmp_path / "policy")
     path.write_bytes(path.read_bytes().replace(b'\\"limit\\": 2.0', b'\\"limit\\": -.0'))
-    with pytest.raises(PolicyFileError):
+    with pytest.raises(PerdureError):
         load_policy(path)

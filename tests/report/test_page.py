@@ -15,10 +15,12 @@ import polars as pl
 import pytest
 from specs import by_label, notes, rows, specs
 
-from perdure.extrapolate import ExtrapolationResult
-from perdure.report import ReportError, summary_text, write_report
-from perdure.report.groups import make_groups
-from perdure.report.page import PAGE, estimate_table
+from perdure.errors import PerdureError
+from perdure.evaluate import ExtrapolationResult
+from perdure.report import summary_text, write_report
+from perdure.report.estimates import estimate_table, make_groups
+from perdure.report.figures import make_figures
+from perdure.report.page import PAGE
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -124,9 +126,9 @@ class TestWhatItSays:
         two = synthetic([{"clock": "constant(600)", "rate": 3.0}]).with_columns(pl.col("eval_seed") + 100)
         frame = pl.concat([one, two])
         assert "Best clock" not in summary_text(frame)
-        assert "Clocks compared" not in write_report(frame, tmp_path / "none", "x").read_text()
+        assert "Clocks compared" not in write_report(frame, tmp_path / "none", "x", ()).read_text()
         some = pl.concat([one, two.with_columns(pl.col("eval_seed") - 96)])  # 4 to 11 beside 0 to 7
-        page = write_report(some, tmp_path / "some", "x").read_text()
+        page = write_report(some, tmp_path / "some", "x", ()).read_text()
         assert "4 of 4 episodes" in page
 
     def test_runs_that_agree_have_no_interval_of_width_0(self, synthetic):
@@ -226,31 +228,31 @@ class TestWhatItSays:
         assert "8 of 8 episodes" in row
 
     def test_one_training_seed_is_said_to_speak_of_start_states_only(self, synthetic, tmp_path):
-        one = write_report(half_fall(synthetic), tmp_path / "one", "x").read_text()
+        one = write_report(half_fall(synthetic), tmp_path / "one", "x", ()).read_text()
         groups = [{"clock": "constant(500)", "rate": 2.0, "ends": [500] * 4 + [math.inf] * 4}]
         three = write_report(synthetic(groups, train_seeds=(0, 1, 2)), tmp_path / "three", "x").read_text()
         assert "Intervals over evaluation seeds only" in one
         assert "Intervals over training seeds" in three
 
     def test_the_same_table_gives_the_same_page(self, synthetic, tmp_path):
-        pages = [write_report(half_fall(synthetic), tmp_path / name, "x").read_bytes() for name in "ab"]
+        pages = [write_report(half_fall(synthetic), tmp_path / name, "x", ()).read_bytes() for name in "ab"]
         assert pages[0] == pages[1]
 
     def test_a_frame_of_another_kind_is_refused(self, synthetic, tmp_path):
-        with pytest.raises(ReportError, match="missing columns"):
+        with pytest.raises(PerdureError, match="missing columns"):
             write_report(half_fall(synthetic).drop("clock"), tmp_path, "x")
         assert not (tmp_path / PAGE).exists()
 
 
-def drawn(frame, folder):
-    """The specifications of a report, by the figure's name without its task, and their notes."""
-    page = write_report(frame, folder, "x", ()).read_text()
-    return [{name.removeprefix("hopper-v3-"): each for name, each in part(page).items()} for part in (specs, notes)]
+def drawn(frame):
+    """The specifications of a report's figures, by the figure's name without its task, and their notes."""
+    figures = {each.name.removeprefix("hopper-v3-"): each for each in make_figures(estimate_table(frame)["Hopper-v3"])}
+    return [{name: getattr(each, what) for name, each in figures.items()} for what in ("spec", "note")]
 
 
 class TestFigures:
-    def test_return_over_a_logarithmic_axis_is_per_step(self, synthetic, tmp_path):
-        found, _ = drawn(half_fall(synthetic), tmp_path)
+    def test_return_over_a_logarithmic_axis_is_per_step(self, synthetic):
+        found, _ = drawn(half_fall(synthetic))
         (values,) = by_label(found["reward"], "line").values()
         # 2 a step while all run; from step 500 half of the episodes earn nothing: (4 * 500 + 4 * s) * 2 / 8 / s.
         assert values[:4] == pytest.approx([2.0, 2.0, 2.0, 1.5])
@@ -269,18 +271,18 @@ class TestFigures:
         bounds = dict(zip(estimate.steps.tolist(), np.isfinite(estimate.working.lower).tolist(), strict=True))
         assert (bounds[100], bounds[200], bounds[100_000]) == (True, False, False), "no interval once one is cut"
 
-    def test_survival_falls_where_episodes_end(self, synthetic, tmp_path):
-        found, text = drawn(half_fall(synthetic), tmp_path)
+    def test_survival_falls_where_episodes_end(self, synthetic):
+        found, text = drawn(half_fall(synthetic))
         (values,) = by_label(found["survival"], "line").values()
         assert values == [1.0, 1.0, *[0.5] * 8]
         (bar,) = rows(found["survival"], "rule", size=2.6)
         assert (bar["lower"], bar["upper"]) == pytest.approx((0.2152, 0.7848), abs=1e-4)  # Wilson, 4 of 8
         assert "(Wilson score) over n = 8 start states, from one training run" in text["survival"]
 
-    def test_two_episodes_give_thin_lines_and_no_band(self, synthetic, tmp_path):
+    def test_two_episodes_give_thin_lines_and_no_band(self, synthetic):
         groups = [{"rate": 2.0, "spread": 0.5}]
-        two, note = drawn(synthetic(groups, lanes=2), tmp_path / "2")
-        three, _ = drawn(synthetic(groups, lanes=3), tmp_path / "3")
+        two, note = drawn(synthetic(groups, lanes=2))
+        three, _ = drawn(synthetic(groups, lanes=3))
         assert rows(two["reward"], "area") == []
         assert {row["member"] for row in rows(two["reward"], "line", size=0.9)} == {0, 1}
         assert rows(two["survival"], "rule", size=2.6) == []
@@ -289,9 +291,9 @@ class TestFigures:
         assert len(rows(three["reward"], "area")) == 10
         assert rows(three["reward"], "line", size=0.9) == []
 
-    def test_labels_are_words_with_n(self, synthetic, tmp_path):
+    def test_labels_are_words_with_n(self, synthetic):
         clocks = ["constant(500)", "periodic(500)", "countdown(100000)", "none"]
-        found, _ = drawn(synthetic([{"clock": clock} for clock in clocks]), tmp_path)
+        found, _ = drawn(synthetic([{"clock": clock} for clock in clocks]))
         assert set(by_label(found["reward"], "line")) == {
             *("geometric, always 500 steps to go", "geometric, countdown from 500, repeated"),
             *("geometric, countdown from 100,000", "geometric"),
@@ -299,31 +301,31 @@ class TestFigures:
         assert "(n = 8 episodes each)" in json.dumps(found["reward"])
         assert {row["row"] for row in rows(found["hold"], "point")} >= {"geometric (n = 8)"}
 
-    def test_two_values_of_c_are_not_joined(self, synthetic, tmp_path):
+    def test_two_values_of_c_are_not_joined(self, synthetic):
         some = [{"clock": f"constant({c})", "rate": 1.0 + c, "spread": 0.1} for c in (0, 1, 2)]
-        two, _ = drawn(synthetic(some[:2]), tmp_path / "2")
-        three, _ = drawn(synthetic(some), tmp_path / "3")
+        two, _ = drawn(synthetic(some[:2]))
+        three, _ = drawn(synthetic(some))
         assert rows(two["return-against-c"], "line") == []
         assert [row["x"] for row in rows(two["return-against-c"], "point", opacity=1)] == [0.0, 1.0]
         assert [row["x"] for row in rows(three["return-against-c"], "line")] == [0.0, 1.0, 2.0]
 
-    def test_the_training_horizon_is_marked_where_it_is_on_the_axis(self, synthetic, tmp_path):
-        found, _ = drawn(half_fall(synthetic), tmp_path / "in")
+    def test_the_training_horizon_is_marked_where_it_is_on_the_axis(self, synthetic):
+        found, _ = drawn(half_fall(synthetic))
         assert "training horizon, 1,000 steps" in json.dumps(found["reward"])
         for horizon in (math.inf, math.nan, 1e6):
-            found, _ = drawn(half_fall(synthetic, train_horizon=horizon), tmp_path / "out")
+            found, _ = drawn(half_fall(synthetic, train_horizon=horizon))
             assert "training horizon" not in json.dumps(found["reward"])
 
 
 class TestTheFiles:
     def test_nothing_is_loaded_from_elsewhere(self, synthetic, tmp_path):
-        page = write_report(half_fall(synthetic), tmp_path, "x").read_text()
+        page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
         assert len(page) < 1.2e6
         markup = re.sub(r"(<script[^>]*>).*?</script>", r"\1", page, flags=re.DOTALL)
         assert not re.search(r"<(script|link|img)[^>]+(src|href)=['\"](?!data:)", markup)
 
     def test_only_the_two_scripts_of_the_page_may_run(self, synthetic, tmp_path):
-        page = write_report(half_fall(synthetic), tmp_path, "x").read_text()
+        page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
         policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', page)[1])
         rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
         scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
@@ -342,16 +344,16 @@ class TestTheFiles:
             *(f"{name}.{kind}" for name in names for kind in ("png", "svg")),
         }
 
-    def test_the_same_table_gives_the_same_pictures(self, synthetic, tmp_path):
-        for name in "ab":
-            write_report(half_fall(synthetic), tmp_path / name, "x", ("svg",))
-        for path in (tmp_path / "a").iterdir():
-            assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+    def test_the_page_holds_the_specifications_and_notes_of_its_figures(self, synthetic, tmp_path):
+        page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
+        figures = make_figures(estimate_table(half_fall(synthetic))["Hopper-v3"])
+        assert specs(page) == {each.name: json.loads(json.dumps(each.spec)) for each in figures}
+        assert notes(page) == {each.name: each.note for each in figures}
 
     def test_labels_and_the_command_cannot_bring_in_markup(self, synthetic, tmp_path):
         evil = "</script><script>alert(1)</script>"
         frame = half_fall(synthetic, method=evil, task=evil, clock="<!--<b>")
-        page = write_report(frame, tmp_path, evil).read_text()
+        page = write_report(frame, tmp_path, evil, ()).read_text()
         assert "alert(1)" in page
         assert evil not in page
         assert "<!--" not in page
@@ -377,14 +379,14 @@ class TestInABrowser:
     def test_plots_are_drawn_and_the_console_is_silent(self, synthetic, tmp_path):
         clocks = [f"constant({c})" for c in range(0, 1001, 100)] + ["countdown(100000)"]
         groups = [{"clock": clock, "hazard": 1e-4, "rate": 1.0, "spread": 0.1} for clock in clocks]
-        page = write_report(synthetic(groups), tmp_path, "perdure extrapolate")
+        page = write_report(synthetic(groups), tmp_path, "perdure extrapolate", ())
         shown, console = browse(page, tmp_path / "profile")
         assert shown.count("<figure id=") == shown.count('class="marks"') >= 4
         assert shown.count("always C steps to go") >= 1
         assert console == []
 
     def test_an_injected_script_does_not_run(self, synthetic, tmp_path):
-        page = write_report(half_fall(synthetic), tmp_path, "x")
+        page = write_report(half_fall(synthetic), tmp_path, "x", ())
         text = page.read_text().replace("<main>", "<main><script>document.title = 'in'</script>", 1)
         page.write_text(text)
         shown, console = browse(page, tmp_path / "profile")

@@ -12,7 +12,8 @@ import textwrap
 
 import pytest
 
-from perdure.runs import StoreError, write_atomic
+from perdure.errors import PerdureError
+from perdure.runs import write_atomic
 
 
 def names(folder):
@@ -74,7 +75,7 @@ def test_a_leftover_of_a_read_only_file_can_be_removed(tmp_path):
     (tmp_path / "file").chmod(0o444)
     script = """
         import os, sys
-        import perdure.runs.atomic_write as module
+        import perdure.runs.files as module
         module.os.replace = lambda *paths: os.kill(os.getpid(), 9)
         module.os.fchmod = lambda *parts: os.kill(os.getpid(), 9)
         module.write_atomic(sys.argv[1], "half")
@@ -154,6 +155,6 @@ def test_on_a_file_system_without_locks_it_says_so_and_leaves_nothing(tmp_path, 
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(StoreError, match=r"is on a file system without file locks \(flock\); choose another"):
+    with pytest.raises(PerdureError, match=r"is on a file system without file locks \(flock\); choose another"):
         write_atomic(tmp_path / "file", b"text")
     assert list(tmp_path.iterdir()) == []

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from perdure.runs.cores import idle_cores, own_cores
+from perdure.runs.workers import idle_cores, own_cores
 
 
 class TestIdleCores:
@@ -17,8 +17,8 @@ class TestIdleCores:
             stat.write_text("\n".join(["cpu 1 2 3 4 5 6 7 8 9 10", *rows, "intr 5"]))
 
         write(before)
-        monkeypatch.setattr("perdure.runs.cores.time.sleep", lambda seconds: write(after))
-        monkeypatch.setattr("perdure.runs.cores.os.sched_getaffinity", lambda process: {0, 1, 3})
+        monkeypatch.setattr("perdure.runs.workers.time.sleep", lambda seconds: write(after))
+        monkeypatch.setattr("perdure.runs.workers.os.sched_getaffinity", lambda process: {0, 1, 3})
         return idle_cores(stat)
 
     def test_cores_with_least_to_do_come_first_and_busy_or_forbidden_ones_not_at_all(self, tmp_path, monkeypatch):
@@ -35,8 +35,8 @@ class TestIdleCores:
         assert self.look(tmp_path, monkeypatch, still, still) == []
 
     def test_a_core_is_taken_once_and_free_again_afterwards(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("perdure.runs.cores.idle_cores", lambda: [2, 0, 1])
-        monkeypatch.setattr("perdure.runs.cores.tempfile.gettempdir", lambda: str(tmp_path))
+        monkeypatch.setattr("perdure.runs.workers.idle_cores", lambda: [2, 0, 1])
+        monkeypatch.setattr("perdure.runs.workers.tempfile.gettempdir", lambda: str(tmp_path))
         with own_cores(2) as mine, own_cores(2) as others:
             assert (mine, others) == ([2, 0], [1])
         with own_cores(3) as mine:
@@ -44,8 +44,8 @@ class TestIdleCores:
 
     @pytest.mark.parametrize("trap", ["fifo", "link", "file"])
     def test_what_somebody_else_put_in_the_way_neither_hangs_nor_is_followed(self, tmp_path, monkeypatch, trap):
-        monkeypatch.setattr("perdure.runs.cores.idle_cores", lambda: [0])
-        monkeypatch.setattr("perdure.runs.cores.tempfile.gettempdir", lambda: str(tmp_path))
+        monkeypatch.setattr("perdure.runs.workers.idle_cores", lambda: [0])
+        monkeypatch.setattr("perdure.runs.workers.tempfile.gettempdir", lambda: str(tmp_path))
         folder = tmp_path / f"perdure-{os.getuid()}"
         if trap == "file":
             folder.write_text("not a folder")

@@ -6,8 +6,9 @@ import warnings
 
 import pytest
 
-from perdure.runs import OtherSourceWarning, Store
-from perdure.runs.source import PACKAGE, source_digest
+from perdure.errors import OtherSourceWarning
+from perdure.runs import Store
+from perdure.runs.identity import PACKAGE, source_digest
 
 CONFIG = {"gamma": 1.0}
 

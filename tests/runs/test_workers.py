@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from perdure.runs import LocalWorkers, RunError, Store, Unit, make_workers, read_unit_progress, run_units, workers
+from perdure.errors import PerdureError
+from perdure.runs import LocalWorkers, Store, Unit, make_workers, read_unit_progress, run_units, workers
 from perdure.runs.progress import show_progress
 
 HERE = Path(__file__).parent
@@ -68,19 +69,19 @@ def test_of_units_with_checkpoints_the_one_furthest_behind_goes_first(tmp_path):
 def test_a_failure_is_said_recorded_and_stops_only_what_depends_on_it(tmp_path, on):
     units = [unit("bad", "fail", message="no such thing"), unit("next", after=("bad",)), unit("good")]
     seen = []
-    with pytest.raises(RunError, match=r"1 of 3 units failed, 1 depend on them: bad: ValueError: no such thing"):
+    with pytest.raises(PerdureError, match=r"1 of 3 units failed, 1 depend on them: bad: ValueError: no such thing"):
         run_units(units, tmp_path, make_workers(on, units, 2), lambda status: seen.append(dict(status)))
     assert Store(tmp_path).keys() == ("good",)
     assert [seen[-1][each.key].state for each in units] == ["failed", "blocked", "finished"]
     again = []
-    with pytest.raises(RunError, match="no such thing"):
+    with pytest.raises(PerdureError, match="no such thing"):
         run_units(units, tmp_path, make_workers(on, units, 2), lambda status: again.append(status), retry=False)
     assert not any(each.state == "running" for status in again for each in status.values())
 
 
 def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
     bad = unit("unit", "die", log=str(tmp_path / "log"))
-    with pytest.raises(RunError, match="SIGKILL"):
+    with pytest.raises(PerdureError, match="SIGKILL"):
         run_units([bad], tmp_path / "store", LocalWorkers(1))
     run_units([bad], tmp_path / "store", LocalWorkers(1))
     run_units([bad], tmp_path / "store", retry=False)
@@ -89,7 +90,7 @@ def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
 
 def test_a_killed_worker_is_replaced_for_the_units_that_wait(tmp_path):
     units = [unit("dies", "die", log=str(tmp_path / "log")), *(unit(f"u-{k}") for k in range(3))]
-    with pytest.raises(RunError, match="1 of 4"):
+    with pytest.raises(PerdureError, match="1 of 4"):
         run_units(units, tmp_path / "store", LocalWorkers(1))
     assert len(Store(tmp_path / "store").keys()) == 3
 
@@ -139,14 +140,14 @@ def test_the_current_folder_is_not_imported_from(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("text", ["ray:", "cloud", "", "locally"])
 def test_a_place_that_is_none_is_refused(text):
-    with pytest.raises(RunError, match="here, local, ray or ray:ADDRESS"):
+    with pytest.raises(PerdureError, match="here, local, ray or ray:ADDRESS"):
         make_workers(text, [unit("unit")])
 
 
 def test_two_units_of_one_key_and_a_missing_dependency_are_refused(tmp_path):
-    with pytest.raises(RunError, match="'a'"):
+    with pytest.raises(PerdureError, match="'a'"):
         run_units([unit("a"), unit("a")], tmp_path)
-    with pytest.raises(RunError, match="'b', which is no unit"):
+    with pytest.raises(PerdureError, match="'b', which is no unit"):
         run_units([unit("a", after=("b",))], tmp_path)
 
 

@@ -7,7 +7,8 @@ import tempfile
 
 import pytest
 
-from perdure.runs import StoreError, write_result
+from perdure.errors import PerdureError
+from perdure.runs import write_result
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def broken(tmp_path, monkeypatch):
 
 
 def test_a_result_is_kept_elsewhere_and_the_message_says_where(broken):
-    with pytest.raises(StoreError, match="Read-only file system; the finished result is kept in") as error:
+    with pytest.raises(PerdureError, match="Read-only file system; the finished result is kept in") as error:
         write_result(broken / "logs.parquet", b"result")
     (kept,) = re.findall(r"kept in (\S+):", str(error.value))
     with open(kept, "rb") as file:

@@ -1,44 +1,73 @@
-"""What a step left is refused if it is damaged: the message names the file."""
+"""A file that is damaged is refused: the message names it."""
 
 import polars as pl
 import pytest
 
-from perdure.schema import Items
-from perdure.studies import StudyError
-from perdure.studies.files import read_json_file, read_parquet_file
-from perdure.studies.horizon.mechanism import KNOWN
-from perdure.studies.horizon.rules import CHOICES
+from perdure.errors import PerdureError
+from perdure.schema import Real, Table
+from studies.files import include_tables, read_json_file, read_parquet_file, write_csv
+from studies.horizon.results import CLOCKS
+
+KNOWN = Table({}, optional={"fall rate": Real()})
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "message"),
+    ("text", "message"),
     [
-        (KNOWN, '{"fall rate": 1.0', "readable JSON"),
-        (KNOWN, '{"fall rate": "often"}', "fall rate must be a number"),
-        (KNOWN, '{"fall rat": 1.0}', "did you mean fall rate"),
-        (CHOICES, '[{"rule": "value"}]', "has no clock"),
-        (CHOICES, "{}", "must be a list"),
+        ('{"fall rate": 1.0', "readable JSON"),
+        ('{"fall rate": "often"}', "fall rate must be float, not str"),
+        ('{"fall rat": 1.0}', "must not have the field fall rat"),
     ],
 )
-def test_json(tmp_path, kind, text, message):
+def test_json(tmp_path, text, message):
     path = tmp_path / "left.json"
     path.write_text(text)
-    with pytest.raises(StudyError, match=rf"left\.json: .*{message}"):
-        read_json_file(path, kind)
-
-
-def test_whole_files_are_read(tmp_path):
-    (tmp_path / "a.json").write_text('{"fall rate": 1.5}')
-    assert read_json_file(tmp_path / "a.json", KNOWN) == {"fall rate": 1.5}
-    assert isinstance(CHOICES, Items)
-    frame = pl.DataFrame({"a": [1, 2]})
-    frame.write_parquet(tmp_path / "a.parquet")
-    assert read_parquet_file(tmp_path / "a.parquet").equals(frame)
+    with pytest.raises(PerdureError, match=rf"left\.json: .*{message}"):
+        read_json_file(path, KNOWN)
+    path.write_text('{"fall rate": 1.5}')
+    assert read_json_file(path, KNOWN) == {"fall rate": 1.5}
 
 
 def test_a_cut_parquet_file(tmp_path):
     path = tmp_path / "left.parquet"
     pl.DataFrame({"a": list(range(1000))}).write_parquet(path)
     path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(StudyError, match=r"left\.parquet: it is not a readable Parquet file"):
+    with pytest.raises(PerdureError, match=r"left\.parquet: it is not a readable Parquet file"):
         read_parquet_file(path)
+
+
+def test_a_frozen_table_of_other_columns(tmp_path):
+    assert CLOCKS.read(tmp_path).is_empty()
+    pl.DataFrame({"a": [1]}).write_parquet(tmp_path / "clocks.parquet")
+    with pytest.raises(PerdureError, match=r"clocks\.parquet: its columns must be setting, method, rule"):
+        CLOCKS.read(tmp_path)
+
+
+def test_new_rows_replace_those_of_their_key(tmp_path):
+    def rows(clock, *seeds):
+        common = {"setting": "Hopper-v3", "method": "geometric", "rule": "bandit", "lane_steps": 1}
+        return pl.DataFrame([{**common, "train_seed": seed, "clock": clock} for seed in seeds])
+
+    CLOCKS.add(tmp_path, rows("constant:100", 1, 0))
+    CLOCKS.add(tmp_path, rows("constant:300", 1, 2))
+    assert CLOCKS.read(tmp_path).select("train_seed", "clock").sort("train_seed").rows() == [
+        (0, "constant:100"),
+        (1, "constant:300"),
+        (2, "constant:300"),
+    ]
+
+
+def test_tables_have_six_digits_and_empty_cells(tmp_path):
+    path = write_csv(tmp_path / "x.csv", pl.DataFrame({"a": [1.23456789, float("nan"), None], "b": [1, 2, 3]}))
+    assert path.read_text() == "a,b\n1.23457,1\n,2\n,3\n"
+
+
+def test_a_page_includes_tables_between_marks(tmp_path):
+    page = tmp_path / "README.md"
+    page.write_text("Before.\n<!-- table: a -->\nold\n<!-- end -->\nAfter.\n")
+    for _ in range(2):
+        include_tables(page, {"a": pl.DataFrame({"x": ["1", "2"], "y": ["3", ""]})})
+        table = "| x | y |\n| --- | --- |\n| 1 | 3 |\n| 2 |  |"
+        assert page.read_text() == f"Before.\n<!-- table: a -->\n\n{table}\n\n<!-- end -->\nAfter.\n"
+    with pytest.raises(PerdureError, match="includes the table 'a'; there are b"):
+        include_tables(page, {"b": pl.DataFrame({"x": ["1"]})})

@@ -1,35 +1,20 @@
 """The reference of the command line names every command and every flag."""
 
-import dataclasses
-from importlib import import_module
-
 import cli_page
 import pytest
 
-COMMANDS = cli_page.commands()
 
-
-def test_every_command_of_the_usage_has_a_section():
-    from perdure.cli import COMMANDS as OUTER
-    from perdure.cli.home import COMMANDS as HOME
-
-    page = cli_page.page()
-    wanted = [name for name in OUTER if name != "home"] + [f"home {name}" for name in HOME]
-    assert [name for name in wanted if f"## perdure {name}\n" not in page] == []
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_field_of_a_command_has_a_row(command):
-    text = cli_page.section(command, COMMANDS[command])
-    fields = dataclasses.fields(cli_page._flags(import_module(f"perdure.cli.{COMMANDS[command]}")))
-    shown = [line.split("`")[1] for line in text.splitlines() if line.startswith("| `")]
-    for field in fields:
-        flag, argument = "--" + field.name.replace("_", "-"), field.name.upper()
-        assert any(name.split()[0] in (flag, argument) or name.startswith(f"{flag}.") for name in shown), field.name
+@pytest.mark.parametrize("command", cli_page.commands())
+def test_a_section_has_a_row_for_every_flag(command):
+    shown = {line.split("`")[1].split()[0] for line in cli_page.section(command).splitlines() if line.startswith("| `")}
+    named = {action.option_strings[0] for action in cli_page.parser(command)._actions if action.option_strings}
+    assert named - {"-h"} <= shown
+    assert f"## perdure {command}\n" in cli_page.page()
 
 
 def test_a_row_has_value_default_and_meaning():
-    text = cli_page.section("extrapolate", COMMANDS["extrapolate"])
+    text = cli_page.section("extrapolate")
     assert "| `--eval-seeds INT` | Start states; the same ones for every policy and clock. Default: `20`. |" in text
     assert "| `--clocks STR ...` |" in text
     assert "| `POLICIES` |" in text
+    assert "| `--ppo.total-steps INT` |" in cli_page.section("train")

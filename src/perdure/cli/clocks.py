@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from perdure.cli.errors import CommandError
+from perdure.errors import PerdureError
 
 if TYPE_CHECKING:
     from perdure.horizon import Clock
@@ -21,8 +21,8 @@ def read_clock(flag: str, text: str | None, policy: Policy, steps: int | None = 
         steps: Steps of the episode; None if the command knows no end, so that a countdown must name its steps.
 
     Raises:
-        CommandError: If the text is "default" and the policy has no time-to-go input.
-        HorizonError: If the text names no clock.
+        PerdureError: If the text is "default" and the policy has no time-to-go input.
+        PerdureError: If the text names no clock.
     """
     from perdure.horizon import Countdown, parse_clock
 
@@ -30,7 +30,7 @@ def read_clock(flag: str, text: str | None, policy: Policy, steps: int | None = 
         return None
     if text == "default":
         if policy.clock is None:
-            raise CommandError(
+            raise PerdureError(
                 f"{flag} default: this {policy.task.name} policy has no time-to-go input, so it takes no clock"
             )
         return policy.clock

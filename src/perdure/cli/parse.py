@@ -1,42 +1,105 @@
-"""Parse flags to a dataclass, in the same way for every command."""
+"""Parse a command line by the signature of a function, or the fields of a dataclass, in the same way for every command.
+
+tyro does the work. Added are numbers such as 1e5, errors of one line, and help that begins with an example and ends
+with a link.
+"""
 
 from __future__ import annotations
 
 import errno
+import inspect
 import io
 import os
 import re
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stderr
-from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
 
 import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
+
+from perdure.cli import DOCS, example
+from perdure.cli.terminal import command_line
 
 T = TypeVar("T")
 
 FRAME = "│╭╮╰╯─ "
 """Characters of the boxes that tyro draws."""
+NUMBERS = ConstructorRegistry()
 
 
-def parse(kind: type[T], args: list[str], command: str, default: T | None = None) -> T:
+@NUMBERS.primitive_rule
+def _whole_numbers(info: Any) -> PrimitiveConstructorSpec[int] | None:
+    if info.type is not int:
+        return None
+    return PrimitiveConstructorSpec(1, "INT", lambda words: _whole(words[0]), _is_int, lambda number: [str(number)])
+
+
+def _is_int(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _whole(word: str) -> int:
+    """Return 100000 for 1e5, and for 100000."""
+    if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", word) and float(word).is_integer():
+        return int(float(word))
+    return int(word)
+
+
+def parse(kind: type[T] | Callable[..., T], args: list[str], command: str, default: T | None = None) -> T:
     """Return the dataclass ``kind`` filled from flags; ``default`` gives the values of flags that are left out.
 
     Raises:
         SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
     """
-    box, args = io.StringIO(), _whole_numbers(args, _whole_flags(kind))
+    box, helps = io.StringIO(), not {"-h", "--help"}.isdisjoint(args)
+    options: dict[str, Any] = {
+        "prog": f"perdure {command}",
+        "config": (tyro.conf.AvoidSubcommands,),
+        "registry": NUMBERS,
+    }
+    if default is not None:
+        options["default"] = default
+    if helps and (shown := example(command)):
+        print(f"example: {shown}\n")
     try:
         with redirect_stderr(box):
-            return _fill(kind, args, f"perdure {command}", default)
+            filled: T = tyro.cli(cast(Any, kind), args=args, **options)
+        return filled
     except SystemExit as end:
         if not end.code:  # --help
+            print(f"More: {DOCS}")
             raise
-        wrong = sentence(box.getvalue())
-        print(f"perdure: {wrong}{_nearest_flag(kind, wrong, default)}; see perdure {command} --help", file=sys.stderr)
+        print(f"perdure: {sentence(box.getvalue())}; see perdure {command} --help", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def call(function: Callable[..., None], args: list[str], command: str) -> None:
+    """Call a function with arguments from a command line; what it prints on stderr while it runs is not held back.
+
+    A parameter `command` of the function gets the command line as text.
+    """
+    made = parse(deferred(function), args, command)
+    known = {"command": command_line("perdure", command, *args)}
+    made(**{name: text for name, text in known.items() if name in inspect.signature(function).parameters})
+
+
+def deferred(function: Callable[..., None]) -> Callable[..., partial[None]]:
+    """Return a function of the same parameters, without `command`, that returns the call instead of making it."""
+
+    def bind(*arguments: Any, **options: Any) -> partial[None]:
+        return partial(function, *arguments, **options)
+
+    hints, signature = get_type_hints(function, include_extras=True), inspect.signature(function)
+    shown = [each for each in signature.parameters.values() if each.name != "command"]
+    bind.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
+    bind.__annotations__ = {each.name: hints[each.name] for each in shown}
+    # tyro keeps the line breaks inside the description of a parameter.
+    bind.__doc__ = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
+    return bind
 
 
 def flag_name(arg: str) -> str:
@@ -53,79 +116,14 @@ def check_folder(path: Path) -> None:
             return
 
 
-def _whole_flags(kind: Any, prefix: str = "--") -> set[str]:
-    """Return the flags of a dataclass whose values are whole numbers, those of its dataclasses included."""
-    found: set[str] = set()
-    hints = get_type_hints(kind)
-    for each in fields(kind):
-        name, hint = f"{prefix}{each.name.replace('_', '-')}", hints[each.name]
-        if is_dataclass(hint):
-            found |= _whole_flags(hint, f"{name}.")
-        elif int in _parts(hint):
-            found.add(name)
-    return found
-
-
-def _parts(hint: Any) -> set[Any]:
-    """Return the classes that a type hint is made of: {int, NoneType} for int | None."""
-    inner = get_args(hint)
-    return {hint} if not inner else {part for each in inner for part in _parts(each)}
-
-
-def _whole_numbers(args: list[str], flags: set[str]) -> list[str]:
-    """Return the arguments with numbers such as 1e5 written out behind these flags."""
-    found, counts = list[str](), False
-    for arg in args:
-        if arg.startswith("--"):
-            counts = flag_name(arg) in flags
-            name, equals, value = arg.partition("=")
-            found.append(f"{name}={_whole(value)}" if counts and equals else arg)
-        else:
-            found.append(_whole(arg) if counts else arg)
-    return found
-
-
-def _whole(arg: str) -> str:
-    """Return 100000 for 1e5, anything else unchanged."""
-    if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", arg) and float(arg).is_integer():
-        return str(int(float(arg)))
-    return arg
-
-
-def _nearest_flag(kind: type[T], wrong: str, default: T | None) -> str:
-    """Return "; did you mean --x?" for a message about an unknown flag --y, nothing for others."""
-    found = re.match(r"Unrecognized options: (--[\w.-]+)", wrong)
-    if found is None:
-        return ""
-    config = (tyro.conf.AvoidSubcommands,)
-    parser = (
-        tyro.extras.get_parser(kind, config=config)
-        if default is None
-        else tyro.extras.get_parser(kind, config=config, default=default)
-    )
-    flags = [flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")]
-    nearest = get_close_matches(found[1], flags, n=1, cutoff=0.6)
-    return f"; did you mean {nearest[0]}?" if nearest else ""
-
-
-def _fill(kind: type[T], args: list[str], prog: str, default: T | None) -> T:
-    config = (tyro.conf.AvoidSubcommands,)
-    if default is None:
-        return tyro.cli(kind, args=args, prog=prog, config=config)
-    return tyro.cli(kind, args=args, prog=prog, config=config, default=default)
-
-
 def sentence(box: str) -> str:
-    """Return the first sentence of a framed message: the words from its title to its first rule, without a period.
+    """Return the first sentence of a framed message, without a period, and the flag that the user may have meant.
 
     Args:
-        box: As tyro prints it to a terminal.
+        box: As tyro prints it to a terminal: the words up to its first rule say what is wrong.
     """
     lines = box.splitlines()
-    words: list[str] = []
-    for line in lines[1:] if box.startswith("╭") else lines:
-        inside = line.strip(FRAME)
-        if not inside:  # a rule, or the lower edge
-            break
-        words.append(inside)
-    return " ".join(words).removeprefix("Error parsing ").rstrip(".")
+    inside = [line.strip(FRAME) for line in (lines[1:] if box.startswith("╭") else lines)]
+    words = " ".join(inside[: inside.index("")] if "" in inside else inside)
+    nearest = re.search(r"(?:Perhaps you meant|similar to).*?(--[\w.-]+)", " ".join(inside))
+    return words.removeprefix("Error parsing ").rstrip(".") + (f"; did you mean {nearest[1]}?" if nearest else "")

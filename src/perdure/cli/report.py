@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from perdure.cli.parse import parse
-from perdure.report.render import Format
+from perdure.report.charts import Format
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def find_table(path: Path) -> Path:
     """Return the table that a path means: in a folder its lanes.parquet."""
     if not path.is_dir():
         return path
-    from perdure.extrapolate.result import TABLE
+    from perdure.evaluate.table import TABLE
 
     return path / TABLE
 

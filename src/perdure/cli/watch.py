@@ -29,7 +29,7 @@ class WatchFlags:
     beside: str | None = None
     """A second clock, such as constant:500, from the same start state: two films side by side."""
     out: Path = Path("film.mp4")
-    """The film, an .mp4."""
+    """The film: .mp4 or .gif."""
     steps: int = 10_000
     """Steps of each episode, unless it ends earlier."""
     eval_seeds: int = 10
@@ -41,7 +41,7 @@ class WatchFlags:
 def main(args: list[str]) -> None:
     """``perdure watch``."""
     flags = parse(WatchFlags, args, "watch")
-    from perdure.extrapolate.film import watch
+    from perdure.evaluate.watch import watch
     from perdure.policy import load_policy
 
     policy = load_policy(flags.policy)

@@ -13,19 +13,22 @@
 | `opening.py` | `open_env`: build worlds from a name, a factory or a VectorEnv |
 | `environment_id.py` | find the task of an environment name such as "Hopper-v5" |
 | `traced.py` | a world inside a compiled JAX program; not imported here, because it imports JAX |
-| `errors.py` | `WorldError`, `UnknownTask` |
+| `errors.py` | `PerdureError` |
 """
 
-from perdure.envs.environment_id import task_of_environment
-from perdure.envs.envpool_world import EnvPoolWorld
-from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.gymnasium_world import GymnasiumWorld
+from perdure.envs.envpool import EnvPoolWorld
+from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
 from perdure.envs.opening import OpenEnv, open_env
-from perdure.envs.registry import is_task, list_tasks, make_world
-from perdure.envs.spaces import batch_of
-from perdure.envs.suites import TaskListing, module_of, refuse_import
-from perdure.envs.vector_env_world import VectorEnvWorld
-from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
+from perdure.envs.suites import (
+    TaskListing,
+    is_task,
+    list_tasks,
+    make_world,
+    module_of,
+    refuse_import,
+    task_of_environment,
+)
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World, batch_of
 
 __all__ = [
     "BoolArray",
@@ -37,10 +40,8 @@ __all__ = [
     "Step",
     "TaskListing",
     "TaskSpec",
-    "UnknownTask",
     "VectorEnvWorld",
     "World",
-    "WorldError",
     "batch_of",
     "is_task",
     "list_tasks",

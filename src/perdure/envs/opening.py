@@ -7,13 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from perdure.envs.environment_id import task_of_environment
-from perdure.envs.errors import WorldError
-from perdure.envs.gymnasium_world import GymnasiumWorld
-from perdure.envs.registry import make_world
-from perdure.envs.third_party import call
-from perdure.envs.vector_env_world import VectorEnvWorld
-from perdure.envs.world import World
+from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
+from perdure.envs.suites import make_world, task_of_environment
+from perdure.envs.world import World, call
+from perdure.errors import PerdureError
 
 NEVER = 2**62
 """A step limit that is never reached."""
@@ -61,7 +58,7 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         name: Of the task, in tables; by default the environment's own id.
 
     Raises:
-        WorldError: If it is none of these, cannot be built, or has a limit that cannot be lifted.
+        PerdureError: If it is none of these, cannot be built, or has a limit that cannot be lifted.
     """
     from gymnasium import Env
     from gymnasium.vector import VectorEnv
@@ -70,19 +67,19 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         task = task_of_environment(env)
         yield OpenEnv(lambda seeds: make_world(task, seeds))
     elif any("envpool" in each.__module__ for each in type(env).__mro__):
-        raise WorldError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
+        raise PerdureError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
     elif isinstance(env, VectorEnv):
         with _without_limits(env) as limit:
             yield _vector(env, name, limit)
     elif isinstance(env, Env):
-        raise WorldError(
+        raise PerdureError(
             f"{KINDS}; this is a single environment, which can be in one episode at a time: give the function that "
             "builds it, such as lambda: gymnasium.make(...)"
         )
     elif callable(env):
         yield _factory(env, name)
     else:
-        raise WorldError(f"{KINDS}, not {type(env).__name__}")
+        raise PerdureError(f"{KINDS}, not {type(env).__name__}")
 
 
 _HORIZON_LIMIT = (
@@ -96,14 +93,14 @@ def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
 
     probe = call("env", "the factory", factory)
     if not isinstance(probe, Env):
-        raise WorldError(f"{KINDS}; this function returned {type(probe).__name__}")
+        raise PerdureError(f"{KINDS}; this function returned {type(probe).__name__}")
     limit, title = getattr(probe.spec, "max_episode_steps", None), name or _title(probe)
     probe.close()
 
     def build() -> Any:
         made = factory()
         if getattr(made, "unwrapped", None) is probe.unwrapped:
-            raise WorldError(f"{title}: the function returned the same environment again; it must build a new one")
+            raise PerdureError(f"{title}: the function returned the same environment again; it must build a new one")
         _lift(made)
         return made
 
@@ -136,13 +133,13 @@ def _limits(env: Any) -> Iterator[Any]:
     from gymnasium import Wrapper
     from gymnasium.wrappers import TimeLimit
 
-    from perdure.horizon.wrappers import HorizonLimit
+    from perdure.wrappers import HorizonLimit
 
     while isinstance(env, Wrapper):
         if isinstance(env, TimeLimit):
             yield env
         if isinstance(env, HorizonLimit):
-            raise WorldError(f"{_title(env)}: {_HORIZON_LIMIT}")
+            raise PerdureError(f"{_title(env)}: {_HORIZON_LIMIT}")
         env = env.env
 
 
@@ -160,12 +157,12 @@ def _without_limits(vector: Any) -> Iterator[int | None]:
     """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
     from gymnasium.vector import VectorWrapper
 
-    from perdure.horizon.wrappers import VectorHorizonLimit
+    from perdure.wrappers import VectorHorizonLimit
 
     layer = vector
     while isinstance(layer, VectorWrapper):
         if isinstance(layer, VectorHorizonLimit):
-            raise WorldError(f"{_title(vector)}: {_HORIZON_LIMIT}")
+            raise PerdureError(f"{_title(vector)}: {_HORIZON_LIMIT}")
         layer = layer.env
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
@@ -189,7 +186,7 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
         yield None
         return
     if not remote:
-        raise WorldError(
+        raise PerdureError(
             f"{_title(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
             "beyond the steps asked for, and give the limit as training_horizon"
         )

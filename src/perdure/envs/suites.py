@@ -6,17 +6,19 @@ suite appears here by itself.
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from ast import literal_eval
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Protocol
 
-from perdure.envs.checks import checked_seeds
-from perdure.envs.errors import UnknownTask, WorldError
-from perdure.envs.world import World
+from perdure.envs.world import World, checked_seeds
+from perdure.errors import PerdureError, did_you_mean
 
 GYMNASIUM_PREFIX = "gymnasium:"
 
@@ -73,7 +75,7 @@ class EnvPoolSuite:
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
         """See `TaskSuite.make`."""
-        from perdure.envs.envpool_world import EnvPoolWorld
+        from perdure.envs.envpool import EnvPoolWorld
 
         return EnvPoolWorld(task, self.name, seeds, threads)
 
@@ -95,7 +97,7 @@ class GymnasiumSuite:
 
     def make(self, task: str, seeds: Sequence[int], threads: int) -> World:
         """See `TaskSuite.make`; `threads` is not used, the environments are stepped one after the other."""
-        from perdure.envs.gymnasium_world import GymnasiumWorld
+        from perdure.envs.gymnasium import GymnasiumWorld
 
         return GymnasiumWorld.from_id(task.removeprefix(GYMNASIUM_PREFIX), seeds)
 
@@ -135,7 +137,7 @@ class VectorSuite:
         """See `TaskSuite.make`."""
         import gymnasium
 
-        from perdure.envs.vector_env_world import VectorEnvWorld
+        from perdure.envs.gymnasium import VectorEnvWorld
 
         registered, _, text = task.partition(",")
         given: dict[str, Any] = {
@@ -145,7 +147,7 @@ class VectorSuite:
         }
         options = _options(text)
         for name in given.keys() & options.keys():
-            raise WorldError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
+            raise PerdureError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
         env = gymnasium.make_vec(registered, **given, **options)
         return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
 
@@ -184,14 +186,29 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
         where: Which file, for the message.
 
     Raises:
-        WorldError: If the task would import another module.
+        PerdureError: If the task would import another module.
     """
     module = module_of(task)
     if module is not None and module not in allowed and module not in sys.modules:
-        raise WorldError(
+        raise PerdureError(
             f"{where} is for the task {task}, which imports the Python module {module}; if you trust that module, "
             f"name it: --modules {module}"
         )
+
+
+def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:
+    """Return the error that no suite knows a task, with the nearest names that exist.
+
+    Args:
+        task: The name that was asked for.
+        known: Every name that would have been accepted.
+        meant: Names to offer first, however they are spelled.
+    """
+    return PerdureError(
+        f"there is no task named {task!r}: `perdure list` shows every task, any Gymnasium environment works as "
+        "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
+        f"{did_you_mean(task, known, 3, meant)}"
+    )
 
 
 def suite_of(task: str) -> TaskSuite:
@@ -204,13 +221,13 @@ def suite_of(task: str) -> TaskSuite:
         Its suite.
 
     Raises:
-        UnknownTask: If no suite owns the name.
+        PerdureError: If no suite owns the name.
     """
     for suite in suites():
         if suite.owns(task):
             return suite
     meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
-    raise UnknownTask(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
+    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
 
 
 def gymnasium_makes(env_id: str) -> bool:
@@ -227,7 +244,7 @@ def _options(text: str) -> dict[str, Any]:
     options: dict[str, Any] = {}
     for name, equals, value in (part.partition("=") for part in text.split(",") if part):
         if not equals:
-            raise WorldError(f"An option of a task is written name=value, not {name!r}.")
+            raise PerdureError(f"An option of a task is written name=value, not {name!r}.")
         try:
             options[name] = literal_eval(value)
         except (ValueError, SyntaxError):
@@ -241,3 +258,114 @@ def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
 
     registered: dict[str, tuple[str, str, dict[str, Any]]] = envpool.registration.registry.specs
     return registered
+
+
+def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
+    """Build a world with one lane per seed.
+
+    A lane's start states depend on its seed only: the same seed in two lanes, two worlds or two batches of different
+    size gives the same episodes under the same actions.
+
+    Args:
+        task: A name from `list_tasks`, or `gymnasium:<id>`.
+        seeds: One whole number in [0, 2^31) per lane.
+        threads: Threads that simulate; more than one helps where there are many lanes. Results do not depend on it.
+
+    Returns:
+        The world; every lane must be reset before it is stepped.
+
+    Raises:
+        PerdureError: If there is no such task.
+        PerdureError: If seeds or threads are not legal, or the task's actions are not one box.
+    """
+    if threads < 1:
+        raise PerdureError(f"threads must be at least 1, got {threads}.")
+    return suite_of(task).make(task, seeds, threads)
+
+
+def is_task(name: str) -> bool:
+    """Return whether a suite owns the name."""
+    return any(suite.owns(name) for suite in suites())
+
+
+def list_tasks(suite: str | None = None) -> list[TaskListing]:
+    """Return every task that can be simulated, as in `perdure list tasks`.
+
+    Args:
+        suite: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
+
+    Returns:
+        Listings, suite by suite, alphabetical inside one.
+
+    Raises:
+        PerdureError: If there is no such suite.
+    """
+    names = [one.name for one in suites()]
+    if suite is not None and suite not in names:
+        raise PerdureError(f"There is no task suite named {suite!r}; the suites are {', '.join(names)}.")
+    return [listing for one in suites() if suite in (None, one.name) for listing in one.listings()]
+
+
+ENVPOOL_PREFIX = "envpool:"
+
+
+def task_of_environment(name: str) -> str:
+    """Return the task that an environment's name means.
+
+    | name | task |
+    |---|---|
+    | `gymnasium:Id`, `Module:Id` | that environment of Gymnasium |
+    | `envpool:Id` | EnvPool's environment of that name, which is faster |
+    | `Id` | Gymnasium's environment if Gymnasium can make it, else the task of that name in `perdure list tasks` |
+
+    The same name may mean slightly different physics in Gymnasium and in EnvPool. A policy of another library was
+    trained in Gymnasium, hence its precedence. Gymnasium's `Hopper-v3` and its like can only be made with mujoco-py, so
+    these names mean EnvPool's.
+
+    Raises:
+        PerdureError: If there is no such environment.
+        PerdureError: If the name is empty.
+    """
+    if not name.strip():
+        raise PerdureError("the environment's name is empty; write for example Hopper-v5")
+    if name.startswith(GYMNASIUM_PREFIX):
+        return name
+    if name.startswith(ENVPOOL_PREFIX):
+        return _task(name.removeprefix(ENVPOOL_PREFIX))
+    if "/" in name and ":" not in name and is_task(name):  # suites of other packages, such as perdure/HomePlace-v0
+        return name
+    if ":" in name or gymnasium_makes(name):
+        return f"{GYMNASIUM_PREFIX}{name}"
+    return _task(name)
+
+
+def _task(name: str) -> str:
+    import gymnasium
+
+    if not is_task(name):
+        raise unknown_task(name, [env_id for env_id in gymnasium.registry if gymnasium_makes(env_id)])
+    return name
+
+
+def source_digest(task: str) -> dict[str, str]:
+    """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports; {} for other tasks.
+
+    For a module inside a package, all Python files of the top-level package are included. Code that it imports from
+    other packages is not.
+    """
+    top = (module_of(task) or "").partition(".")[0]
+    try:
+        spec = find_spec(top) if top else None
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+        return {}
+    origin = Path(spec.origin)
+    folder = origin.parent if spec.submodule_search_locations else None
+    files = sorted(folder.rglob("*.py")) if folder else [origin]
+    digest = hashlib.sha256()
+    for file in files:
+        name = file.relative_to(folder).as_posix() if folder else file.name
+        data = file.read_bytes()
+        digest.update(f"{name}\0{len(data)}\0".encode() + data)
+    return {top: digest.hexdigest()}

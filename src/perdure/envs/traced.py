@@ -15,8 +15,7 @@ import numpy as np
 from jax.experimental import io_callback
 from numpy.typing import NDArray
 
-from perdure.envs.envpool_channel import observation_keys
-from perdure.envs.envpool_world import EnvPoolWorld
+from perdure.envs.envpool import EnvPoolWorld, observation_keys
 
 if TYPE_CHECKING:
     from perdure.envs.world import World
@@ -60,10 +59,11 @@ class WorldSlot:
     def fill(self, world: World) -> None:
         """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""
         self._world, self.error = world, None
-        if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
-            self.handle, _, _, self.pool_step = world.pool.xla()
-        else:
-            self.handle, self.pool_step = jnp.zeros(()), None
+        with jax.enable_x64(True):  # EnvPool's functions need 64 bits
+            if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
+                self.handle, _, _, self.pool_step = world.pool.xla()
+            else:
+                self.handle, self.pool_step = jnp.zeros(()), None
 
     def clear(self) -> None:
         """Take the world out."""

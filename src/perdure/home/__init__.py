@@ -6,7 +6,7 @@ Subpackages, each built on those before it:
     skills       observations, rewards, start states and recipes of the skills
     agents       policies, oracle, release strategies
     evaluate     run episodes, write logs, measure success
-    video        films, failure sheets (pictures of failed episodes), a live view
+    pictures, film, failures    pictures of a home; films and a live view; failed episodes in pictures
 
 Words: a lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023),
 whose code (hab-mobile-manipulation) most definitions follow. OURS marks what this package decided itself.
@@ -14,16 +14,16 @@ whose code (hab-mobile-manipulation) most definitions follow. OURS marks what th
 Importing this package imports NumPy and nothing heavier; MuJoCo and SciPy are imported where they are used.
 """
 
-from perdure.home.benchmark.episodes import Episode, load_episodes, start_pose
-from perdure.home.benchmark.tasks import TASKS, HomeTask, WorldFacts, get_task
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Apartment, build_apartment, free_space, make_apartment
+from perdure.home.sim.apartments import build_apartment, make_apartment
+from perdure.home.sim.occupancy import free_space
+from perdure.home.sim.pieces import Apartment
+from perdure.home.tasks.episodes import Episode, load_episodes, start_pose
+from perdure.home.tasks.tasks import TASKS, HomeTask, WorldFacts, get_task
 
 __all__ = [
     "TASKS",
     "Apartment",
     "Episode",
-    "HomeError",
     "HomeTask",
     "WorldFacts",
     "build_apartment",

@@ -1,4 +1,4 @@
-"""Closed loop over lanes: policies act in a world, step by step, until every lane has ended.
+"""Policies of any origin act in a world, step by step, until every lane has ended.
 
 A lane's trajectory depends on its policy, its clock and its seed alone. Neither its neighbors nor the order of the
 lanes change one bit of it, because acting is row-invariant and worlds step lanes independently.
@@ -6,16 +6,74 @@ lanes change one bit of it, because acting is row-invariant and worlds step lane
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import FloatArray, IntArray, Step, World
-from perdure.horizon import Clock
-from perdure.policy.errors import PolicyError
-from perdure.policy.policy_like import ActingLanes, PolicyLike
+from perdure.envs import FloatArray, IntArray, Step, World, batch_of
+from perdure.errors import PerdureError
+from perdure.horizon import Clock, LaneClocks
+
+if TYPE_CHECKING:
+    from perdure.policy.policy import TaskInfo
+    from perdure.policy.reference import Reference
+
+# Interface of policies: they act on rows of observations and describe themselves for the evaluation.
+
+
+class ActingLanes(Protocol):
+    """The running lanes of one actor in a closed loop."""
+
+    def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
+        """Return an action for each running lane.
+
+        Args:
+            observations: Shape (n, observation_size), one row for each running lane. Neither changed nor kept.
+            elapsed: Steps since reset, the same for all.
+
+        Returns:
+            Shape (n, action_size).
+        """
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        """Drop ended lanes: keep the rows where ``rows``, shape (n,), is true.
+
+        It is called when lanes end, perhaps more than once before the next `act`.
+        """
+
+
+class PolicyLike(Protocol):
+    """A policy of any origin. `Policy` is one, `FunctionPolicy` another."""
+
+    @property
+    def task(self) -> TaskInfo:
+        """The task that it acts on."""
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether it has a time-to-go input, so that each of its lanes needs a clock."""
+
+    @property
+    def training_horizon(self) -> float:
+        """The longest horizon it was trained for, in steps; inf if training had none."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Its origin: "method" and "seed" among others."""
+
+    @property
+    def reference(self) -> Reference | None:
+        """Its episodes within its training horizon; None if they were not measured."""
+
+    @property
+    def observation_std(self) -> FloatArray:
+        """Standard deviation of each observation component in training, shape (observation_size,)."""
+
+    def start(self, clocks: Sequence[Clock | None]) -> ActingLanes:
+        """Begin episodes, one for each clock; a clock is None exactly if there is no time-to-go input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +100,7 @@ class ClosedLoop:
     """Step all running lanes until they end; ended lanes leave the batch.
 
     Raises:
-        PolicyError: If the numbers of policies and lanes differ, a policy does not fit the world or its clock, or an
+        PerdureError: If the numbers of policies and lanes differ, a policy does not fit the world or its clock, or an
             episode starts with an observation that is not finite.
     """
 
@@ -54,10 +112,10 @@ class ClosedLoop:
             lane_policies: The policy of lane 0, 1, ...
         """
         if len(lane_policies) != world.num_lanes:
-            raise PolicyError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
+            raise PerdureError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
         for lane_policy in lane_policies:
             if (lane_policy.clock is not None) != lane_policy.policy.has_clock:
-                raise PolicyError(
+                raise PerdureError(
                     f"a lane of {lane_policy.policy.task.name} needs a clock exactly if its policy has a time-to-go "
                     f"input; this one has {'no clock' if lane_policy.clock is None else lane_policy.clock.label}"
                 )
@@ -67,7 +125,7 @@ class ClosedLoop:
         self._observations = world.reset()
         if not np.isfinite(self._observations).all():
             lane, component = np.argwhere(~np.isfinite(self._observations))[0]
-            raise PolicyError(
+            raise PerdureError(
                 f"{world.spec.name} starts an episode with observation[{component}] = "
                 f"{self._observations[lane, component]}; observations must be finite"
             )
@@ -145,15 +203,134 @@ def check_fit(policy: PolicyLike, world: World) -> None:
     """Refuse a policy for another task.
 
     Raises:
-        PolicyError: If observation or action sizes, or the action range, differ.
+        PerdureError: If observation or action sizes, or the action range, differ.
     """
     spec, task = world.spec, policy.task
     same_range = np.array_equal(task.action_low, spec.action_low) and np.array_equal(task.action_high, spec.action_high)
     if task.discrete_actions != spec.discrete_actions:
         kinds = [("discrete" if each else "continuous") for each in (task.discrete_actions, spec.discrete_actions)]
-        raise PolicyError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
+        raise PerdureError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
     if task.observation_size != spec.observation_size or not same_range:
-        raise PolicyError(
+        raise PerdureError(
             f"a policy for {task.name} (observations of {task.observation_size}, actions of {task.action_size}) cannot "
             f"act in {spec.name} (observations of {spec.observation_size}, actions of {spec.action_size})"
         )
+
+
+# Use any function observations -> actions as a policy.
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionPolicy:
+    """A function as a `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
+
+    | kind | call | returns |
+    |---|---|---|
+    | plain | ``function(observations)`` | actions |
+    | recurrent | ``function(observations, state, episode_starts)`` | (actions, state) |
+    | with a clock | the same with keywords ``elapsed`` and ``horizon`` | the same |
+
+    - ``observations`` have the form of the environment's own, with n in front: shape (n, *shape) for a Box, (n,) for
+      Discrete, a dict or tuple of such arrays for Dict and Tuple.
+    - ``actions`` likewise: shape (n, *shape) for a Box, whole numbers of shape (n,) for Discrete, (n, k) for
+      MultiDiscrete and MultiBinary.
+    - ``state`` is the state that the function returned last, None at first. It is passed back unchanged, so its arrays
+      may have the lanes along any axis, as in Stable-Baselines3's ``predict`` of a recurrent policy.
+    - ``episode_starts`` is true for every lane in the first call of an episode and false afterwards, shape (n,).
+    - ``elapsed`` and ``horizon`` are the output of the clock, shape (n,): the time-to-go is their difference.
+
+    A lane that has ended shows its last observation; what the function answers for it is ignored. So n stays the same,
+    and a compiled function is compiled once.
+    """
+
+    function: Callable[..., Any]
+    task: TaskInfo
+    spaces: tuple[Any, Any] = (None, None)
+    """Gymnasium's observation and action space of one lane; None: flat vectors."""
+    recurrent: bool = False
+    has_clock: bool = False
+    """Whether the function has the arguments ``elapsed`` and ``horizon``."""
+    training_horizon: float = float("inf")
+    """See `PolicyLike.training_horizon`."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """See `PolicyLike.provenance`."""
+    reference: Reference | None = None
+    """See `PolicyLike.reference`."""
+    std: FloatArray | None = None
+    """See `observation_std`; None: not measured."""
+
+    @property
+    def observation_std(self) -> FloatArray:
+        """Standard deviation of each observation component within the training horizon; 0 where it is not known."""
+        return np.zeros(self.task.observation_size) if self.std is None else self.std
+
+    def start(self, clocks: Sequence[Clock | None]) -> _FunctionLanes:
+        """See `PolicyLike.start`."""
+        return _FunctionLanes(self, clocks)
+
+
+class _FunctionLanes:
+    """See `ActingLanes`: keeps a row for every lane that was started, and the state between calls."""
+
+    def __init__(self, policy: FunctionPolicy, clocks: Sequence[Clock | None]) -> None:
+        self._policy = policy
+        self._shown = np.zeros((len(clocks), policy.task.observation_size))
+        self._running = np.arange(len(clocks))
+        known = [clock for clock in clocks if clock is not None]
+        self._clocks = LaneClocks(known) if known else None
+        self._state: Any = None
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        self._running = self._running[rows]
+
+    def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
+        self._shown[self._running] = observations
+        lanes = len(self._shown)
+        seen = batch_of(self._policy.spaces[0], self._shown)
+        time = {}
+        if self._clocks is not None:
+            time = dict(zip(("elapsed", "horizon"), self._clocks.time(np.full(lanes, float(elapsed))), strict=True))
+        if self._policy.recurrent:
+            starts = np.full(lanes, elapsed == 0)
+            returned = self._policy.function(seen, self._state, starts, **time)
+            actions, self._state = self._pair(returned)
+        else:
+            actions = self._policy.function(seen, **time)
+        return self._rows(actions, elapsed)[self._running]
+
+    def _pair(self, returned: Any) -> tuple[Any, Any]:
+        if not isinstance(returned, tuple) or len(returned) != 2:
+            raise PerdureError(
+                f"a recurrent function must return (actions, state), it returned {type(returned).__name__}"
+            )
+        return returned
+
+    def _rows(self, actions: Any, elapsed: int) -> FloatArray:
+        """Return actions as rows of finite numbers, shape (lanes, action_size)."""
+        task, lanes = self._policy.task, len(self._shown)
+        if isinstance(actions, tuple):
+            raise PerdureError(
+                "the function must return actions, it returned a tuple; of Stable-Baselines3, give "
+                "lambda observations: model.predict(observations, deterministic=True)[0], or say recurrent=True"
+            )
+        try:
+            array = np.asarray(actions)
+            values = array.astype(np.float64)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise PerdureError(f"the function's actions are not an array of numbers: {error}") from None
+        shape = self._shape
+        if array.shape[:1] != (lanes,) or array.size != lanes * task.action_size:
+            raise PerdureError(
+                f"the function's actions must have shape {(lanes, *shape)} (lanes, then one action of {task.name}), "
+                f"they have {array.shape}"
+            )
+        values = values.reshape(lanes, task.action_size)
+        bad = self._running[~np.isfinite(values[self._running]).all(axis=1)]
+        if len(bad):
+            raise PerdureError(f"the function's action at step {elapsed + 1} is not finite: {values[bad[0]]}")
+        return values
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        space = self._policy.spaces[1]
+        return (self._policy.task.action_size,) if space is None else tuple(space.shape)

@@ -1,4 +1,4 @@
-"""Save and load policies as single safetensors files. Reading one never runs code.
+"""Save, find and load policies: single safetensors files. Reading one never runs code.
 
 The file's text metadata holds a JSON description under ``perdure.policy`` and the SHA-256 of description and tensors
 under ``sha256``, so that a file that was changed after it was written is refused.
@@ -8,23 +8,227 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import re
 import struct
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from perdure.horizon import HorizonError, HorizonProtocol, clock_from_json
-from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.policy import Normalizer, Policy
+from perdure.errors import PerdureError, did_you_mean
+from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.policy.network import LARGEST_INPUT
+from perdure.policy.policy import Normalizer, Policy, TanhSquash, TaskInfo
 from perdure.policy.reference import Reference
-from perdure.policy.schema import DESCRIPTION, VERSIONS, check_arrays
-from perdure.policy.shipped import find_policy
-from perdure.policy.squash import TanhSquash
-from perdure.policy.task import TaskInfo
 from perdure.runs import write_atomic
-from perdure.schema import SchemaError, read_json
+from perdure.schema import LARGEST, Count, Line, Name, Number, Record, checked, read_json
+
+# What a file may hold
+
+VERSIONS = (1, 2, 3)
+
+
+class Description(Record, frozen=True):
+    """What a policy file says in JSON. Protocol, clock and squash are checked where they are built."""
+
+    version: int
+    task: TaskInfo
+    activation: str
+    normalizer: dict[Literal["clip", "epsilon"], Annotated[float, Meta(gt=0, le=LARGEST_INPUT)]]
+    protocol: Any
+    clock: Any
+    provenance: dict[str, Any]
+    return_scale: Number | None = None
+    reference: dict[Literal["horizon"], Annotated[int, Meta(ge=1, le=100_000_000)]] | None = None
+    squash: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the version and the task, and what others read of the provenance."""
+        if self.version not in VERSIONS:
+            raise ValueError(f"its format is version {self.version}; versions 1 to {VERSIONS[-1]} are read")
+        checked(self.task.name, Name, "task.name")
+        low, high = self.task.action_low, self.task.action_high
+        if not 0 < len(low) == len(high) or not all(a <= b for a, b in zip(low, high, strict=True)):
+            raise ValueError("action_low and action_high must have the same length, and no low above its high")
+        if not 1 <= self.task.observation_size <= 1_000_000:
+            raise ValueError(f"observation_size must be 1 to 1,000,000, not {self.task.observation_size}")
+        if len(self.normalizer) < 2 or self.normalizer["epsilon"] > 1:
+            raise ValueError("normalizer must have a clip, and an epsilon of at most 1")
+        checked(self.provenance, _Provenance, "provenance")
+
+
+class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
+    method: Name = "unknown"
+    seed: Count = 0
+    preset: Line = ""
+    engine: Line = ""
+    command: Annotated[str, Meta(max_length=10_000)] = ""
+
+
+ARRAYS: Mapping[str, str] = {
+    "normalizer.mean": "f8",
+    "normalizer.var": "f8",
+    "reference.rewards": "f8",
+    "reference.lengths": "i8",
+    "reference.terminated": "b1",
+    "reference.observation_low": "f8",
+    "reference.observation_high": "f8",
+}
+"""Name of an array to its type; every other array holds weights."""
+WEIGHTS = ("f2", "f4")
+"""Types of weights."""
+
+
+def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Check types and numbers of a file's arrays; shapes are checked where policy and reference are built.
+
+    Raises:
+        PerdureError: With the name of the array.
+    """
+    for name, array in arrays.items():
+        kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
+        if kind not in allowed:
+            raise PerdureError(f"{name} must hold numbers of the type {' or '.join(allowed)}, not {kind}")
+        if not np.isfinite(array).all() or (kind == "f8" and (np.abs(array) > LARGEST).any()):
+            raise PerdureError(f"{name} holds numbers that are not finite")
+        if name == "normalizer.var" and (array < 0).any():
+            raise PerdureError(f"{name} holds a negative variance")
+
+
+# Find policies in folders: your own, or the cache of Hugging Face's tools.
+# Nothing is downloaded here. `huggingface-cli download ORG/NAME` and `snapshot_download` leave ``models--ORG--
+# NAME/snapshots/COMMIT/`` behind, with the commit of each branch in ``refs/``.
+
+
+SUFFIX = ".safetensors"
+BRANCH = "main"
+_MODEL = re.compile(r"models--.+")
+
+
+def policy_in_folder(folder: Path) -> Path:
+    """Return the one policy file in a folder, or in the downloaded model that the folder is.
+
+    Args:
+        folder: Holds one `*.safetensors`; or it is `models--ORG--NAME`, as in Hugging Face's cache.
+
+    Raises:
+        PerdureError: If there is none, or more than one.
+    """
+    if _MODEL.fullmatch(folder.name) and (folder / "snapshots").is_dir():
+        folder = _snapshot(folder)
+    found = sorted(path for path in folder.glob(f"*{SUFFIX}") if path.is_file())
+    if len(found) == 1:
+        return found[0]
+    names = f"{len(found)}: {', '.join(path.name for path in found[:5])}" if found else "none"
+    raise PerdureError(f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}")
+
+
+def policy_in_cache(name: str) -> Path | None:
+    """Return the policy of a downloaded model `ORG/NAME`; None if that is no such name or was not downloaded.
+
+    Raises:
+        PerdureError: If the model is there, but holds no policy or more than one.
+    """
+    if not re.fullmatch(r"[\w.-]+/[\w.-]+", name):
+        return None
+    folder = _cache() / f"models--{name.replace('/', '--')}"
+    return policy_in_folder(folder) if (folder / "snapshots").is_dir() else None
+
+
+def is_downloaded(file: Path) -> bool:
+    """Return whether a file lies in a model of Hugging Face's cache, ``models--ORG--NAME/snapshots/COMMIT/``."""
+    return any(each.name == "snapshots" and _MODEL.fullmatch(each.parent.name) for each in file.absolute().parents)
+
+
+def _cache() -> Path:
+    """Return the folder of models in Hugging Face's cache, by their environment variables."""
+    if cache := os.environ.get("HF_HUB_CACHE"):
+        return _expanded(cache)
+    if home := os.environ.get("HF_HOME"):
+        return _expanded(home) / "hub"
+    return _expanded(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "huggingface" / "hub"
+
+
+def _expanded(path: str) -> Path:
+    return Path(os.path.expandvars(os.path.expanduser(path)))
+
+
+def _snapshot(model: Path) -> Path:
+    """Return the commit that the main branch points to; without branches the only one there is."""
+    reference = model / "refs" / BRANCH
+    if reference.is_file():
+        commit = reference.read_text(errors="replace").strip()
+        if re.fullmatch(r"[0-9a-f]{6,64}", commit) and (model / "snapshots" / commit).is_dir():
+            return model / "snapshots" / commit
+    snapshots = sorted(path for path in (model / "snapshots").iterdir() if path.is_dir())
+    if len(snapshots) != 1:
+        raise PerdureError(
+            f"{model} holds {len(snapshots)} snapshots and no branch {BRANCH}; name the folder of one of them"
+        )
+    return snapshots[0]
+
+
+# Policies that come with the package, by name.
+
+
+SHIPPED = Path(__file__).parent / "shipped"
+"""`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
+
+
+def shipped_policies() -> dict[str, Path]:
+    """Return name, such as "Hopper-v3/geometric" or "home/set_table/place/seed-0", to file."""
+    return {
+        path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in sorted(SHIPPED.rglob("*.safetensors"))
+    }
+
+
+LABELS = {
+    "HalfCheetah-v3/geometric": "holds under constant:500 in 9 of 10 episodes; turns over under constant:0",
+    "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
+    "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
+    "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
+    "Hopper-v3/ppo": "falls, half of its episodes by step 4,000",
+    "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Walker2d-v3/geometric": "holds under constant:500",
+    "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
+}
+"""Outcomes of the shipped locomotion policies after 100,000 steps, judged by `perdure extrapolate` from the start
+states 0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they
+are examples, no comparison of methods."""
+
+
+def find_policy(name: str | Path) -> Path:
+    """Return a policy's file.
+
+    Args:
+        name: A file; a folder that holds one policy; a shipped policy, such as "Hopper-v3/geometric"; or a model
+            "ORG/NAME" that Hugging Face's tools have downloaded (see `perdure.policy.files`).
+
+    Raises:
+        PerdureError: If there is none; the message offers the nearest names.
+    """
+    shipped, path = shipped_policies(), Path(name)
+    if path.is_dir() and str(name) in shipped and not any(path.glob("*.safetensors")):
+        raise PerdureError(
+            f"{name} is a shipped policy, but there is a folder {path.resolve()}: name a policy file in it, or run the "
+            "command in another folder"
+        )
+    if path.exists():
+        return policy_in_folder(path) if path.is_dir() else path
+    if str(name) in shipped:
+        return shipped[str(name)]
+    if downloaded := policy_in_cache(str(name)):
+        return downloaded
+    raise PerdureError(
+        f"there is no policy file {name}, and no shipped policy of that name; "
+        f"`perdure list policies` shows all{did_you_mean(name, shipped, 2)}"
+    )
+
 
 FORMAT = "perdure.policy"
 VERSION = VERSIONS[-1]
@@ -43,7 +247,7 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
     """Write the policy, whole or not at all. The same policy gives the same bytes.
 
     Raises:
-        PolicyFileError: If the policy holds what no file may hold, such as a weight that is not finite.
+        PerdureError: If the policy holds what no file may hold, such as a weight that is not finite.
         OSError: If the file cannot be written; an old one is untouched.
     """
     from safetensors.numpy import save
@@ -55,10 +259,10 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
         tensors |= {f"reference.{name}": np.ascontiguousarray(getattr(policy.reference, name)) for name in _MEASURED}
     description = _describe(policy)
     try:
-        DESCRIPTION.check(json.loads(description))
+        read_json(description, Description)
         check_arrays(tensors)
-    except SchemaError as error:
-        raise PolicyFileError(f"{path} cannot be written: {error}") from None
+    except PerdureError as error:
+        raise PerdureError(f"{path} cannot be written: {error}") from None
     metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
     write_atomic(Path(path), _stable_header(save(tensors, metadata)))
     return Path(path)
@@ -71,20 +275,20 @@ def load_policy(path: str | Path) -> Policy:
         path: As `perdure.policy.find_policy` takes it.
 
     Raises:
-        PolicyFileError: If there is no such policy, or the file is not a policy, is damaged or was
+        PerdureError: If there is no such policy, or the file is not a policy, is damaged or was
             changed, with what is wrong.
     """
     path = find_policy(path)
     if not path.is_file():
-        raise PolicyFileError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
+        raise PerdureError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
     description, checksum, data = _read(path)
     tensors = _tensors(path, data)
     if checksum != _digest(description, tensors):
-        raise PolicyFileError(f"{path} was changed after it was written: its contents do not match its checksum")
+        raise PerdureError(f"{path} was changed after it was written: its contents do not match its checksum")
     try:
-        return _build(read_json(description), tensors)
-    except (SchemaError, HorizonError, PolicyError) as error:
-        raise PolicyFileError(f"{path} cannot be read as a policy: {error}") from error
+        return _build(read_json(description, Description), tensors)
+    except PerdureError as error:
+        raise PerdureError(f"{path} cannot be read as a policy: {error}") from error
 
 
 def _read(path: Path) -> tuple[str, str | None, bytes]:
@@ -94,21 +298,21 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         start = file.read(8)
         size = int.from_bytes(start, "little")
         if start.startswith(b"PK\x03\x04"):
-            raise PolicyFileError(
+            raise PerdureError(
                 f"{path} is a zip archive. Convert a model of Stable-Baselines3 first: perdure import {path} "
                 "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
             )
         if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8):
-            raise PolicyFileError(foreign)
+            raise PerdureError(foreign)
         text = file.read(size)
         try:
             header = read_json(text)
-        except SchemaError:
-            raise PolicyFileError(foreign) from None
+        except PerdureError:
+            raise PerdureError(foreign) from None
         metadata = header.get("__metadata__") if isinstance(header, dict) else None
         description = metadata.get(FORMAT) if isinstance(metadata, dict) else None
         if not isinstance(metadata, dict) or not isinstance(description, str):
-            raise PolicyFileError(f"{path} is a safetensors file, but not a perdure policy")
+            raise PerdureError(f"{path} is a safetensors file, but not a perdure policy")
         checksum = metadata.get("sha256")
         return description, checksum, start + text + file.read()
 
@@ -121,7 +325,7 @@ def _tensors(path: Path, data: bytes) -> Tensors:
         return load(data)
     except (SafetensorError, KeyError, ValueError, TypeError, OverflowError, MemoryError) as error:
         # All but the first: types and shapes that NumPy does not have.
-        raise PolicyFileError(f"{path} is damaged, perhaps its end is missing: {error}") from None
+        raise PerdureError(f"{path} is damaged, perhaps its end is missing: {error}") from None
 
 
 def _describe(policy: Policy) -> str:
@@ -147,34 +351,27 @@ def _describe(policy: Policy) -> str:
     return json.dumps(description, sort_keys=True, indent=1)
 
 
-def _build(description: Any, tensors: Tensors) -> Policy:
-    version = description.get("version") if isinstance(description, dict) else None
-    if type(version) is int and version not in VERSIONS:
-        raise PolicyError(f"its format is version {version}; this perdure reads versions 1 to {VERSION}")
-    DESCRIPTION.check(description)
-    reference = description.get("reference")
+def _build(description: Description, tensors: Tensors) -> Policy:
+    reference = description.reference
     wanted = ["normalizer.mean", "normalizer.var", *(f"reference.{name}" for name in _MEASURED if reference)]
     if missing := [name for name in wanted if name not in tensors]:
-        raise PolicyError(f"it has no array {missing[0]}")
+        raise PerdureError(f"it has no array {missing[0]}")
     check_arrays(tensors)
     measured = None
     if reference is not None:
         arrays = {name: tensors.pop(f"reference.{name}") for name in _MEASURED}
         measured = Reference(horizon=reference["horizon"], **arrays)
-    task = description["task"]
-    normalizer = Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description["normalizer"])
-    clock, squash = description["clock"], description.get("squash")
     return Policy(
-        task=TaskInfo(task["name"], task["observation_size"], tuple(task["action_low"]), tuple(task["action_high"])),
+        task=description.task,
         weights=tensors,
-        activation=description["activation"],
-        normalizer=normalizer,
-        protocol=HorizonProtocol.from_json(description["protocol"]),
-        clock=None if clock is None else clock_from_json(clock),
-        provenance=description["provenance"],
-        return_scale=description.get("return_scale"),
+        activation=description.activation,
+        normalizer=Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description.normalizer),
+        protocol=HorizonProtocol.from_json(description.protocol),
+        clock=None if description.clock is None else clock_from_json(description.clock),
+        provenance=description.provenance,
+        return_scale=description.return_scale,
         reference=measured,
-        squash=None if squash is None else TanhSquash.from_json(squash),
+        squash=None if description.squash is None else TanhSquash.from_json(description.squash),
     )
 
 

@@ -7,21 +7,86 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perdure.horizon import Clock, HorizonProtocol
-from perdure.policy.errors import PolicyError
+from perdure.errors import PerdureError
+from perdure.horizon import Clock, Constant, HorizonProtocol, LaneClocks
 from perdure.policy.network import Perceptron, Weights
-from perdure.policy.policy_lanes import PolicyLanes
 from perdure.policy.reference import Reference
-from perdure.policy.squash import TanhSquash
-from perdure.policy.task import TaskInfo
 
 if TYPE_CHECKING:
     from perdure.policy.readers.cleanrl import ObservationStatistics
+
+
+# Description of the task that a policy was trained on.
+
+
+@dataclass(frozen=True)
+class TaskInfo:
+    """The task that a policy was trained on, for checks that a world fits the policy."""
+
+    name: str
+    observation_size: int
+    action_low: tuple[float, ...]
+    action_high: tuple[float, ...]
+    discrete_actions: bool = False
+    """Whether each action component is a whole number from its lowest to its highest."""
+
+    @property
+    def action_size(self) -> int:
+        """Length of one action."""
+        return len(self.action_low)
+
+
+# Squash the network's output into the action box by tanh, instead of clipping it.
+
+
+@dataclass(frozen=True)
+class TanhSquash:
+    """low + (tanh(output) + 1) / 2 * (high - low), as SAC, TQC and TD3 of Stable-Baselines3 act.
+
+    Raises:
+        PerdureError: If the limit is not positive.
+    """
+
+    limit: float = math.inf
+    """The output is cut to +-limit before tanh; Stable-Baselines3's `clip_mean` (SAC and TQC with `use_sde`)."""
+
+    def __post_init__(self) -> None:
+        """Refuse a limit that is no positive number."""
+        if not (isinstance(self.limit, int | float) and self.limit > 0):
+            raise PerdureError(f"the limit of a squashed output must be a positive number, got {self.limit!r}")
+
+    def __call__(
+        self, outputs: NDArray[np.float32], low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return actions of shape (n, action_size) within the box, from outputs of that shape.
+
+        The arithmetic is of 32 bits, in the order of Stable-Baselines3's `unscale_action`.
+        """
+        limit, one, half = np.float32(self.limit), np.float32(1), np.float32(0.5)
+        scaled = np.tanh(np.minimum(np.maximum(outputs, -limit), limit))
+        low32, high32 = low.astype(np.float32), high.astype(np.float32)
+        return (low32 + half * (scaled + one) * (high32 - low32)).astype(np.float64)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the squashing as plain JSON values."""
+        return {"name": "tanh", "limit": None if math.isinf(self.limit) else float(self.limit)}
+
+    @classmethod
+    def from_json(cls, values: Any) -> Self:
+        """Return the squashing that :meth:`to_json` described.
+
+        Raises:
+            PerdureError: If the values describe none.
+        """
+        if not isinstance(values, dict) or set(values) != {"name", "limit"} or values["name"] != "tanh":
+            raise PerdureError('a squashing is written {"name": "tanh", "limit": a positive number or null}')
+        return cls(math.inf if values["limit"] is None else values["limit"])
+
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +138,7 @@ class Policy:
     """A deterministic policy: the mean of the trained Gaussian, clipped to the action box or squashed into it.
 
     Raises:
-        PolicyError: If weights, normalizer and protocol do not fit together.
+        PerdureError: If weights, normalizer and protocol do not fit together.
     """
 
     task: TaskInfo
@@ -81,7 +146,7 @@ class Policy:
     """``policy.{layer}.weight`` (in, out), ``policy.{layer}.bias`` (out,), the same for ``value`` (unless it was left
     out, see :meth:`without_critic`), and ``log_std``."""
     activation: str
-    """Between layers; a name of `perdure.policy.activations.ACTIVATIONS`, such as "relu" or "tanh"."""
+    """Between layers; a name of `perdure.policy.network.ACTIVATIONS`, such as "relu" or "tanh"."""
     normalizer: Normalizer
     protocol: HorizonProtocol
     clock: Clock | None = None
@@ -100,36 +165,36 @@ class Policy:
         """Refuse parts that do not fit together."""
         expected = self.task.observation_size + self.protocol.embedding_size
         if self._actor.input_size != expected:
-            raise PolicyError(
+            raise PerdureError(
                 f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
                 f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
             )
         networks = (self._actor, self._critic) if self.has_critic else (self._actor,)
         if any(each.modulation_size not in (0, self.protocol.embedding_size) for each in networks):
-            raise PolicyError(
+            raise PerdureError(
                 f"{self.task.name}: phi has {self.protocol.embedding_size} numbers, but hidden layers are modulated by "
                 f"{self._actor.modulation_size}"
             )
         sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
         critic = (self._critic.input_size, self._critic.output_size) if self.has_critic else (expected, 1)
         if len(set(sizes)) > 1 or critic != (expected, 1):
-            raise PolicyError(
+            raise PerdureError(
                 f"{self.task.name}: the networks have {sizes[0]} actions and {critic[1]} value(s) of "
                 f"{critic[0]} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
                 f"actions, and the value is one number of {expected} inputs"
             )
         normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
         if self.normalizer.mean.shape != (normalized,) or self.normalizer.var.shape != (normalized,):
-            raise PolicyError(f"{self.task.name}: the normalizer must have {normalized} means and variances")
+            raise PerdureError(f"{self.task.name}: the normalizer must have {normalized} means and variances")
         if (self.clock is None) != (self.protocol.embedding is None):
-            raise PolicyError(f"{self.task.name}: a policy has a clock if, and only if, it has an embedding")
+            raise PerdureError(f"{self.task.name}: a policy has a clock if, and only if, it has an embedding")
         scale = self.return_scale
         if scale is not None and not (isinstance(scale, int | float) and 0 < scale < math.inf):
-            raise PolicyError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
+            raise PerdureError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
         if self.squash is not None and not np.isfinite(self._box).all():
-            raise PolicyError(f"{self.task.name}: a squashed output needs an action box with finite bounds")
+            raise PerdureError(f"{self.task.name}: a squashed output needs an action box with finite bounds")
         if self.reference is not None and len(self.reference.observation_low) != self.task.observation_size:
-            raise PolicyError(
+            raise PerdureError(
                 f"{self.task.name}: the reference has {len(self.reference.observation_low)} observation components, "
                 f"the task {self.task.observation_size}"
             )
@@ -197,14 +262,14 @@ class Policy:
             clock: Replaces the policy's own clock; only for a policy with an embedding.
 
         Raises:
-            PolicyError: If shapes do not fit, or a clock is given to a policy without phi.
+            PerdureError: If shapes do not fit, or a clock is given to a policy without phi.
         """
         clock = clock or self.clock
         steps = np.asarray(elapsed, np.float64)
         if clock is None:
             return self.act_at(observations, steps, np.full(steps.shape, np.inf))
         if self.protocol.embedding is None:
-            raise PolicyError(f"this {self.task.name} policy has no time-to-go input, so it takes no clock")
+            raise PerdureError(f"this {self.task.name} policy has no time-to-go input, so it takes no clock")
         return self.act_at(observations, *clock.time(steps))
 
     def act_at(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
@@ -258,23 +323,23 @@ class Policy:
         """Return a policy of half the size that acts nearly the same: weights are rounded to 16-bit floats.
 
         Raises:
-            PolicyError: If a weight is too large for 16 bits (65,504).
+            PerdureError: If a weight is too large for 16 bits (65,504).
         """
         with np.errstate(over="ignore"):
             short = {name: each.astype(np.float16) for name, each in self.weights.items()}
         for name, each in short.items():
             if not np.isfinite(each).all():
-                raise PolicyError(f"{self.task.name}: {name} holds numbers that 16 bits cannot hold")
+                raise PerdureError(f"{self.task.name}: {name} holds numbers that 16 bits cannot hold")
         return replace(self, weights=short)
 
     def value(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
         """Return the critic's estimate of the return from here on, in reward units, shape (n,).
 
         Raises:
-            PolicyError: If shapes do not fit, or the critic or the scale of the returns is not in the policy.
+            PerdureError: If shapes do not fit, or the critic or the scale of the returns is not in the policy.
         """
         if self.return_scale is None:
-            raise PolicyError(
+            raise PerdureError(
                 f"this {self.task.name} policy does not say by what its rewards were divided in training, so its value "
                 "is known in scaled reward only: scaled_value"
             )
@@ -284,10 +349,10 @@ class Policy:
         """Return the critic's estimate in rewards as scaled in training, shape (n,).
 
         Raises:
-            PolicyError: If shapes do not fit, or the critic was left out.
+            PerdureError: If shapes do not fit, or the critic was left out.
         """
         if not self.has_critic:
-            raise PolicyError(f"this {self.task.name} policy was saved without its critic, so it has no value")
+            raise PerdureError(f"this {self.task.name} policy was saved without its critic, so it has no value")
         return self._critic(self.inputs(observations, self.embed(elapsed, horizons)))[:, 0].astype(np.float64)
 
     def embed(self, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
@@ -299,14 +364,46 @@ class Policy:
         """Return the inputs of the networks: normalized observation and phi, shape (n, input_size), float32."""
         rows = np.asarray(observations, np.float64)
         if rows.ndim != 2 or rows.shape[1] != self.task.observation_size:
-            raise PolicyError(
+            raise PerdureError(
                 f"{self.task.name}: observations must have shape (n, {self.task.observation_size}), got {rows.shape}"
             )
         if phi.shape[:-1] != rows.shape[:1]:
-            raise PolicyError(f"{self.task.name}: elapsed must have shape ({len(rows)},), got {phi.shape[:-1]}")
+            raise PerdureError(f"{self.task.name}: elapsed must have shape ({len(rows)},), got {phi.shape[:-1]}")
         if self.protocol.normalize_embedding:
             return self.normalizer(np.concatenate([rows, phi], axis=1)).astype(np.float32)
         result = np.empty((len(rows), rows.shape[1] + phi.shape[1]), np.float32)
         result[:, : rows.shape[1]] = self.normalizer(rows)
         result[:, rows.shape[1] :] = phi
         return result
+
+
+# The running lanes of one `Policy`; phi is computed once if all clocks are constant.
+
+
+class PolicyLanes:
+    """See `perdure.policy.closed_loop.ActingLanes`. A row's action depends on no other row."""
+
+    def __init__(self, policy: Policy, clocks: Sequence[Clock | None]) -> None:
+        """Begin one lane for each clock."""
+        self._policy = policy
+        self._set(list(clocks))
+
+    def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
+        """See `ActingLanes.act`."""
+        return self._policy.act_with(observations, self._embed(elapsed) if self._phi is None else self._phi)
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        """See `ActingLanes.keep`."""
+        self._set([clock for clock, stays in zip(self._clocks, rows, strict=True) if stays])
+
+    def _set(self, clocks: list[Clock | None]) -> None:
+        self._clocks = clocks
+        known = [clock for clock in clocks if clock is not None]
+        self._lane_clocks = LaneClocks(known) if known else None
+        # phi is the same at every step under constant clocks and for policies without phi.
+        self._phi = self._embed(0) if all(isinstance(clock, Constant) for clock in known) else None
+
+    def _embed(self, elapsed: int) -> FloatArray:
+        steps = np.full(len(self._clocks), float(elapsed))
+        times, horizons = (steps, steps) if self._lane_clocks is None else self._lane_clocks.time(steps)
+        return self._policy.embed(times, horizons)

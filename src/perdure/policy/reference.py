@@ -1,4 +1,4 @@
-"""Episodes of a policy within its training horizon: the baseline of the hold score.
+"""Episodes of a policy within its training horizon: the baseline of its score against its own training.
 
 At its end, training records them in the policy file. For other policies, the first evaluation records them.
 """
@@ -6,12 +6,19 @@ At its end, training records them in the policy file. For other policies, the fi
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy.errors import PolicyError
+from perdure.envs import TaskSpec, World, make_world
+from perdure.errors import PerdureError, PerdureWarning
+from perdure.horizon import Clock, Countdown, TimeFeature
+from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep, PolicyLike
+from perdure.policy.divergence import DivergenceDetector
+from perdure.policy.network import one_thread
 
 BIN_STEPS = 10
 """Steps whose rewards are stored as one sum."""
@@ -22,7 +29,7 @@ class Reference:
     """Episodes of a deterministic policy under the conditions it was trained in: horizon T and a countdown to it.
 
     Raises:
-        PolicyError: If the arrays do not fit together.
+        PerdureError: If the arrays do not fit together.
     """
 
     horizon: int
@@ -51,10 +58,10 @@ class Reference:
             and low.shape == high.shape
         )
         if not fits or self.lengths.min() < 1 or self.lengths.max() > self.horizon:
-            raise PolicyError(f"the reference episodes over {self.horizon} steps do not fit together")
+            raise PerdureError(f"the reference episodes over {self.horizon} steps do not fit together")
         finite = all(np.isfinite(each).all() for each in (self.rewards, low, high))
         if not finite or not (low <= high).all():
-            raise PolicyError("the reference episodes hold numbers that are not finite or an empty observation range")
+            raise PerdureError("the reference episodes hold numbers that are not finite or an empty observation range")
 
     @property
     def returns(self) -> NDArray[np.float64]:
@@ -66,3 +73,95 @@ class Reference:
     def rate(self) -> float:
         """Mean reward of a step that was made, over all episodes."""
         return float(self.rewards.sum() / self.lengths.sum())
+
+
+# Record episodes of a policy within its training horizon.
+
+
+EPISODES = 20
+"""Episodes that training measures."""
+FIRST_SEED = 500_000
+"""Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
+
+
+def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
+    """Return the steps of a training episode: those given, otherwise the environment's step limit.
+
+    Warns with a PerdureWarning where there is neither: `TaskSpec.default_horizon` is then assumed.
+
+    Raises:
+        PerdureError: If fewer than 1 are given.
+    """
+    if given is not None and given < 1:
+        raise PerdureError(f"training_horizon must be at least 1, got {given}")
+    if given is None and not spec.has_step_limit:
+        warnings.warn(
+            PerdureWarning(
+                f"{spec.name} has no step limit; its training horizon is taken to be {spec.default_horizon:,} steps. "
+                "Name yours with --training-horizon (training_horizon=)"
+            ),
+            stacklevel=4,
+        )
+    return given or spec.default_horizon
+
+
+def training_horizon(policy: PolicyLike, default: int) -> int:
+    """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
+    longest = policy.training_horizon
+    return int(longest) if math.isfinite(longest) else default
+
+
+def _counted_from(policy: PolicyLike, horizon: int) -> float:
+    """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
+    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
+    return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
+
+
+def measure_reference(
+    policy: PolicyLike,
+    episodes: int = EPISODES,
+    world: World | None = None,
+    observe: Callable[[LaneStep], None] = lambda lane_step: None,
+) -> Reference:
+    """Run a policy within its training horizon, in this process, and return what it did.
+
+    Args:
+        policy: Acts with its mean; if it has a time-to-go input, its clock counts down as in training.
+        episodes: How many, each from a different start state.
+        world: Where to run, one lane for each episode; it is closed. By default the policy's own task.
+        observe: Called with each step.
+
+    Raises:
+        PerdureError: If the policy does not fit the world, or an episode starts with an observation that is not finite.
+    """
+    world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
+    try:
+        horizon = training_horizon(policy, world.spec.default_horizon)
+        clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
+        loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
+        first = loop.observations
+        low, high = first.min(axis=0), first.max(axis=0)
+        scale = np.tile(policy.observation_std, (episodes, 1))
+        detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
+        rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
+        lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
+        with one_thread():
+            for step in range(horizon):
+                lane_step = loop.advance()
+                observe(lane_step)
+                result = lane_step.step
+                valid = ~detector.diverged(lane_step)
+                rewards[lane_step.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
+                if valid.any():
+                    low = np.minimum(low, result.observations[valid].min(axis=0))
+                    high = np.maximum(high, result.observations[valid].max(axis=0))
+                if not valid.all():
+                    loop.drop(lane_step.lanes[~valid])
+                ended = result.ended | ~valid
+                lengths[lane_step.lanes[ended]] = step + 1
+                terminated[lane_step.lanes[ended]] = result.terminated[ended]
+                if not len(loop.running):
+                    break
+    finally:
+        world.close()
+    return Reference(horizon, rewards, lengths, terminated, low, high)

@@ -1,23 +1,16 @@
-"""The figures of a table: failures, survival and reward over steps, the choice of C, the score at the end."""
+"""The figures of a task: failures, survival and reward over steps, the choice of C, the score at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
-from perdure.report import theme, wording
-from perdure.report.axes import Axis, FloatArray
-from perdure.report.comparisons import best_clock
-from perdure.report.curves import Curve, Level, Marker, curve_chart
-from perdure.report.estimates import Estimate
-from perdure.report.groups import NO_CLOCK
-from perdure.report.render import Figure, slug
-from perdure.report.rows import Points, point_chart
-from perdure.report.statistics import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval
-from perdure.report.theme import Style
+from perdure.report import charts, wording
+from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
+from perdure.report.estimates import NO_CLOCK, Estimate, best_clock
+from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval
 
 MOST_CURVES = 8
 """Curves one figure shows without a color scale; sweeps of C get separate figures."""
@@ -25,7 +18,20 @@ MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
 _AT_THE_END = "Bars at the right: at the last step,"
 _SELECTED = "Of every kind of clock the best C is shown, chosen on these episodes. "
-_FAILURE = "Failure: a fall, a divergence, or a hold score that stays below 0.75 until the end. "
+_OVER_STEPS = {
+    "working": (
+        *("working", "Episodes that have not failed", "share of episodes that have not failed"),
+        "Failure: a fall, a divergence, or a hold score that stays below 0.75 until the end. ",
+    ),
+    "survival": ("survival", "Episodes that have not ended", "share of episodes that have not ended", ""),
+    # On a logarithmic axis, a cumulative return with linear growth would be curved.
+    "returns": (
+        *("reward", "Reward per step so far", "mean reward per step so far"),
+        "Return so far, divided by the steps so far; an ended episode earns nothing more. ",
+    ),
+}
+"""Field of `Estimate` to name, title, axis and note of its figure."""
+Sweeps = dict[tuple[str, str], list[Estimate]]
 
 
 def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
@@ -39,18 +45,14 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
         all C; the return at the end against C when there are two or more values; the hold score at the end.
     """
     shown = overview(estimates)
-    chosen = [("", shown)]
-    chosen += [(title, sweep) for title, sweep in _sweeps(estimates) if len(shown) < len(estimates)]
-    figures: list[Figure] = []
-    for title, part in chosen:
-        selected = _SELECTED if part is shown and len(shown) < len(estimates) else ""
-        made = [
-            _share_figure("working", "failed", title, part, _FAILURE),
-            _share_figure("survival", "ended", title, part),
-            _reward_figure(title, part),
-        ]
-        figures += [replace(each, note=f"{selected}{each.note}") for each in made]
-    figures += [*_choice_figure(estimates), *_hold_figure(estimates)]
+    some = len(shown) < len(estimates)
+    figures = [_over_steps(what, "", shown, _SELECTED if some else "") for what in _OVER_STEPS]
+    baselines = [item for item in estimates if item.group.clock_kind == NO_CLOCK]
+    for (line, kind), sweep in _sweeps(estimates).items():
+        if some and len(sweep) > 2:
+            title = f"{line}, {wording.clock(kind, 'C')}"
+            figures += [_over_steps(what, title, baselines + sweep) for what in _OVER_STEPS]
+    figures += [*_against_c(estimates), *_hold_at_the_end(estimates)]
     task = estimates[0].group.task
     return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
 
@@ -59,57 +61,49 @@ def overview(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Choose the groups of the first figures: all groups, or the best C of each line and kind and all without C."""
     if len(estimates) <= MOST_CURVES:
         return list(estimates)
-    chosen = [id(best_clock(sweep)) for sweep in _by_line_and_kind(estimates).values()]
+    chosen = [id(best_clock(sweep)) for sweep in _sweeps(estimates).values()]
     return [item for item in estimates if not item.group.is_tuned_by_steps or id(item) in chosen]
 
 
-def _sweeps(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
-    """Return all C of one line and kind, with every policy without a clock."""
-    baselines = [item for item in estimates if item.group.clock_kind == NO_CLOCK]
-    sweeps = _by_line_and_kind(estimates).items()
-    found = [(line, wording.clock(kind, "C"), sweep) for (line, kind), sweep in sweeps if len(sweep) > 2]
-    return [(f"{line}, {clock}", baselines + sweep) for line, clock, sweep in found]
-
-
-def _by_line_and_kind(estimates: Sequence[Estimate]) -> dict[tuple[str, str], list[Estimate]]:
+def _sweeps(estimates: Sequence[Estimate]) -> Sweeps:
     """Return the groups whose clock has a C, by line and kind of clock."""
-    sweeps: dict[tuple[str, str], list[Estimate]] = {}
+    sweeps: Sweeps = {}
     for item in estimates:
         if item.group.is_tuned_by_steps:
             sweeps.setdefault((item.group.line, item.group.clock_kind), []).append(item)
     return sweeps
 
 
-def _styles(chosen: Sequence[Estimate]) -> list[Style]:
-    """Return styles: by C if one line is swept, else by name."""
-    tuned = [item.group for item in chosen if item.group.is_tuned_by_steps]
-    values = sorted({group.clock_steps for group in tuned})
-    if len(values) < 4 or len({(group.line, group.clock_kind) for group in tuned}) > 1:
-        return [theme.style(index) for index in range(len(chosen))]
-    place = {value: index / (len(values) - 1) for index, value in enumerate(values)}
-    others = iter(range(1, len(chosen) + 1))
-    return [
-        theme.ordered_style(place[item.group.clock_steps])
-        if item.group.is_tuned_by_steps
-        else replace(theme.style(next(others)), color=theme.INK)
-        for item in chosen
-    ]
+def _over_steps(what: str, title: str, chosen: Sequence[Estimate], selected: str = "") -> Figure:
+    """Draw a field of `Estimate` over the recorded steps."""
+    name, shown, axis, note = _OVER_STEPS[what]
+    steps = chosen[0].steps.astype(np.float64)
+    low, high = float(steps[0]), float(steps[-1])
+    horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
+    chart = curve_chart(
+        _curves(chosen, what),
+        Axis("steps since the reset", log=len(steps) > 1, low=low, high=high),
+        Axis(f"{axis} ({_episodes(chosen)})", percent=what != "returns"),
+        markers=[Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons],
+        steps=what != "returns",
+    )
+    bands = "Bands: pointwise" if what == "returns" and len(chosen) <= MOST_CURVES else _AT_THE_END
+    note = f"{selected}{note}{_notes(chosen, what, bands)}"
+    return Figure(slug(name, title), ": ".join(filter(None, (shown, title))), chart, note)
 
 
-def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival", "working"]) -> list[Curve]:
+def _curves(chosen: Sequence[Estimate], what: str) -> list[Curve]:
     """Return one curve for each group: returns divided by the steps so far, or a share of episodes."""
     per_step = what == "returns"
-    tuned = {(item.group.line, item.group.clock_kind) for item in chosen if item.group.is_tuned_by_steps}
+    swept = len(_sweeps(chosen)) == 1 and len(chosen) > MOST_CURVES // 2
     found = []
     for item, style in zip(chosen, _styles(chosen), strict=True):
-        interval: Interval = getattr(item, what)
-        steps = item.steps.astype(np.float64)
+        group, interval, steps = item.group, getattr(item, what), item.steps.astype(np.float64)
         divisor = steps if per_step else np.ones_like(steps)
-        swept = len(tuned) == 1 and len(chosen) > MOST_CURVES // 2 and item.group.is_tuned_by_steps
         few = interval.count < FEWEST_FOR_INTERVAL
         found.append(
             Curve(
-                label=f"C = {wording.whole(item.group.clock_steps)}" if swept else item.group.label,
+                label=f"C = {wording.whole(group.clock_steps)}" if swept and group.is_tuned_by_steps else group.label,
                 x=steps,
                 y=interval.estimate / divisor,
                 style=style,
@@ -122,46 +116,19 @@ def _curves(chosen: Sequence[Estimate], what: Literal["returns", "survival", "wo
     return found
 
 
-def _step_axis(chosen: Sequence[Estimate]) -> Axis:
-    steps = chosen[0].steps
-    return Axis("steps since the reset", log=len(steps) > 1, low=float(steps[0]), high=float(steps[-1]))
-
-
-def _markers(chosen: Sequence[Estimate]) -> tuple[Marker, ...]:
-    """Return markers at the ends of training horizons within the drawn steps; infinite and unknown ones have none."""
-    low, high = float(chosen[0].steps[0]), float(chosen[0].steps[-1])
-    horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
-    return tuple(Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons)
-
-
-def _reward_figure(title: str, chosen: Sequence[Estimate]) -> Figure:
-    """Draw reward per step so far. On a logarithmic axis, a cumulative return with linear growth would be curved."""
-    chart = curve_chart(
-        _curves(chosen, "returns"),
-        _step_axis(chosen),
-        Axis(f"mean reward per step so far ({_episodes(chosen)})"),
-        markers=_markers(chosen),
-    )
-    bands = "Bands: pointwise" if len(chosen) <= MOST_CURVES else _AT_THE_END
-    note = "Return so far, divided by the steps so far; an ended episode earns nothing more. "
-    note += _notes(chosen, "returns", bands)
-    name = slug("reward", title)
-    return Figure(name, ": ".join(filter(None, ("Reward per step so far", title))), chart, note)
-
-
-def _share_figure(
-    name: Literal["working", "survival"], happened: str, title: str, chosen: Sequence[Estimate], note: str = ""
-) -> Figure:
-    """Draw the share of episodes to which something has not `happened`."""
-    chart = curve_chart(
-        _curves(chosen, name),
-        _step_axis(chosen),
-        Axis(f"share of episodes that have not {happened} ({_episodes(chosen)})", percent=True),
-        markers=_markers(chosen),
-        steps=True,
-    )
-    shown = ": ".join(filter(None, (f"Episodes that have not {happened}", title)))
-    return Figure(slug(name, title), shown, chart, note + _notes(chosen, name, _AT_THE_END))
+def _styles(chosen: Sequence[Estimate]) -> list[Style]:
+    """Return styles: by C if one line is swept, else by name."""
+    sweeps = _sweeps(chosen)
+    values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
+    if len(values) < 4 or len(sweeps) > 1:
+        return [charts.style(index) for index in range(len(chosen))]
+    others = iter(range(1, len(chosen) + 1))
+    return [
+        charts.ordered_style(values.index(item.group.clock_steps) / (len(values) - 1))
+        if item.group.is_tuned_by_steps
+        else replace(charts.style(next(others)), color=charts.INK)
+        for item in chosen
+    ]
 
 
 def _episodes(chosen: Sequence[Estimate]) -> str:
@@ -170,16 +137,13 @@ def _episodes(chosen: Sequence[Estimate]) -> str:
 
 def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
     """Return the note on intervals: kind, sample size, and what is drawn if there are too few units."""
-    intervals = [getattr(item, what) for item in chosen]
-    parts = []
+    intervals: list[Interval] = [getattr(item, what) for item in chosen]
     many = [each for each in intervals if each.count >= FEWEST_FOR_INTERVAL]
-    kinds = dict.fromkeys((each.label, each.method) for each in many)
-    for label, method in kinds:
+    parts = []
+    for label, method in dict.fromkeys((each.label, each.method) for each in many):
         counts = [each.count for each in many if (each.label, each.method) == (label, method)]
-        if label == TRAINING_SEEDS:
-            over = wording.sample(counts, "training run")
-        else:
-            over = f"{wording.sample(counts, 'start state')}, from one training run"
+        over = f"{wording.sample(counts, 'start state')}, from one training run"
+        over = wording.sample(counts, "training run") if label == TRAINING_SEEDS else over
         parts.append(f"{name} 95 % intervals ({method}) over {over}.")
     if len(many) < len(intervals):
         parts.append(f"No interval where n is less than {FEWEST_FOR_INTERVAL}.")
@@ -188,17 +152,23 @@ def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
     return " ".join(parts)
 
 
-def _choice_figure(estimates: Sequence[Estimate]) -> list[Figure]:
-    """Return at the end against C, with the clocks that have no C as level lines."""
-    sweeps = _by_line_and_kind(estimates)
+def _against_c(estimates: Sequence[Estimate]) -> list[Figure]:
+    """Draw the return at the end against C, with the clocks that have no C as level lines."""
+    sweeps = _sweeps(estimates)
     values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
     if len(values) < 2:
         return []
-    lines = [_sweep(line, kind, sweep, theme.style(k)) for k, ((line, kind), sweep) in enumerate(sweeps.items())]
-    level = [item for item in estimates if not item.group.is_tuned_by_steps]
+    lines = []
+    for k, ((line, kind), sweep) in enumerate(sweeps.items()):
+        steps, returns = [item.group.clock_steps for item in sweep], [item.final_return for item in sweep]
+        columns = map(np.array, (steps, returns, *zip(*(item.returns.last() for item in sweep), strict=True)))
+        x, y, lower, upper = columns
+        label = f"{line}, {wording.clock(kind, 'C')}"
+        lines.append(Curve(label, x, y, charts.style(k), lower, upper, marked=True, intervals="bars"))
+    others = [item for item in estimates if not item.group.is_tuned_by_steps]
     levels = [
-        Level(item.group.label, item.final_return, *_bounds(item.returns), replace(theme.style(k + 1), color=theme.INK))
-        for k, item in enumerate(level)
+        Level(item.group.label, item.final_return, *item.returns.last(), replace(charts.style(k), color=charts.INK))
+        for k, item in enumerate(others, 1)
     ]
     last = wording.whole(float(estimates[0].steps[-1]))
     chart = curve_chart(
@@ -212,44 +182,21 @@ def _choice_figure(estimates: Sequence[Estimate]) -> list[Figure]:
     return [Figure("return-against-c", f"Return of {last} steps by the steps to go given to the policy", chart, note)]
 
 
-def _sweep(line: str, kind: str, sweep: Sequence[Estimate], style: Style) -> Curve:
-    lower, upper = zip(*(_bounds(item.returns) for item in sweep), strict=True)
-    return Curve(
-        label=f"{line}, {wording.clock(kind, 'C')}",
-        x=np.array([item.group.clock_steps for item in sweep]),
-        y=np.array([item.final_return for item in sweep]),
-        style=style,
-        lower=np.array(lower),
-        upper=np.array(upper),
-        marked=True,
-        intervals="bars",
-    )
-
-
-def _bounds(interval: Interval) -> tuple[float, float]:
-    """Return the last bounds; nan where there are too few units."""
-    few = interval.count < FEWEST_FOR_INTERVAL
-    lower, upper = (float(np.ravel(bound)[-1]) for bound in (interval.lower, interval.upper))
-    return (np.nan, np.nan) if few else (lower, upper)
-
-
-def _hold_figure(estimates: Sequence[Estimate]) -> list[Figure]:
+def _hold_at_the_end(estimates: Sequence[Estimate]) -> list[Figure]:
     """Draw the hold score at the end, if it is known; only of the first figures' groups if there are too many."""
     shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
     known = [item for item in shown if np.isfinite(float(item.final_hold.estimate))]
     if not known:
         return []
-    intervals = [item.final_hold for item in known]
-    bounds = np.array([_bounds(interval) for interval in intervals])
-    middle: FloatArray = np.array([float(interval.estimate) for interval in intervals])
+    middle = np.array([float(item.final_hold.estimate) for item in known])
+    lower, upper = np.array([item.final_hold.last() for item in known]).T
     wide = len(known) > MOST_CURVES
     chart = point_chart(
         [f"{item.group.label} (n = {item.group.lanes})" for item in known],
-        [Points("at the end", range(len(known)), middle, theme.style(0), bounds[:, 0], bounds[:, 1])],
+        [Points("at the end", range(len(known)), middle, charts.style(0), lower, upper)],
         Axis("hold score (1: as in training, 0: no better than idle)", low=0.0),
-        theme.WIDE if wide else theme.WIDTH,
+        charts.WIDE if wide else charts.WIDTH,
     )
-    note = (
-        f"{_notes(known, 'final_hold', 'Bars:')} Mean of the last tenth of the steps; an episode that ended counts 0."
-    )
+    over = _notes(known, "final_hold", "Bars:")
+    note = f"{over} Mean of the last tenth of the steps; an episode that ended counts 0."
     return [Figure("hold", "Gain over an idle robot at the end, beside that in training", chart, note, wide=wide)]

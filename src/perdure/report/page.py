@@ -1,108 +1,102 @@
-"""Write the report: one HTML page that works offline, and an image file of each figure."""
+"""Pages: `page.html` filled with figures and tables, and the report of a table with an image file of each figure.
+
+`header`, `figures`, `table`, `text` and `commands` return escaped parts of a page; `page` makes one file of them, which
+works offline.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
-from perdure.report import document
-from perdure.report.comparisons import CLOCK_HEADINGS, best_clocks, compare_clocks
-from perdure.report.estimates import Estimate, estimate_group
+from perdure.report import wording
+from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
+from perdure.report.estimates import SEED, Estimate, Estimates, best_clocks, estimate_table, headline
 from perdure.report.figures import make_figures
-from perdure.report.groups import make_groups, tasks_of
-from perdure.report.lanes import Lanes
-from perdure.report.render import Figure, Format, javascript, save, unique
-from perdure.report.schema import read_lanes
-from perdure.report.table import HEADINGS, RUN_HEADINGS, make_rows, make_run_rows
-from perdure.report.verdict import headline
+from perdure.report.schema import TABLE, read_lanes
 from perdure.runs import write_atomic
+from perdure.schema import printable
+from perdure.stats import Interval, mean_interval
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+# Parts of a page
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, FileSystemLoader
+    from markupsafe import Markup
+
+    environment = Environment(autoescape=True, loader=FileSystemLoader(Path(__file__).parent))
+    environment.filters["json"] = lambda value: Markup(script_json(value))
+    return environment.get_template("page.html")
+
+
+def _part(name: str, *values: Any) -> str:
+    found: str = getattr(_template().module, name)(*values)
+    return found
+
+
+def header(task: str, sentence: str, points: Sequence[str] = ()) -> str:
+    """Return a task's name over the sentence that sums it up and the points behind it, all plain text."""
+    return _part("header", task, sentence, points)
+
+
+def figures(drawn: Sequence[Figure]) -> str:
+    """Return figures with their titles and notes, beside each other where the page is wide enough."""
+    return _part("figures", drawn)
+
+
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> str:
+    """Return a table of plain text under its title, over its note."""
+    return _part("table", title, headings, rows, note)
+
+
+def text(title: str, markup: str) -> str:
+    """Return a paragraph with its title; `markup` is HTML."""
+    from markupsafe import Markup
+
+    return _part("text", title, Markup(markup))
+
+
+def commands(title: str, lines: Sequence[str]) -> str:
+    """Return commands with their title, free of control characters."""
+    return _part("commands", title, [printable(line, lines=True) for line in lines])
+
+
+def page(title: str, parts: Sequence[str], command: str) -> str:
+    """Return the whole page of parts that the functions above returned; it ends with the command ("": not recorded)."""
+    scripts = [each.replace("</script", "<\\/script") for each in (javascript(), str(_part("script")))]
+    digests = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in scripts]
+    # Vega sets style attributes; they can request nothing that default-src and img-src do not allow.
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
+    policy = (
+        f"default-src 'none'; script-src {allowed}; "
+        "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    last = commands("Command", [command or "not recorded"])
+    found = _template().render(title=title, parts=[*parts, last], policy=policy, dark=DARK, scripts=scripts)
+    return found.lstrip()
+
+
+# The report of a table
 
 PAGE = "report.html"
 MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
-SEED = 0
-"""Seed of the bootstrap: the same table gives the same intervals."""
-METHOD = """Every policy ran closed loop under every clock from the same start states. Intervals are 95 % intervals
-over training runs: the episodes of one training run are averaged first. With one training run the episodes are the
-units, and the interval is labeled “evaluation seeds only”: it says nothing about other training runs. Fewer than ten
-units give Student's t interval, which covers the mean of normal scores in 95 of 100 cases whatever their number. Ten
-or more give a percentile bootstrap (2,000 resamples), which covers it in about 90 (ten units) to 93 (24 units). A
-share of the episodes of one training run gives Wilson's score interval."""
-WORDS = """<em>Lane</em>: one deployed episode, from one start state under one clock.<br>
-<em>Clock</em>: sets the time-to-go input. constant(C): always C steps to go; countdown(T): the steps to go until T;
-periodic(C): a countdown from C, again and again.<br>
-<em>Running</em>: not ended by the environment.<br>
-<em>Hold score</em>: (rate - idle) / (reference - idle). Rate is the reward per step before the end, reference the rate
-of the policy itself within its training horizon, and idle the measured rate of zero or of random actions, whichever is
-higher. An early fall does not lower the rate; an ended episode counts as 0 in the mean hold score, and its return stays
-constant.<br>
-<em>Level</em>: the same score with a published policy of the task as reference.<br>
-<em>Holds</em>: the episode runs to the end, with a mean hold score of at least 0.75 in the last tenth of the steps.
-After a pause with a score below 0.25, the mean is taken over five times the pause.<br>
-<em>Decays</em>: the score is below 0.75, and chance does not explain it. <em>Fails silently</em>: it is below 0.25.<br>
-<em>Falls</em>: the environment ends the episode. <em>Diverges</em>: the simulation becomes invalid.<br>
-<em>Never worked</em>: the policy gains too little over an idle robot within its own training horizon; where every
-step pays the same, its episodes end too early there.<br>
-<em>Verdict on a policy</em>: it holds if at least nine in ten episodes hold; otherwise the most common outcome.<br>
-<em>Ever idle</em>: episodes in which two consecutive windows scored below 0.25.<br>
-<em>Half failed by</em>: median of the Kaplan-Meier curve."""
-
-
-Estimates = dict[str, list[Estimate]]
-"""Every group's estimates by task, in the table's order."""
 Table = pl.DataFrame | str | os.PathLike[str]
-
-
-def estimate_table(table: pl.DataFrame | Sequence[Lanes]) -> Estimates:
-    """Estimate every group of a table, or of its lanes; the generator is seeded with SEED.
-
-    Raises:
-        ReportError: The table does not fit the schema.
-    """
-    rng = np.random.default_rng(SEED)
-    groups = make_groups(table)
-    return {task: [estimate_group(group, rng) for group in groups if group.task == task] for task in tasks_of(groups)}
-
-
-def _estimates(table: Table | Estimates) -> Estimates:
-    if isinstance(table, dict):
-        return table
-    return estimate_table(table if isinstance(table, pl.DataFrame) else read_lanes(table)[0])
-
-
-def summary_text(table: Table | Estimates) -> str:
-    """Return the verdicts and the table of numbers as plain text, for a terminal.
-
-    Args:
-        table: An extrapolation table, its file, or what `estimate_table` made of it.
-
-    Raises:
-        ReportError: The table does not fit the schema.
-    """
-    parts = []
-    for estimates in _estimates(table).values():
-        rows = [HEADINGS, *(row.cells for row in make_rows(estimates))]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        points = [f"  {point}" for point in _points(estimates)]
-        parts.append("\n".join([_headline(estimates), *points, "", *lines]))
-    return "\n\n".join(parts)
-
-
-def _headline(estimates: Sequence[Estimate]) -> str:
-    return headline([item.verdict for item in estimates])
-
-
-def _points(estimates: Sequence[Estimate]) -> list[str]:
-    """Return the sentences under the headline: the evidence for each verdict, and the best clock of each policy."""
-    clocks = best_clocks(estimates, np.random.default_rng(SEED))
-    more = len(estimates) - MOST_POINTS
-    rest = [f"{more} more policies and clocks are in the table."] if more > 0 else []
-    return [*(item.verdict.sentence for item in estimates[:MOST_POINTS]), *rest, *clocks]
 
 
 def write_report(
@@ -111,7 +105,7 @@ def write_report(
     command: str,
     formats: Sequence[Format] = ("png",),
 ) -> Path:
-    """Write the page, and each figure as a file beside it.
+    """Write the page, and each figure as a file beside it; return the page's path.
 
     Args:
         table: An extrapolation table, its file, or what `estimate_table` made of it.
@@ -119,58 +113,136 @@ def write_report(
         command: What made the table; shown so that a reader can repeat it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
 
-    Returns:
-        The page.
-
     Raises:
-        ReportError: The table does not fit the schema, or a format is unknown.
+        PerdureError: The table does not fit the schema, or a format is unknown.
         OSError: The folder cannot be written.
     """
-    by_task = _estimates(table)
-    folder = Path(out)
+    by_task, folder, parts, taken = _estimates(table), Path(out), list[str](), set[str]()
     folder.mkdir(parents=True, exist_ok=True)
     javascript()  # bundled before figures are drawn: the other way round takes 60 MB more
-    sections: list[str] = []
-    taken: set[str] = set()
     for task, estimates in by_task.items():
-        figures = unique(make_figures(estimates), taken)
-        save(figures, folder, formats)
-        sections.append(_section(task, estimates, figures))
-    return write_atomic(folder / PAGE, _page(sections, command))
+        drawn = unique(make_figures(estimates), taken)
+        save(drawn, folder, formats)
+        parts += [header(task, headline([item.verdict for item in estimates]), list(_points(estimates)))]
+        parts += [figures(drawn), *_tables(estimates)]
+    return write_atomic(folder / PAGE, page("perdure: does it hold?", [*parts, _part("words")], command))
 
 
-def _page(sections: Sequence[str], command: str) -> str:
-    return document.page(
-        "perdure: does it hold?",
-        [*sections, document.text("Words", WORDS), document.text("How this was made", METHOD)],
-        command,
-    )
+def summary_text(table: Table | Estimates) -> str:
+    """Return the verdicts and the table of numbers as plain text, for a terminal; `table` as in `write_report`."""
+    parts = []
+    for estimates in _estimates(table).values():
+        rows = [tuple(_CELLS), *_rows(estimates)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        points = [f"  {point}" for point in _points(estimates)]
+        parts.append("\n".join([headline([item.verdict for item in estimates]), *points, "", *lines]))
+    return "\n\n".join(parts)
 
 
-def _section(task: str, estimates: Sequence[Estimate], figures: Sequence[Figure]) -> str:
-    rows = make_rows(estimates)
-    over = " or ".join(sorted({row.intervals for row in rows}))
-    numbers = document.table(
-        "All policies and clocks", HEADINGS, [row.cells for row in rows], f"Intervals over {over}."
-    )
-    head = document.header(task, _headline(estimates), _points(estimates))
-    return head + document.figures(figures) + numbers + _training_runs(estimates) + _comparisons(estimates)
+def _estimates(table: Table | Estimates) -> Estimates:
+    if isinstance(table, dict):
+        return table
+    return estimate_table(table if isinstance(table, pl.DataFrame) else read_lanes(table)[0])
 
 
-def _training_runs(estimates: Sequence[Estimate]) -> str:
-    rows = make_run_rows(estimates)
-    if not rows:
-        return ""
-    note = (
-        "Training runs of one method often differ more than methods do. A run that you choose here was chosen on these "
-        "start states: confirm it on others (--first-eval-seed)."
-    )
-    return document.table("Training runs", RUN_HEADINGS, rows, note)
+def _points(estimates: Sequence[Estimate]) -> Iterator[str]:
+    """Yield the sentences under the headline: the evidence for each verdict, and the best clock of each policy."""
+    yield from (item.verdict.sentence for item in estimates[:MOST_POINTS])
+    if len(estimates) > MOST_POINTS:
+        yield f"{len(estimates) - MOST_POINTS} more policies and clocks are in the table."
+    yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _comparisons(estimates: Sequence[Estimate]) -> str:
-    rows = compare_clocks(estimates, np.random.default_rng(SEED))
-    if not rows:
-        return ""
-    note = "Differences of the final return between episodes from the same start state, averaged within training runs."
-    return document.table("Clocks compared", CLOCK_HEADINGS, rows, note)
+def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
+    over = " or ".join(sorted({_over(item.returns) for item in estimates}))
+    yield table("All policies and clocks", tuple(_CELLS), _rows(estimates), f"Intervals over {over}.")
+    if runs := list(_run_rows(estimates)):
+        note = (
+            "Training runs of one method often differ more than methods do. A run that you choose here was chosen on "
+            "these start states: confirm it on others (--first-eval-seed)."
+        )
+        headings = ("policy", "clock", "training seed", "episodes", "return", "verdict", "hold", "episodes that")
+        yield table("Training runs", headings, runs, note)
+    if clocks := list(_clock_rows(estimates, np.random.default_rng(SEED))):
+        note = (
+            "Differences of the final return between episodes from the same start state, averaged within training runs."
+        )
+        columns = ("policy", "clock", "against", "difference of the return", "95 % interval", "better in")
+        yield table("Clocks compared", (*columns, "intervals over"), clocks, note)
+
+
+def _mean(values: np.ndarray[Any, Any]) -> str:
+    """Return the mean of the known values: a share of flags, or a quantity."""
+    if values.dtype == np.bool_:
+        return wording.share(float(values.mean()))
+    return wording.quantity(float(np.nanmean(values)) if np.isfinite(values).any() else np.nan)
+
+
+def _bounds(interval: Interval) -> str:
+    low, high = (float(np.ravel(bound)[-1]) for bound in (interval.lower, interval.upper))
+    return "\u2013" if np.isnan(low) else f"{wording.quantity(low)} to {wording.quantity(high)}"
+
+
+def _over(interval: Interval) -> str:
+    return f"{interval.label} ({interval.method}, {wording.count(interval.count, 'unit')})"
+
+
+def _outcomes(verdicts: Sequence[str]) -> str:
+    return ", ".join(f"{verdict} {number}" for verdict, number in Counter(verdicts).most_common())
+
+
+def _half_failed_by(item: Estimate) -> str:
+    steps = item.group.half_failed_by
+    return wording.whole(steps) if np.isfinite(steps) else "\u2013"
+
+
+def _column_mean(name: str, item: Estimate) -> str:
+    return _mean(item.group[name])
+
+
+_CELLS: dict[str, Callable[[Estimate], str]] = {
+    "policy": lambda item: item.group.line,
+    "clock": lambda item: item.group.clock,
+    "episodes": lambda item: f"{item.group.lanes:,}",
+    "return": lambda item: wording.quantity(item.final_return),
+    "95 % interval": lambda item: _bounds(item.returns),
+    "verdict": lambda item: item.verdict.label,
+    "hold": lambda item: wording.quantity(float(item.final_hold.estimate)),
+    "running": lambda item: _mean(item.group.alive[:, -1]),
+    **{column.shown: partial(_column_mean, name) for name, column in TABLE.items() if column.shown},
+    "level": lambda item: _mean(item.group["level"]),
+    "half failed by": _half_failed_by,
+    "episodes that": lambda item: _outcomes(item.group.verdicts),
+}
+"""Heading to the cell of a policy and clock."""
+
+
+def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
+    return [tuple(cell(item) for cell in _CELLS.values()) for item in estimates]
+
+
+def _run_rows(estimates: Sequence[Estimate]) -> Iterator[tuple[str, ...]]:
+    """Yield one row for each training run of the groups that have several."""
+    for item in estimates:
+        group = item.group
+        for seed, label in sorted(item.verdict.by_training_seed.items()):
+            mine = group["train_seed"] == seed
+            verdicts = [verdict for verdict, chosen in zip(group.verdicts, mine, strict=True) if chosen]
+            mean = wording.quantity(float(group.returns[mine, -1].mean()))
+            cells = (str(seed), f"{len(verdicts):,}", mean, label, _mean(group.final_hold[mine]), _outcomes(verdicts))
+            yield group.line, group.clock, *cells
+
+
+def _clock_rows(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iterator[tuple[str, ...]]:
+    """Compare each clock with the first one of the same line, on the policies and start states that both have."""
+    for line, items in groupby(estimates, key=lambda item: item.group.line):
+        first, *others = [item.group for item in items]
+        for group in others:
+            mine, its = group.paired(first)
+            if mine:
+                difference = group.returns[mine, -1] - first.returns[its, -1]
+                found = mean_interval(difference, group.runs[mine], rng)
+                better = f"{int((difference > 0).sum())} of {wording.count(len(mine), 'episode')}"
+                middle = wording.quantity(float(found.estimate))
+                yield line, group.clock, first.clock, middle, _bounds(found), better, _over(found)

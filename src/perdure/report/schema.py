@@ -1,131 +1,174 @@
-"""The table `perdure.extrapolation`, version 2: one row per lane and recorded step, as Parquet.
+"""The table `perdure.extrapolation`, version 2: one row per episode ("lane") and recorded step, as Parquet.
 
-| column | type | meaning |
-|---|---|---|
-| policy | text | label of the policy, e.g. its file's stem |
-| method | text | how it was trained, e.g. "geometric" |
-| task | text | e.g. "Hopper-v3" |
-| train_seed | int | seed of the training run |
-| train_horizon | float | longest training horizon [steps]; inf: trained without an end; nan: unknown |
-| clock | text | the clock of the policy, e.g. "constant(500)"; "none" for a policy without embedding |
-| clock_kind | text | "constant", "periodic", "countdown", "none" |
-| clock_steps | float | the clock's number, e.g. C = 500; nan where there is none |
-| eval_seed | int | start state: the same for every policy and clock of a task |
-| test_horizon | int | steps of the lane, unless it ended earlier |
-| step | int | a recorded step, > 0 |
-| return | float | sum of rewards over the first `step` steps; an ended lane keeps its last value |
-| alive | bool | the lane completed `step` steps without ending before |
-| end_reason | text | "survived", "terminated", "truncated" or "diverged" |
-| end_step | int | steps the lane lasted |
-| end_detail | text | what led to the end: sign of divergence, first observation outside its training range; may be "" |
-| movement_first | float | movement per step in the first tenth of `test_horizon`, in training standard deviations |
-| movement_last | float | likewise in the last tenth; nan for a lane that ended before |
-| idle_rate | float | reward per step of an idle robot: the better of zero and random actions |
-| reference_rate | float | reward per step of the policy within its training horizon |
-| level_rate | float | reward per step of a published policy of the task; nan: none is known |
-| window | int | steps of the windows that are judged; 0: none |
-| policy_state | text | "worked", "never worked" (within its horizon it gains too little over idle), "cannot tell" |
-| policy_note | text | the evidence for that |
-| outcome | text | "holds", "decays", "fails silently", "falls", "diverges", "cut" or "unknown" |
-| failed_step | int | steps before the failure began; without a failure, all steps of the lane |
-| end_hold | float | (rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known |
-| ever_idle | bool | two consecutive windows, at any time, scored below 0.25: hardly better than idle |
+`TABLE` declares every column once: its type, what it may hold, what it means, and how the report shows it. All lanes of
+a task share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file and
+what the writer adds, such as the `command`.
 
-Tables of version 1 are read too; they say nothing about idle robots, so their policies are "cannot tell".
-
-A lane is (task, policy, train_seed, clock, eval_seed); all lanes of a task share their recorded steps. The file's
-key-value metadata holds `schema`, `version`, a SHA-256 of the content and what the writer adds, such as the `command`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from perdure.report.errors import ReportError
-from perdure.report.fields import NOTES, ROW
-from perdure.report.lanes import CURVES, Columns, Lanes, split_lanes
+from perdure.errors import PerdureError
 from perdure.runs import write_atomic
-from perdure.schema import Parquet, SchemaError, check_columns
+from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "2"
-COLUMNS: dict[str, type[pl.DataType]] = {
-    "policy": pl.String,
-    "method": pl.String,
-    "task": pl.String,
-    "train_seed": pl.Int64,
-    "train_horizon": pl.Float64,
-    "clock": pl.String,
-    "clock_kind": pl.String,
-    "clock_steps": pl.Float64,
-    "eval_seed": pl.Int64,
-    "test_horizon": pl.Int64,
-    "step": pl.Int64,
-    "return": pl.Float64,
-    "alive": pl.Boolean,
-    "end_reason": pl.String,
-    "end_step": pl.Int64,
-    "end_detail": pl.String,
-    "movement_first": pl.Float64,
-    "movement_last": pl.Float64,
-    "idle_rate": pl.Float64,
-    "reference_rate": pl.Float64,
-    "level_rate": pl.Float64,
-    "window": pl.Int64,
-    "policy_state": pl.String,
-    "policy_note": pl.String,
-    "outcome": pl.String,
-    "failed_step": pl.Int64,
-    "end_hold": pl.Float64,
-    "ever_idle": pl.Boolean,
+MOST_STEPS = 10**15
+
+# The declaration
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column."""
+
+    kind: Text | Whole | Real | Flag | Choice
+    """What it may hold; the type follows from it."""
+    about: str
+    """What it means, with its unit."""
+    of: Literal["key", "lane", "step"] = "lane"
+    """Whether it identifies the lane, describes it (equal in all its rows), or changes from step to step."""
+    shown: str = ""
+    """Heading of its mean over episodes in the report's table; "": not shown there."""
+
+    @property
+    def type(self) -> type[pl.DataType]:
+        """The Polars type."""
+        return _TYPES[type(self.kind)][0]
+
+    @property
+    def documentation(self) -> str:
+        """What it means, with the words it may hold."""
+        words = ", ".join(f'"{word}"' for word in self.kind.words) if isinstance(self.kind, Choice) else ""
+        return f"{self.about}: {words}" if words else self.about
+
+
+_TYPES: dict[type, tuple[type[pl.DataType], str]] = {
+    Text: (pl.String, "text"),
+    Choice: (pl.String, "text"),
+    Whole: (pl.Int64, "int"),
+    Real: (pl.Float64, "float"),
+    Flag: (pl.Boolean, "bool"),
 }
-_COLUMNS_1: dict[str, type[pl.DataType]] = {
-    **dict(list(COLUMNS.items())[: list(COLUMNS).index("end_detail")]),
-    "stuck_steps": pl.Int64,
-    "first_tenth": pl.Float64,
-    "last_tenth": pl.Float64,
+NAME = Text(shortest=1)
+"""Of a policy, a task, a method or a clock."""
+_STEPS, _RATE, _MOVEMENT = Whole(1, MOST_STEPS), Real(unknown=True), Real(0.0, unknown=True)
+_HORIZON, _CLOCK_STEPS = (Real(least, infinite=True, unknown=True) for least in (1.0, 0.0))
+END_REASONS = ("survived", "terminated", "truncated", "diverged")
+POLICY_STATES = ("worked", "never worked", "cannot tell")
+OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
+
+TABLE: dict[str, Column] = {
+    "policy": Column(NAME, "label of the policy, e.g. its file's stem", "key"),
+    "method": Column(NAME, 'how it was trained, e.g. "geometric"'),
+    "task": Column(NAME, 'e.g. "Hopper-v3"', "key"),
+    "train_seed": Column(Whole(), "seed of the training run", "key"),
+    "train_horizon": Column(_HORIZON, "longest training horizon [steps]; inf: trained without an end; nan: unknown"),
+    "clock": Column(NAME, 'the policy\'s clock, e.g. "constant(500)"; "none" for a policy without embedding', "key"),
+    "clock_kind": Column(NAME, '"constant", "periodic", "countdown", "none"'),
+    "clock_steps": Column(_CLOCK_STEPS, "the clock's number, e.g. C = 500; nan where there is none"),
+    "eval_seed": Column(Whole(), "start state: the same for every policy and clock of a task", "key"),
+    "test_horizon": Column(_STEPS, "steps of the lane, unless it ended earlier"),
+    "step": Column(_STEPS, "a recorded step, > 0", "step"),
+    "return": Column(Real(), "sum of rewards over the first `step` steps; an ended lane keeps its last value", "step"),
+    "alive": Column(Flag(), "the lane completed `step` steps without ending before", "step"),
+    "end_reason": Column(Choice(END_REASONS), "why the lane ended"),
+    "end_step": Column(_STEPS, "steps the lane lasted"),
+    "end_detail": Column(
+        Text(2000),
+        "what led to the end: sign of divergence, first observation outside its training range; may be empty",
+    ),
+    "movement_first": Column(
+        _MOVEMENT, "movement per step in the first tenth of `test_horizon`, in training standard deviations"
+    ),
+    "movement_last": Column(_MOVEMENT, "likewise in the last tenth; nan for a lane that ended before"),
+    "idle_rate": Column(_RATE, "reward per step of an idle robot: the better of zero and random actions"),
+    "reference_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
+    "level_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),
+    "window": Column(Whole(0, MOST_STEPS), "steps of the windows that are judged; 0: none"),
+    "policy_state": Column(Choice(POLICY_STATES), "whether it gains enough over idle within its training horizon"),
+    "policy_note": Column(Text(2000), "the evidence for that"),
+    "outcome": Column(Choice(OUTCOMES), "the verdict on the lane"),
+    "failed_step": Column(
+        Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all steps of the lane"
+    ),
+    "end_hold": Column(
+        Real(unknown=True),
+        "(rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known",
+    ),
+    "ever_idle": Column(
+        Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle", shown="ever idle"
+    ),
 }
+COLUMNS: dict[str, type[pl.DataType]] = {name: column.type for name, column in TABLE.items()}
+"""Name and type of every column, in order."""
+LANE = tuple(name for name, column in TABLE.items() if column.of == "key")
+OF_LANE = tuple(name for name, column in TABLE.items() if column.of == "lane")
+CURVES = tuple(name for name, column in TABLE.items() if column.of == "step")
+ROW = Table(
+    {name: column.kind for name, column in TABLE.items()},
+    rules=(
+        Rule(
+            f"train_horizon must be at most {MOST_STEPS:.0e} steps, or infinite",
+            lambda of: of("train_horizon").is_finite() & (of("train_horizon") > MOST_STEPS),
+        ),
+        Rule("the recorded step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
+        Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
+        Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),
+        Rule("the lane is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),
+        Rule("the lane has ended before its end_step", lambda of: ~of("alive") & (of("step") < of("end_step"))),
+    ),
+)
+"""One row, checked."""
+NOTES = Table({}, others=Maybe(Text(100_000, lines=True)))
+"""The file's metadata."""
+__doc__ = "\n".join(
+    [
+        f"{__doc__ or ''}| column | type | meaning |",
+        "|---|---|---|",
+        *(f"| {name} | {_TYPES[type(each.kind)][1]} | {each.documentation} |" for name, each in TABLE.items()),
+    ]
+)
+
+# Writing and reading
+
 _RESERVED = ("schema", "version", "sha256", "seal")
 _SEAL = b"perdure-seal-"
 _UNSEALED = _SEAL + 64 * b"0"
 
 
 def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Mapping[str, str]) -> Path:
-    """Write an extrapolation table as one Parquet file, whole.
+    """Write an extrapolation table as one Parquet file, whole, and return its path.
 
     Args:
         path: Where to.
         frame: The columns of `COLUMNS`, in any order.
         metadata: Text by name for the file's key-value metadata, such as {"command": "perdure extrapolate ..."}.
 
-    Returns:
-        `path` as a `Path`.
-
     Raises:
-        ReportError: The frame does not fit the schema, or the metadata uses a reserved name.
+        PerdureError: The frame does not fit the schema, or the metadata uses a reserved name.
         OSError: The file cannot be written; an old one is untouched.
     """
-    check_table(frame, "The table to write")
+    table_lanes(frame, "The table to write")
     for name, value in metadata.items():
         if name in _RESERVED or not isinstance(value, str):
-            reserved = ", ".join(_RESERVED)
-            raise ReportError(
-                f"Metadata {name!r} = {value!r} cannot be: values are text, {reserved} are reserved names."
-            )
-    ordered = frame.select(list(COLUMNS))
-    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
-    buffer = io.BytesIO()
-    ordered.write_parquet(
-        buffer, metadata={**notes, "sha256": _digest(ordered.get_column, notes), "seal": _UNSEALED.decode()}
-    )
-    return write_atomic(path, _sealed(buffer.getvalue()))
+            raise PerdureError(f"Metadata {name!r} = {value!r} cannot be: values are text, {_RESERVED} are reserved.")
+    buffer, notes = io.BytesIO(), {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
+    frame.select(list(COLUMNS)).write_parquet(buffer, metadata={**notes, "seal": _UNSEALED.decode()})
+    return write_atomic(path, sealed(buffer.getvalue()))
 
 
 def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str]]:
@@ -135,154 +178,152 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
         (frame with the columns of `COLUMNS` in that order, metadata without the reserved names).
 
     Raises:
-        ReportError: The file is missing, foreign, of another version, or damaged. One sentence says which.
+        PerdureError: The file is missing, foreign, of another version, or damaged. One sentence says which.
     """
-    file = _File(Path(path))
-    frame = file.frame(list(file.columns))
-    if file.columns is _COLUMNS_1:
-        frame = _from_version_1(frame)
-    check_table(frame, str(path))
-    return frame, file.metadata
+    parquet, notes = _open(Path(path))
+    frame = parquet.read(list(COLUMNS))
+    table_lanes(frame, str(path))
+    return frame, notes
 
 
 def read_lanes(path: str | os.PathLike[str]) -> tuple[tuple[Lanes, ...], dict[str, str]]:
-    """Read an extrapolation table as its lanes, with little memory: see `Lanes`.
+    """Read an extrapolation table as its lanes, column by column with little memory.
 
     Returns:
         (lanes of each task, metadata without the reserved names).
 
     Raises:
-        ReportError: As `read_table`.
+        PerdureError: As `read_table`.
     """
-    file = _File(Path(path))
-    if file.columns is _COLUMNS_1:
-        frame, metadata = read_table(path)
-        return table_lanes(frame, str(path)), metadata
-    return _lanes(file.column, str(path)), file.metadata
+    parquet, notes = _open(Path(path))
+    return _lanes(lambda name: parquet.read([name]).get_column(name), str(path)), notes
 
 
-def check_table(frame: pl.DataFrame, name: str) -> None:
-    """Check that a frame fits the schema: columns, types, values, and whole lanes.
+def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
+    """Return a file that holds a table, checked before a value of it is used, and its metadata."""
+    if not path.is_file():
+        raise PerdureError(f"{path} does not exist." if not path.exists() else f"{path} is not a file.")
+    content = path.read_bytes()
+    if content[:4] != b"PAR1":
+        raise PerdureError(f"{path} is not a Parquet file.")
+    # Parquet's own page checks miss most flipped bits (measured: 98 %).
+    if _SEAL in content and sealed(content) != content:
+        raise PerdureError(f"{path} is damaged: its bytes do not fit the SHA-256 they were written with.")
+    try:
+        parquet = Parquet(content)
+        notes = parquet.notes
+        NOTES.check(notes)
+    except PerdureError as error:
+        raise PerdureError(f"{path} is a damaged Parquet file: {error}.") from None
+    if notes.get("schema") != SCHEMA_NAME:
+        raise PerdureError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
+    if notes.get("version") != SCHEMA_VERSION:
+        found = notes.get("version")
+        raise PerdureError(f"{path} has version {found} of {SCHEMA_NAME}; this release reads version {SCHEMA_VERSION}.")
+    if _SEAL not in content:
+        raise PerdureError(f"{path} is damaged: it has no SHA-256.")
+    _check_columns(parquet.columns, str(path))
+    return parquet, {name: text for name, text in notes.items() if name not in _RESERVED}
 
-    Raises:
-        ReportError: With a sentence that begins with `name`.
-    """
-    table_lanes(frame, name)
+
+def sealed(content: bytes) -> bytes:
+    """Return the file with its SHA-256 in its metadata; the digest's own digits count as zeros."""
+    at = content.rfind(_SEAL)
+    before, after = content[:at], content[at + len(_UNSEALED) :]
+    return before + _SEAL + hashlib.sha256(before + _UNSEALED + after).hexdigest().encode() + after
+
+
+def _check_columns(found: Mapping[str, object], name: str) -> None:
+    missing, unknown = ([each for each in a if each not in b] for a, b in ((COLUMNS, found), (found, COLUMNS)))
+    if missing or unknown:
+        raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
+    for column, kind in COLUMNS.items():
+        if found[column] != kind:
+            raise PerdureError(f"{name}: column {column!r} is {found[column]}, not {kind.__name__}.")
+
+
+# Lanes: a table repeats a lane's labels at every recorded step, and a large one has millions of rows and thirty
+# columns. Columns are therefore read one by one, and most are kept only for each lane's last recorded step.
+
+Columns = Callable[[str], pl.Series]
+"""Name of a column to the column."""
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """All lanes of one task."""
+
+    steps: IntArray
+    """Recorded steps, shape (m,), rising."""
+    facts: pl.DataFrame
+    """One row for each lane: every column of the table but `CURVES`, and `place`, the row that names the lane first."""
+    returns: NDArray[np.float64]
+    """Shape (lanes, m)."""
+    alive: NDArray[np.bool_]
+    """Shape (lanes, m)."""
 
 
 def table_lanes(frame: pl.DataFrame, name: str) -> tuple[Lanes, ...]:
     """Return the lanes of a table, tasks in the order in which it names them.
 
     Raises:
-        ReportError: The frame does not fit the schema; the sentence begins with `name`.
+        PerdureError: The frame does not fit the schema, a lane has two rows for one step or more than one value of a
+            column that describes it, or lanes of a task differ in recorded steps or test horizon. The sentence begins
+            with `name`.
     """
-    _check_columns(frame.schema, COLUMNS, name)
+    _check_columns(frame.schema, name)
     return _lanes(frame.get_column, name)
 
 
 def _lanes(column: Columns, name: str) -> tuple[Lanes, ...]:
     if column("step").is_empty():
-        raise ReportError(f"{name} has no rows.")
-    _check_values(column, name)
-    return split_lanes(column, [each for each in COLUMNS if each not in CURVES], name)
-
-
-def _check_columns(found: Mapping[str, object], columns: Mapping[str, type[pl.DataType]], name: str) -> None:
-    missing = [column for column in columns if column not in found]
-    unknown = [column for column in found if column not in columns]
-    if missing or unknown:
-        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
-    for column, kind in columns.items():
-        if found[column] != kind:
-            raise ReportError(f"{name}: column {column!r} is {found[column]}, not {kind.__name__}.")
-
-
-def _from_version_1(frame: pl.DataFrame) -> pl.DataFrame:
-    """Add what version 1 did not know."""
-    unknown: dict[str, object] = {
-        **dict.fromkeys(("movement_first", "movement_last", "idle_rate", "reference_rate", "level_rate"), math.nan),
-        "end_detail": "",
-        "window": 0,
-        "policy_state": "cannot tell",
-        "policy_note": "the table was written before idle robots were measured; evaluate again",
-        "end_hold": math.nan,
-        "ever_idle": False,
-    }
-    ended = {"terminated": "falls", "diverged": "diverges", "truncated": "cut", "survived": "unknown"}
-    return frame.with_columns(
-        outcome=pl.col("end_reason").replace_strict(ended, default="unknown"),
-        failed_step=pl.col("end_step"),
-        **{name: pl.lit(value, COLUMNS[name]) for name, value in unknown.items()},
-    ).select(list(COLUMNS))
-
-
-def _check_values(column: Columns, name: str) -> None:
+        raise PerdureError(f"{name} has no rows.")
     try:
         check_columns(column, ROW)
-    except SchemaError as error:
-        raise ReportError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
+    except PerdureError as error:
+        raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
+    codes = [_codes(column(each)) for each in (*LANE, "step")]
+    order = np.lexsort(codes[::-1])
+    *keys, steps = (each[order] for each in codes)
+    del codes
+    # Whether a row belongs to the lane of the row before it.
+    inside = np.all([key[1:] == key[:-1] for key in keys], axis=0)
+    del keys
+    again = np.flatnonzero(inside & (steps[1:] == steps[:-1]))
+    if again.size:
+        row = int(order[again[0] + 1])
+        lane = tuple(column(each)[row] for each in LANE)
+        raise PerdureError(f"{name} has the lane {lane} twice at step {column('step')[row]}.")
+    for each in OF_LANE:
+        values = _codes(column(each))[order]
+        changed = np.flatnonzero(inside & (values[1:] != values[:-1]))
+        if changed.size:
+            task = column("task")[int(order[changed[0]])]
+            raise PerdureError(f"{name}: a lane on {task} has more than one {each}.")
+    starts = np.flatnonzero(np.concatenate([[True], ~inside]))
+    lengths = np.diff([*starts, len(order)])
+    last = order[starts + lengths - 1]
+    facts = pl.DataFrame([column(each).gather(last) for each in COLUMNS if each not in CURVES])
+    facts = facts.with_columns(place=pl.Series(np.minimum.reduceat(order, starts)))
+    parts = []
+    for task in facts.sort("place")["task"].unique(maintain_order=True):
+        mine = np.flatnonzero(facts["task"] == task)
+        index = starts[mine, None] + np.arange(lengths[mine[0]])
+        if (
+            (lengths[mine] != lengths[mine[0]]).any()
+            or (steps[index] != steps[index[0]]).any()
+            or facts["test_horizon"][mine].n_unique() > 1
+        ):
+            raise PerdureError(f"{name}: the lanes on {task} do not share their recorded steps and test horizon.")
+        parts.append((steps[index[0]], facts[mine], order[index]))
+    returns, alive = column("return").to_numpy(), column("alive").to_numpy()
+    return tuple(Lanes(at, described, returns[rows], alive[rows]) for at, described, rows in parts)
 
 
-class _File:
-    """A Parquet file that holds a table, checked before a value of it is used."""
-
-    def __init__(self, path: Path) -> None:
-        if not path.is_file():
-            raise ReportError(f"{path} does not exist." if not path.exists() else f"{path} is not a file.")
-        content = path.read_bytes()
-        if content[:4] != b"PAR1":
-            raise ReportError(f"{path} is not a Parquet file.")
-        sealed = _SEAL in content
-        if sealed and _sealed(content) != content:
-            raise ReportError(f"{path} is damaged: its bytes do not fit the SHA-256 they were sealed with.")
-        try:
-            self._parquet = Parquet(content)
-            notes = self._parquet.notes
-            NOTES.check(notes)
-        except SchemaError as error:
-            raise ReportError(f"{path} is a damaged Parquet file: {error}.") from None
-        if notes.get("schema") != SCHEMA_NAME:
-            raise ReportError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
-        version = notes.get("version")
-        if version not in ("1", SCHEMA_VERSION):
-            raise ReportError(
-                f"{path} has version {version} of {SCHEMA_NAME}; this release reads versions 1 and {SCHEMA_VERSION}."
-            )
-        self.columns = _COLUMNS_1 if version == "1" else COLUMNS
-        self.metadata = {name: text for name, text in notes.items() if name not in _RESERVED}
-        _check_columns(self._parquet.columns, self.columns, str(path))
-        notes.pop("seal", None)
-        expected = notes.pop("sha256", None)
-        # A seal that fits stands for the content.
-        if not sealed and expected != _digest(self.column, notes, self.columns):
-            raise ReportError(f"{path} is damaged: its content does not fit the SHA-256 it was written with.")
-
-    def frame(self, names: list[str]) -> pl.DataFrame:
-        """Return columns of the file."""
-        return self._parquet.read(names)
-
-    def column(self, name: str) -> pl.Series:
-        """Return one column of the file."""
-        return self.frame([name]).get_column(name)
-
-
-def _sealed(content: bytes) -> bytes:
-    """Write the SHA-256 of the file into its seal; the seal's own digits count as zeros."""
-    at = content.rfind(_SEAL)
-    before, after = content[:at], content[at + len(_UNSEALED) :]
-    digest = hashlib.sha256(before + _UNSEALED + after).hexdigest()
-    return before + _SEAL + digest.encode() + after
-
-
-def _digest(column: Columns, notes: Mapping[str, str], columns: Mapping[str, type[pl.DataType]] = COLUMNS) -> str:
-    """Return the SHA-256 of metadata and content. Parquet's own page checks miss most flipped bits (measured: 98 %)."""
-    digest = hashlib.sha256(repr(sorted(notes.items())).encode())
-    for name, kind in columns.items():
-        series = column(name)
-        if kind is pl.String:
-            runs = series.rle().struct.unnest()  # labels repeat over thousands of rows
-            digest.update(runs["len"].cast(pl.Int64).to_numpy().tobytes())
-            digest.update("\0".join(map(str, runs["value"].to_list())).encode())
-        else:
-            digest.update(series.to_numpy().tobytes())
-    return digest.hexdigest()
+def _codes(values: pl.Series) -> IntArray:
+    """Return whole numbers that are equal where the values are."""
+    if values.dtype == pl.String:
+        values = values.cast(pl.Categorical).to_physical()
+    array = values.to_numpy()
+    return array.view(np.int64) if array.dtype == np.float64 else array

@@ -1,4 +1,4 @@
-"""Identity of a unit: a readable key and the SHA-256 of its config."""
+"""Identity of a unit: a readable key, the SHA-256 of its config, and the digest of the source code that made it."""
 
 from __future__ import annotations
 
@@ -7,36 +7,48 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from perdure.runs.atomic_write import write_atomic
-from perdure.runs.errors import StoreError
-from perdure.runs.source import source_digest
-from perdure.schema import Anything, Items, SchemaError, Table, Text, read_json
+from perdure.errors import PerdureError
+from perdure.runs.files import write_atomic
+from perdure.schema import Record, read_json
+
+# Digest of the source code that made a unit: results of another source version are reused with a warning.
+
+
+PACKAGE = Path(__file__).parents[1]
+
+
+@cache
+def source_digest(package: Path = PACKAGE) -> str:
+    """Return the SHA-256, in hexadecimal, of the names and contents of all Python files in the folder `package`.
+
+    It is that of the files when it is first asked for. Comments count: a digest that knew better would differ from one
+    version of Python to the next.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
 
 RECORD = "unit.json"
 """The file inside every unit that says what the unit is."""
-
-UNIT = Table(
-    {"key": Text(1000, shortest=1), "sha256": Text(64), "config": Table({}, others=Anything())},
-    optional={"sources": Items(Text(64), longest=10_000)},
-)
-"""What the record holds."""
 
 _PART = re.compile(r"[A-Za-z0-9_(][A-Za-z0-9._+=,@()-]*")
 _LONGEST_KEY = 200
 _SHOWN = 6
 
 
-@dataclass(frozen=True)
-class Identity:
-    """One unit: a readable key and the config that belongs to it."""
+class Identity(Record, frozen=True, rename={"digest": "sha256"}):
+    """One unit: a readable key and the config that belongs to it; `unit.json` holds these fields."""
 
     key: str
     """Parts joined by "/", e.g. "Hopper-v3/geometric/seed-0"."""
-    config: Mapping[str, Any]
+    config: dict[str, Any]
     """JSON values only."""
     digest: str
     """SHA-256 of the config as canonical JSON, in hexadecimal."""
@@ -48,15 +60,13 @@ class Identity:
         """Check the key, bring the config to plain JSON values and compute its digest.
 
         Raises:
-            StoreError: The key leaves the store or is not readable, or the config holds something JSON cannot.
+            PerdureError: The key leaves the store or is not readable, or the config holds something JSON cannot.
         """
         checked, text = check_key(key), canonical_json(config, f"the config of {key!r}")
-        identity = cls(checked, json.loads(text), hashlib.sha256(text.encode()).hexdigest())
         try:
-            UNIT.check({"key": identity.key, "sha256": identity.digest, "config": identity.config})
-        except SchemaError as error:  # before the work: its record could not be read again
-            raise StoreError(f"{key!r} cannot be stored: {error}") from error
-        return identity
+            return cls(checked, read_json(text), hashlib.sha256(text.encode()).hexdigest())
+        except PerdureError as error:  # before the work: its record could not be read again
+            raise PerdureError(f"{key!r} cannot be stored: {error}") from error
 
     def write(self, folder: Path) -> None:
         """Write the record of this unit into `folder`; add the digest of the current source code to earlier ones."""
@@ -70,31 +80,29 @@ class Identity:
         """Read the record in `folder`.
 
         Raises:
-            StoreError: The record is damaged, or was edited so that its digest no longer fits.
+            PerdureError: The record is damaged, or was edited so that its digest no longer fits.
         """
         path = folder / RECORD
         try:
-            record = read_json(path.read_bytes())
-            UNIT.check(record)
-            identity = cls.of(record["key"], record["config"])
-            identity = replace(identity, sources=tuple(record.get("sources", ())))
-        except (SchemaError, StoreError) as error:
-            raise StoreError(f"{path} is damaged: {error}") from error
-        if identity.digest != record["sha256"]:
-            raise StoreError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
+            identity: Identity = read_json(path.read_bytes(), cls)
+            fits = cls.of(identity.key, identity.config).digest == identity.digest
+        except PerdureError as error:
+            raise PerdureError(f"{path} is damaged: {error}") from error
+        if not fits:
+            raise PerdureError(f"{path} was changed after it was written: its config does not fit its SHA-256.")
         return identity
 
     def check_same(self, other: Identity, where: str) -> None:
         """Refuse `other` (what was asked for) unless it is this unit (what is stored).
 
         Raises:
-            StoreError: With the fields that differ.
+            PerdureError: With the fields that differ.
         """
         if self.key != other.key:
-            raise StoreError(f"{where} holds the unit {self.key!r}, not {other.key!r}.")
+            raise PerdureError(f"{where} holds the unit {self.key!r}, not {other.key!r}.")
         if self.digest != other.digest:
             fields = describe_difference(self.config, other.config)
-            raise StoreError(
+            raise PerdureError(
                 f"{other.key!r} is in {where} with another config: {fields}. "
                 "Write to another folder, or remove this unit's."
             )
@@ -104,7 +112,7 @@ def config_digest(config: Mapping[str, Any]) -> str:
     """Return the SHA-256, in hexadecimal, of `config` as canonical JSON (sorted keys, no spaces).
 
     Raises:
-        StoreError: The config holds something JSON cannot.
+        PerdureError: The config holds something JSON cannot.
     """
     return hashlib.sha256(canonical_json(config, "the config").encode()).hexdigest()
 
@@ -119,15 +127,15 @@ def canonical_json(config: Mapping[str, Any], name: str) -> str:
     """Return `config` as JSON text that depends on its content only.
 
     Raises:
-        StoreError: Something in it is no JSON value (NaN and infinity are none either); the sentence calls it `name`.
+        PerdureError: Something in it is no JSON value (NaN and infinity are none either); the sentence calls it `name`.
     """
     if not isinstance(config, Mapping):
-        raise StoreError(f"{name} must be a mapping, not {type(config).__name__}.")
+        raise PerdureError(f"{name} must be a mapping, not {type(config).__name__}.")
     for field, value in flatten(config):
         if not isinstance(value, str | int | float | bool | None):
-            raise StoreError(f"{name} has {field} = {value!r} ({type(value).__name__}), which JSON cannot hold.")
+            raise PerdureError(f"{name} has {field} = {value!r} ({type(value).__name__}), which JSON cannot hold.")
         if isinstance(value, float) and not math.isfinite(value):
-            raise StoreError(f'{name} has {field} = {value}, which JSON cannot hold: write it as text, e.g. "inf".')
+            raise PerdureError(f'{name} has {field} = {value}, which JSON cannot hold: write it as text, e.g. "inf".')
     return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=True, default=dict)
 
 
@@ -135,12 +143,12 @@ def check_key(key: str) -> str:
     """Return `key` when it is readable and stays inside the store.
 
     Raises:
-        StoreError: Otherwise, with what a key may be.
+        PerdureError: Otherwise, with what a key may be.
     """
     parts = key.split("/") if isinstance(key, str) else []
     readable = all(_PART.fullmatch(part) and part != RECORD for part in parts)
     if not parts or not readable or len(key) > _LONGEST_KEY:
-        raise StoreError(
+        raise PerdureError(
             f"{key!r} cannot be a unit's key: use parts of letters, digits and . _ + = , @ ( ) - joined by '/', "
             f'none of them starting with a dot or a dash, such as "Hopper-v3/geometric/seed-0".'
         )
@@ -163,7 +171,7 @@ def flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, Mapping):
         for key, item in value.items():
             if not isinstance(key, str):
-                raise StoreError(f"the config has the key {key!r} under {name or 'its top'}: keys must be text.")
+                raise PerdureError(f"the config has the key {key!r} under {name or 'its top'}: keys must be text.")
             yield from flatten(item, f"{name}.{key}" if name else key)
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):

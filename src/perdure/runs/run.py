@@ -10,19 +10,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from perdure.runs.atomic_write import write_atomic
-from perdure.runs.errors import RunError
-from perdure.runs.store import Store
-from perdure.runs.unit import Unit, attempt, read_progress
+from perdure.errors import PerdureError
+from perdure.runs.files import write_atomic
+from perdure.runs.store import Store, Unit, attempt, read_progress
 from perdure.runs.workers import Ended, Workers, core_count, make_workers, one_line
-from perdure.schema import SchemaError, Table, Text, printable, read_json
+from perdure.schema import Record, printable, read_json
 
 POLL_SECONDS = 0.25
 BUSY_SECONDS = 1.0
 """Interval at which units that another command is running are tried again."""
-
-FAILURE = Table({"error": Text(100_000, lines=True)})
-"""A failure on disk."""
 
 State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
 
@@ -78,8 +74,8 @@ def run_units(
             ends the run.
 
     Raises:
-        RunError: Units failed; raised when nothing more can be run.
-        StoreError: A unit cannot be stored, or two of one key differ.
+        PerdureError: Units failed; raised when nothing more can be run.
+        PerdureError: A unit cannot be stored, or two of one key differ.
     """
     run = _Run(units, Store(root), observe, waiting)
     if not retry:
@@ -111,8 +107,8 @@ def run_missing(
         waiting: See `run_units`.
 
     Raises:
-        RunError: Units failed, or `on` or `cores` is out of range.
-        StoreError: A unit cannot be stored, or was finished with another config.
+        PerdureError: Units failed, or `on` or `cores` is out of range.
+        PerdureError: A unit cannot be stored, or was finished with another config.
     """
     store = Store(root)
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]
@@ -133,20 +129,24 @@ def read_unit_progress(
         size: Of the unit.
 
     Raises:
-        StoreError: The finished unit has another config.
+        PerdureError: The finished unit has another config.
     """
     finished = store.done(key, config)
     done, total, facts = read_progress(store, key)
     return UnitProgress("finished" if finished else "waiting", done, total, facts, "", size)
 
 
+class _Failure(Record, frozen=True):
+    """A failure on disk."""
+
+    error: str
+
+
 def _recorded_error(path: Path) -> str:
     try:
-        record = read_json(path.read_bytes())
-        FAILURE.check(record)
-    except (OSError, SchemaError):
+        return printable(read_json(path.read_bytes(), _Failure).error)
+    except (OSError, PerdureError):
         return f"its error cannot be read from {path}"
-    return printable(record["error"])
 
 
 class _Run:
@@ -157,11 +157,11 @@ class _Run:
         if len(self._units) < len(units):
             keys = [unit.key for unit in units]
             twice = next(key for key in keys if keys.count(key) > 1)
-            raise RunError(f"two units have the key {twice!r}")
+            raise PerdureError(f"two units have the key {twice!r}")
         for unit in units:
             for key in unit.after:
                 if key not in self._units:
-                    raise RunError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
+                    raise PerdureError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
         self._status = {unit.key: read_unit_progress(store, unit.key, unit.config, unit.size) for unit in units}
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
@@ -221,7 +221,7 @@ class _Run:
         blocked = sum(each.state == "blocked" for each in self._status.values())
         count = f"{len(failed)} of {len(self._units)} units failed" + (f", {blocked} depend on them" if blocked else "")
         cause = self._errors.get(first)
-        raise RunError(f"{count}: {first}: {self._status[first].error}") from cause
+        raise PerdureError(f"{count}: {first}: {self._status[first].error}") from cause
 
     def _next(self) -> Unit | None:
         """Return the unit to run next: of those that can be, the one that is furthest behind."""

@@ -10,19 +10,23 @@ A unit appears under its key by one rename, so it is there with all its files or
 
 from __future__ import annotations
 
+import json
 import os
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from perdure.runs import lock
-from perdure.runs.atomic_write import sync
-from perdure.runs.errors import OtherSourceWarning, StoreError, UnitBusyError
-from perdure.runs.identity import RECORD, Identity, check_key
-from perdure.runs.source import source_digest
+from msgspec import Meta
+
+from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError
+from perdure.runs.files import acquire, held, is_locked, release, sync
+from perdure.runs.identity import RECORD, Identity, check_key, source_digest
+from perdure.schema import LARGEST, Record, read_json
 
 Config = Mapping[str, Any]
 
@@ -56,14 +60,14 @@ class Store:
 
         Raises:
             UnitBusyError: Another process is at work on the unit.
-            StoreError: Bad key or config; the key is taken by another config or by a folder that is no unit; the unit
+            PerdureError: Bad key or config; the key is taken by another config or by a folder that is no unit; the unit
                 is finished already; or the work folder was begun with another config.
         """
         unit = Identity.of(key, config)
         self._check_place(unit)
         self._hidden("locks")
         lock_path = self._lock_path(key)
-        descriptor = lock.acquire(lock_path)
+        descriptor = acquire(lock_path)
         if descriptor is None:
             raise UnitBusyError(f"{key!r} is being run by another process in {self.root}.")
         try:
@@ -72,11 +76,11 @@ class Store:
             if workspace.complete:
                 self._promote(workspace.folder, unit)
         finally:
-            lock.release(descriptor, lock_path)
+            release(descriptor, lock_path)
 
     def is_busy(self, key: str) -> bool:
         """Return whether a process is running the unit."""
-        return lock.is_locked(self._lock_path(key))
+        return is_locked(self._lock_path(key))
 
     @contextmanager
     def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
@@ -87,15 +91,15 @@ class Store:
             waiting: Called once if there is another process.
         """
         path = self._hidden("locks") / f"all-{check_key(name)}"
-        descriptor = lock.acquire(path)
+        descriptor = acquire(path)
         if descriptor is None:
             waiting()
-            descriptor = lock.acquire(path, wait=True)
+            descriptor = acquire(path, wait=True)
         assert descriptor is not None
         try:
             yield
         finally:
-            lock.release(descriptor, path)
+            release(descriptor, path)
 
     def note_path(self, kind: str, key: str) -> Path:
         """Return where a note of some kind ("progress", "failures") about a unit lies; its folder may be missing."""
@@ -105,7 +109,7 @@ class Store:
         """Return whether the unit is finished.
 
         Raises:
-            StoreError: It is, but with another config than the one given.
+            PerdureError: It is, but with another config than the one given.
         """
         folder = self._folder(key)
         if not (folder / RECORD).is_file():
@@ -118,17 +122,17 @@ class Store:
         """Return the folder of a finished unit.
 
         Raises:
-            StoreError: The unit is not finished, or has another config than the one given.
+            PerdureError: The unit is not finished, or has another config than the one given.
         """
         if not self.done(key, config):
-            raise StoreError(f"{key!r} is not in {self.root}: it is not finished or was never begun.")
+            raise PerdureError(f"{key!r} is not in {self.root}: it is not finished or was never begun.")
         return self._folder(key)
 
     def config(self, key: str) -> dict[str, Any]:
         """Return the config that a finished unit was written with (JSON values).
 
         Raises:
-            StoreError: The unit is not finished, or its record is damaged.
+            PerdureError: The unit is not finished, or its record is damaged.
         """
         return dict(Identity.read(self.get(key)).config)
 
@@ -170,7 +174,7 @@ class Store:
     def _folder(self, key: str) -> Path:
         folder = self.root / check_key(key)
         if not folder.parent.resolve().is_relative_to(self.root.resolve()):
-            raise StoreError(f"{key!r} leaves the store {self.root} through a symbolic link.")
+            raise PerdureError(f"{key!r} leaves the store {self.root} through a symbolic link.")
         return folder
 
     def _hidden(self, name: str) -> Path:
@@ -189,13 +193,13 @@ class Store:
             return
         for parent in folder.relative_to(self.root).parents:
             if (self.root / parent / RECORD).is_file():
-                raise StoreError(f"{unit.key!r} lies inside the unit {parent.as_posix()!r} of {self.root}.")
+                raise PerdureError(f"{unit.key!r} lies inside the unit {parent.as_posix()!r} of {self.root}.")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise StoreError(f"{folder} blocks the unit {unit.key!r}: the folder exists and is not a unit.")
+            raise PerdureError(f"{folder} blocks the unit {unit.key!r}: the folder exists and is not a unit.")
 
     def _begin_work(self, unit: Identity) -> Path:
         if self.done(unit.key):
-            raise StoreError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
+            raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
         folder = self._hidden("working") / _flat(unit.key)
         if (folder / RECORD).is_file():
             Identity.read(folder).check_same(unit, str(folder))
@@ -208,7 +212,7 @@ class Store:
         unit.write(folder)
         _sync_tree(folder)
         target = self._folder(unit.key)
-        with lock.held(self._hidden("locks") / "promote"):
+        with held(self._hidden("locks") / "promote"):
             self._check_place(unit)
             if (target / RECORD).is_file():
                 return
@@ -234,3 +238,125 @@ def _sync_tree(folder: Path) -> None:
             if file.is_file() and not file.is_symlink():
                 sync(file)
         sync(Path(path))
+
+
+# A unit of work: a key, a config and a function. The result does not depend on who runs it or where.
+
+
+ReportCallback = Callable[..., None]
+"""Called as ``report(done, total, **facts)``: work done and total work, in any unit; further numbers to show."""
+
+AttemptResult = Literal["finished", "unfinished", "busy"]
+
+REPORT_SECONDS = 0.5
+"""Reports are written to disk this often at most."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of work as plain data, so that any process can run it."""
+
+    key: str
+    """Readable identity and place in the store, such as "Hopper-v3/geometric/seed-0"."""
+    config: Mapping[str, Any]
+    """Everything the result depends on; JSON. A finished unit of the same key and config is never run again."""
+    function: str
+    """``"package.module:name"`` of a function (`Work`, **arguments) -> bool | None. It leaves its result in the work
+    folder. To be stopped and resumed it returns False whenever it has saved a checkpoint there: it is called again."""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    """Keyword arguments of the function; JSON. No result depends on what is not in the config too."""
+    after: tuple[str, ...] = ()
+    """Keys of units that must be finished before this one begins."""
+    size: float = 1.0
+    """Amount of work relative to other units, for progress and remaining time."""
+    cores: int = 1
+    """Cores it can use."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the unit as plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Unit:
+        """Return the unit that `to_json` described."""
+        return cls(**{**values, "after": tuple(values["after"])})
+
+
+@dataclass(frozen=True)
+class Work:
+    """The argument of a unit's function."""
+
+    folder: Path
+    """Folder for its result; an interrupted attempt may have left files there."""
+    threads: int
+    """Cores it may use. No result may depend on it."""
+    report: ReportCallback
+
+
+def attempt(root: str | Path, unit: Unit, threads: int = 1, report: ReportCallback | None = None) -> AttemptResult:
+    """Run a unit in this process, up to its end or its next checkpoint.
+
+    Args:
+        root: Folder of the store.
+        unit: The unit; nothing happens if it is finished.
+        threads: Cores it may use.
+        report: Called with every report; by default reports go to a file that `read_progress` reads.
+
+    Returns:
+        "finished", "unfinished" (to be called again), or "busy": another process is running it.
+
+    Raises:
+        PerdureError: The unit cannot be stored.
+        Exception: Whatever the unit's function raises.
+    """
+    store = Store(root)
+    if store.done(unit.key, unit.config):
+        return "finished"
+    module, _, name = unit.function.partition(":")
+    function = getattr(import_module(module), name)
+    try:
+        with store.workspace(unit.key, unit.config) as workspace:
+            shown = report or _Reporter(store, unit.key)
+            workspace.complete = function(Work(workspace.folder, threads, shown), **unit.arguments) is not False
+    except UnitBusyError:
+        return "busy"
+    except PerdureError:
+        if store.done(unit.key, unit.config):  # another process finished it in the meantime
+            return "finished"
+        raise
+    return "finished" if workspace.complete else "unfinished"
+
+
+class _Progress(Record, frozen=True):
+    """A report on disk."""
+
+    done: Annotated[float, Meta(ge=0, le=LARGEST)]
+    total: Annotated[float, Meta(ge=0, le=LARGEST)]
+    facts: dict[str, float]
+
+
+class _Reporter:
+    """Writes reports to the store, where any process can read them."""
+
+    def __init__(self, store: Store, key: str) -> None:
+        self._path = store.note_path("progress", key)
+        self._last = 0.0
+
+    def __call__(self, done: float, total: float, **facts: float) -> None:
+        now = time.monotonic()
+        if now - self._last < REPORT_SECONDS and done < total:
+            return
+        self._last = now
+        temporary = self._path.with_suffix(f".{os.getpid()}")
+        with suppress(OSError):  # progress is not worth failing for
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_text(json.dumps({"done": done, "total": total, "facts": facts}))
+            os.replace(temporary, self._path)
+
+
+def read_progress(store: Store, key: str) -> tuple[float, float, dict[str, float]]:
+    """Return (done, total, facts) of the unit's last report, (0, 1, {}) before the first."""
+    with suppress(OSError, PerdureError):
+        record: _Progress = read_json(store.note_path("progress", key).read_bytes(), _Progress)
+        return record.done, record.total, record.facts
+    return 0.0, 1.0, {}

@@ -1,28 +1,110 @@
-"""Worker processes on this machine: they use reserved cores and end with this process."""
+"""Worker processes on this machine, which use reserved cores and end with this process; tasks on a Ray cluster."""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import selectors
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from perdure.runs.cores import own_cores
-from perdure.runs.errors import RunError
-from perdure.runs.unit import AttemptResult, Unit, attempt
+from perdure.errors import PerdureError, did_you_mean
+from perdure.runs.store import AttemptResult, Unit, attempt
 from perdure.schema import printable
+
+# Find and reserve idle cores.
+# A loop that hands over to another thread at every step, as EnvPool's do, is much faster when both threads share a
+# core than when each wakes the other on a second one. So workers are bound to cores, and to such as nobody else is
+# using.
+
+
+STAT = Path("/proc/stat")
+LOOK = 0.2
+"""Seconds for which core usage is measured."""
+BUSY = 0.5
+"""A core that was busy for more than this share of that time is in use."""
+
+
+@contextmanager
+def own_cores(count: int) -> Iterator[list[int]]:
+    """Reserve at most ``count`` idle cores that no other perdure process has reserved, for the duration of a block.
+
+    Otherwise two commands that start at the same time would choose the same cores.
+    """
+    with ExitStack() as stack:
+        taken: list[int] = []
+        for core in idle_cores() if count else ():
+            if len(taken) < count and (lock := _lock(core)) is not None:
+                stack.callback(os.close, lock)
+                taken.append(core)
+        yield taken
+
+
+def _lock(core: int) -> int | None:
+    """Return an open file that holds the core, or None. The kernel releases it when the process dies."""
+    folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        owner = folder.lstat()
+        if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
+            return None  # another user's: without locks two commands may choose the same core, which is only slower
+        flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
+    except OSError:
+        return None
+    try:
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            raise OSError
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        return None
+    return lock
+
+
+def idle_cores(counters: Path = STAT) -> list[int]:
+    """Return idle cores that this process may run on, least busy first.
+
+    Empty where the system does not say what its cores do.
+    """
+    try:
+        before = _times(counters)
+        time.sleep(LOOK)
+        after = _times(counters)
+        allowed = os.sched_getaffinity(0)
+    except (OSError, ValueError, AttributeError):
+        return []
+    load = {}
+    for core in allowed & before.keys() & after.keys():
+        worked, passed = (after[core][k] - before[core][k] for k in range(2))
+        if passed > 0:  # else the system does not say
+            load[core] = worked / passed
+    return sorted((core for core, share in load.items() if share < BUSY), key=lambda core: (load[core], core))
+
+
+def _times(counters: Path) -> dict[int, tuple[int, int]]:
+    """Return each core's busy ticks and all ticks since boot (proc(5))."""
+    times = {}
+    for line in counters.read_text().splitlines():
+        name, *ticks = line.split()
+        if name.startswith("cpu") and name != "cpu":
+            counts = [int(tick) for tick in ticks[:8]]
+            idle = counts[3] + counts[4]  # idle, and waiting for a disk
+            times[int(name[3:])] = sum(counts) - idle, sum(counts)
+    return times
+
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose libraries multiply on one thread from their first import on."""
@@ -80,7 +162,7 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
         cores: Cores to use; all that this process may use by default. Ray uses those of its cluster.
 
     Raises:
-        RunError: If `on` or `cores` is out of range, or Ray is not installed.
+        PerdureError: If `on` or `cores` is out of range, or Ray is not installed.
     """
     check_on(on)
     total = core_count(cores)
@@ -90,7 +172,6 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
     if on == "local":
         count = max(1, min(total, len(units)))
         return LocalWorkers(count, max(1, min(total // count, wanted)))
-    from perdure.runs.on_ray import RayWorkers
 
     return RayWorkers(on.partition(":")[2] or None, min(wanted, total))
 
@@ -99,22 +180,20 @@ def check_on(on: str) -> None:
     """Refuse what names no place for `make_workers`.
 
     Raises:
-        RunError: With the valid values, and the nearest one.
+        PerdureError: With the valid values, and the nearest one.
     """
     if on not in PLACES and not re.fullmatch("ray:.+", on):
-        nearest = get_close_matches(on, PLACES, n=1)
-        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-        raise RunError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}{hint}")
+        raise PerdureError(f"on must be here, local, ray or ray:ADDRESS, got {on!r}{did_you_mean(on, PLACES)}")
 
 
 def core_count(cores: int | None) -> int:
     """Return the number of cores to use: all that this process may use if None.
 
     Raises:
-        RunError: If it is not at least 1.
+        PerdureError: If it is not at least 1.
     """
     if cores is not None and cores < 1:
-        raise RunError(f"cores must be at least 1, got {cores}")
+        raise PerdureError(f"cores must be at least 1, got {cores}")
     return cores or len(os.sched_getaffinity(0))
 
 
@@ -271,9 +350,10 @@ def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
 
 def one_line(error: BaseException) -> str:
     """Return an error as one line: the message alone for errors that perdure words, with its type for others."""
-    text = printable(" ".join(str(error).split()))
-    worded = type(error).__module__.startswith("perdure.")
-    return text if worded and text else f"{type(error).__name__}: {text}" if text else type(error).__name__
+    text, kind = printable(" ".join(str(error).split())), type(error).__name__
+    if isinstance(error, PerdureError) and text:
+        return text
+    return f"{kind}: {text}" if text else kind
 
 
 def _end_with(parent: int) -> None:
@@ -281,3 +361,75 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(PARENT_SECONDS)
     os._exit(1)
+
+
+# Run units as tasks on a Ray cluster. Needs the extra ``perdure[ray]``.
+# Every node must see the store's folder under the same path (a shared file system), with perdure installed. A task on
+# a node that dies is started again on another one and resumes from the unit's checkpoint.
+
+
+class RayWorkers:
+    """Tasks on a Ray cluster, as many at once as it has cores for."""
+
+    def __init__(self, address: str | None = None, cores: int = 1) -> None:
+        """Keep the address; the connection is made on entry.
+
+        Args:
+            address: Of a running cluster, such as "auto" or "host:6379"; None starts Ray on this machine.
+            cores: Cores of each task.
+
+        Raises:
+            PerdureError: If Ray is not installed.
+        """
+        try:
+            import ray
+        except ImportError:
+            raise PerdureError("running on Ray needs it installed: pip install 'perdure[ray]'") from None
+        self._ray: Any = ray
+        self._address, self._cores = address, cores
+        self._keys: dict[Any, str] = {}
+        self._mine = False
+
+    @property
+    def free(self) -> int:
+        """See `Workers.free`."""
+        total = int(self._ray.cluster_resources().get("CPU", 1)) // self._cores
+        return max(0, max(1, total) - len(self._keys))
+
+    def __enter__(self) -> Self:
+        """Connect to the cluster."""
+        if not self._ray.is_initialized():
+            environment = {"env_vars": {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}}
+            self._ray.init(address=self._address, runtime_env=environment, log_to_driver=False, configure_logging=False)
+            self._mine = True
+        # What the largest node has: a task that asks for more would never start.
+        nodes = [int(node["Resources"].get("CPU", 0)) for node in self._ray.nodes() if node["Alive"]]
+        self._cores = max(1, min(self._cores, max(nodes, default=1)))
+        # Any number of retries: they are for nodes that die. An error of the unit itself is an answer.
+        self._task = self._ray.remote(num_cpus=self._cores, max_retries=-1)(answer)
+        return self
+
+    def start(self, root: Path, unit: Unit) -> None:
+        """See `Workers.start`."""
+        self._keys[self._task.remote(str(root), unit, self._cores)] = unit.key
+
+    def wait(self, seconds: float) -> list[Ended]:
+        """See `Workers.wait`."""
+        ready, _ = self._ray.wait(list(self._keys), num_returns=len(self._keys), timeout=seconds)
+        ended = []
+        for reference in ready:
+            key = self._keys.pop(reference)
+            try:
+                found = self._ray.get(reference)
+                ended.append(Ended(key, found.get("result"), found.get("error", "")))
+            except self._ray.exceptions.RayError as error:
+                ended.append(Ended(key, None, " ".join(str(error).split())[:500]))
+        return ended
+
+    def __exit__(self, *exception: object) -> None:
+        """Cancel what still runs, and leave the cluster."""
+        for reference in self._keys:
+            self._ray.cancel(reference, force=True)
+        self._keys.clear()
+        if self._mine:
+            self._ray.shutdown()

@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from perdure.home.sim.robot.data import REST_ARM, REST_POSITION, TORSO_HEIGHT
-from perdure.home.sim.world import BEAMS, NEIGHBORS, SCAN_RANGE, PrivilegedState
+from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.sensors import BEAMS, NEIGHBORS, SCAN_RANGE, PrivilegedState
 
 REST = np.array(REST_POSITION)
 BOWL, OTHER, DRAWER = 0, 4, 3

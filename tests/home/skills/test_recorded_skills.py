@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from hand_made import random_state
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import TASKS
-from perdure.home.skills import SKILLS, get_skill, learned_skills
-from perdure.home.skills.gym.options import targets_of
-from perdure.home.skills.training import skill_config, train
+from perdure.home.skills import SKILLS, get_skill, learned_skills, train
+from perdure.home.skills.environment import targets_of
+from perdure.home.skills.train import skill_config
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import TASKS
 
 RECORD = Path(__file__).with_name("recorded_skills.json")
 RECORDED = json.loads(RECORD.read_text()) if RECORD.exists() else {}
@@ -90,7 +90,7 @@ def test_training_runs_are_those_recorded(skill, task):
 
 def test_another_reward_start_or_recipe_is_noticed(monkeypatch):
     monkeypatch.setattr("perdure.home.skills.pick.GRASP_REWARD", 1.001)
-    monkeypatch.setattr("perdure.home.skills.starts.stand.POSITION_NOISE", 0.11)
+    monkeypatch.setattr("perdure.home.skills.starts.POSITION_NOISE", 0.11)
     monkeypatch.setattr(SKILLS["pick"], "recipe", replace(SKILLS["pick"].recipe, total_steps=9000))
     assert digest(behavior(get_skill("pick"))) != RECORDED["behavior"]["pick"]
     assert digest(starts("pick", "tidy_house")) != RECORDED["starts"]["pick tidy_house"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_state, state, step_reward
 
-from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.world import ARM, GRIP
+from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.simulator import ARM, GRIP
 from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, Pick, Place, ResetArm, get_skill
 
 HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])

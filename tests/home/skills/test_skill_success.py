@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, state, succeeds
 
-from perdure.home import HomeError
-from perdure.home.sim.world import ACTION_SIZE, FORWARD, STOP, TURN
+from perdure.errors import PerdureError
+from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, STOP, TURN
 from perdure.home.skills import (
     SKILLS,
     CloseDrawer,
@@ -88,7 +88,7 @@ def test_another_object_in_the_hand_does_not_count_as_holding_the_target():
 
 @pytest.mark.parametrize("wrong", [{"delta": 0}, {"delta": 30, "limited_to": 29}])
 def test_a_delta_that_makes_no_sense_is_refused(wrong):
-    with pytest.raises(HomeError):
+    with pytest.raises(PerdureError):
         Place(**wrong)
 
 
@@ -200,10 +200,10 @@ def test_skills_are_stopped_after_the_steps_of_m3():
 
 
 def test_an_unknown_skill_is_refused_with_the_nearest_name():
-    with pytest.raises(HomeError, match=r"open_drawr.*did you mean open_drawer\?"):
+    with pytest.raises(PerdureError, match=r"open_drawr.*did you mean 'open_drawer'"):
         get_skill("open_drawr")
 
 
 def test_navigation_without_a_next_skill_is_refused():
-    with pytest.raises(HomeError, match="needs toward"):
+    with pytest.raises(PerdureError, match="needs toward"):
         Navigate().skill_goal(None, 0, {})

@@ -13,12 +13,14 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 import perdure
-from perdure.extrapolate import ExtrapolationError
+from perdure.errors import PerdureError
+from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.horizon import Constant, Countdown, Fixed, HorizonProtocol, Periodic, TimeFeature, Uniform
-from perdure.policy import PolicyError, PolicyFileError, load_policy
-from perdure.policy.activations import ACTIVATIONS
+from perdure.policy import load_policy
+from perdure.policy.network import ACTIVATIONS
 from perdure.policy.onnx import OnnxModel, export_onnx
-from perdure.policy.squash import TanhSquash
+from perdure.policy.policy import TanhSquash
+from perdure.runs import Store
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from make_policy import random_policy
@@ -86,7 +88,7 @@ def test_an_embedding_of_somebody_elses_is_exported_too(tmp_path):
     from dataclasses import dataclass
     from typing import ClassVar
 
-    from perdure.horizon.embedding import Embedding
+    from perdure.horizon import Embedding
 
     @dataclass(frozen=True)
     class Reciprocal(Embedding):
@@ -117,24 +119,24 @@ def test_the_model_says_what_it_is_for_and_one_row_is_enough(tmp_path):
 
 
 def test_a_model_that_acts_otherwise_is_not_written(tmp_path, monkeypatch):
-    from perdure.policy.onnx import export
+    from perdure.policy import onnx
 
-    monkeypatch.setitem(export._ACTIVATIONS, "tanh", lambda graph, x: graph.node("Softsign", x))
-    with pytest.raises(PolicyError, match="differ from the policy's by up to 0"):
+    monkeypatch.setitem(onnx._ACTIVATIONS, "tanh", lambda graph, x: graph.node("Softsign", x))
+    with pytest.raises(PerdureError, match="differ from the policy's by up to 0"):
         export_onnx(POLICIES["geometric"], tmp_path / "policy.onnx")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_clock_for_a_policy_without_time_is_refused(tmp_path):
-    with pytest.raises(PolicyError, match="no time-to-go input"):
+    with pytest.raises(PerdureError, match="no time-to-go input"):
         export_onnx(POLICIES["plain"], tmp_path / "policy.onnx", Constant(500.0))
 
 
 def test_without_onnx_the_extra_is_named(tmp_path, monkeypatch):
-    from perdure.policy.onnx import model
+    from perdure.policy import onnx
 
-    monkeypatch.setattr(model, "find_spec", lambda name: None)
-    with pytest.raises(PolicyError, match=r"pip install 'perdure\[onnx\]'"):
+    monkeypatch.setattr(onnx, "find_spec", lambda name: None)
+    with pytest.raises(PerdureError, match=r"pip install 'perdure\[onnx\]'"):
         export_onnx(POLICIES["plain"], tmp_path / "policy.onnx")
 
 
@@ -169,19 +171,44 @@ class TestModelsOfOtherMakers:
     def test_are_evaluated_like_the_same_function(self, tmp_path):
         path = self.linear(tmp_path / "theirs.onnx")
         options = {"env": "envpool:Hopper-v4", "steps": 100, "eval_seeds": 3}
-        found = perdure.extrapolate(path, **options).frame
-        same = perdure.extrapolate(OnnxModel.load(path), **options).frame
-        assert found.equals(same)
+        found = perdure.extrapolate(path, **options, on="here").frame
         model = OnnxModel.load(path)
+        assert found.equals(perdure.extrapolate(model, **options).frame)
         function = perdure.extrapolate(lambda seen: model(seen), **options).frame
         assert found["return"].equals(function["return"])
         assert found["policy"][0] == "theirs"
+
+    def test_resume_and_give_one_table_on_any_number_of_cores(self, tmp_path):
+        path = self.linear(tmp_path / "theirs.onnx", 3)
+        asked = Extrapolation((path,), 60, eval_seeds=4, env="envpool:Hopper-v4", training_horizon=50)
+
+        def die(status):
+            if any(key.startswith("groups") and each.state == "finished" for key, each in status.items()):
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            evaluate_files(replace(asked, max_lanes=1), tmp_path / "out", on="here", observe=die)
+        done = set(Store(tmp_path / "out").keys("groups"))
+        assert 0 < len(done) < 4
+        resumed = evaluate_files(asked, tmp_path / "out", cores=2)
+        assert resumed.frame.equals(evaluate_files(asked, on="here").frame)
+        assert set(Store(tmp_path / "out").keys("groups")) > done
+        started = []
+        other = evaluate_files(replace(asked, training_horizon=60), tmp_path / "out", on="here", observe=started.append)
+        assert started, "another training horizon is another policy"
+        assert other.frame["train_horizon"].unique().to_list() == [60.0]
+
+    def test_act_on_each_row_alone(self, tmp_path):
+        for batch in ("batch", 1, 3):
+            model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx", batch))
+            rows = np.concatenate([model(OBSERVATIONS[k : k + 1]) for k in range(20)])
+            assert model(OBSERVATIONS[:20]).tobytes() == rows.tobytes()
 
     def test_a_custom_operator_is_refused_and_nothing_is_loaded(self, tmp_path):
         node = helper.make_node("Backdoor", ["obs"], ["actions"], domain="evil.ops")
         info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
         path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], opsets=(("", 17), ("evil.ops", 1)))
-        with pytest.raises(PolicyFileError, match=r"operators of evil\.ops"):
+        with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
             OnnxModel.load(path)
 
     def test_a_custom_operator_inside_a_branch_is_refused(self, tmp_path):
@@ -193,14 +220,14 @@ class TestModelsOfOtherMakers:
         node = helper.make_node("If", ["yes"], ["actions"], then_branch=branch("evil.ops"), else_branch=branch(""))
         info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
         path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], [yes])
-        with pytest.raises(PolicyFileError, match=r"operators of evil\.ops"):
+        with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
             OnnxModel.load(path)
 
     def test_weights_in_another_file_are_refused(self, tmp_path):
         path = self.linear(tmp_path / "theirs.onnx")
         model = onnx.load(path)
         onnx.save(model, path, save_as_external_data=True, location="weights.bin", size_threshold=0)
-        with pytest.raises(PolicyFileError, match="keeps weights in another file"):
+        with pytest.raises(PerdureError, match="keeps weights in another file"):
             OnnxModel.load(path)
 
     @pytest.mark.parametrize("place", ["initializer", "attribute"])
@@ -217,7 +244,7 @@ class TestModelsOfOtherMakers:
         if place == "initializer":
             graph.sparse_initializer.append(weight)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        with pytest.raises(PolicyFileError, match="keeps weights in another file"):
+        with pytest.raises(PerdureError, match="keeps weights in another file"):
             OnnxModel(model.SerializeToString(), "sparse")
 
     def cast(self, kind, shape):
@@ -242,15 +269,15 @@ class TestModelsOfOtherMakers:
         assert self.cast(kind, ["n", 3])(rows)[:, 0].tolist() == [2.0, 3.0]
 
     def test_an_unknown_type_and_batches_of_nothing_are_refused_when_it_is_loaded(self):
-        with pytest.raises(PolicyFileError, match=r"an input of type tensor\(int8\) cannot hold observations"):
+        with pytest.raises(PerdureError, match=r"an input of type tensor\(int8\) cannot hold observations"):
             self.cast(TensorProto.INT8, ["n", 3])
-        with pytest.raises(PolicyFileError, match="batches of 0 observations"):
+        with pytest.raises(PerdureError, match="batches of 0 observations"):
             self.cast(TensorProto.FLOAT, [0, 3])
 
     @pytest.mark.parametrize("kind", [TensorProto.INT32, TensorProto.BOOL])
     @pytest.mark.parametrize("number", [0.5, np.nan, -3e10])
     def test_numbers_that_the_model_cannot_hold_are_refused(self, kind, number):
-        with pytest.raises(PolicyError, match=r"takes observations of type tensor\((int32|bool)\), which cannot hold"):
+        with pytest.raises(PerdureError, match=r"takes observations of type tensor\((int32|bool)\), which cannot hold"):
             self.cast(kind, ["n", 3])(np.array([[0.0, 1.0, number]]))
 
     def test_several_open_dimensions_are_those_of_the_observations(self):
@@ -260,7 +287,7 @@ class TestModelsOfOtherMakers:
     def test_what_is_no_model_is_refused(self, tmp_path, data):
         path = tmp_path / "none.onnx"
         path.write_bytes(data)
-        with pytest.raises(PolicyFileError, match="is not an ONNX model"):
+        with pytest.raises(PerdureError, match="is not an ONNX model"):
             OnnxModel.load(path)
 
     def test_a_cut_or_changed_file_is_refused_or_acts(self, tmp_path):
@@ -273,18 +300,18 @@ class TestModelsOfOtherMakers:
             changed[rng.integers(len(data))] ^= 1 << rng.integers(8)
             try:
                 OnnxModel(bytes(changed if k % 2 else data[: rng.integers(len(data))]), "changed")(OBSERVATIONS[:2])
-            except PolicyError:
+            except PerdureError:
                 refused += 1
         assert refused > 20
 
     def test_a_missing_file_a_second_observation_and_a_wrong_size_are_refused(self, tmp_path):
-        with pytest.raises(PolicyFileError, match="there is no file"):
+        with pytest.raises(PerdureError, match="there is no file"):
             OnnxModel.load(tmp_path / "none.onnx")
         second = helper.make_tensor_value_info("state", TensorProto.FLOAT, [1, 4])
-        with pytest.raises(PolicyFileError, match="has the inputs obs, state; expected are one observation"):
+        with pytest.raises(PerdureError, match="has the inputs obs, state; expected are one observation"):
             OnnxModel.load(self.linear(tmp_path / "two.onnx", extra_inputs=[second]))
         model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx"))
-        with pytest.raises(PolicyError, match=r"observations of shape \(n, 11\), got \(20, 10\)"):
+        with pytest.raises(PerdureError, match=r"observations of shape \(n, 11\), got \(20, 10\)"):
             model(OBSERVATIONS[:20, :10])
 
 
@@ -294,6 +321,7 @@ class TestTrainingHorizon:
         path = export_onnx(replace(POLICIES["plain"], protocol=protocol), tmp_path / "short.onnx")
         assert OnnxModel.load(path).training_horizon == 300
         options = {"env": "Hopper-v3", "steps": 20, "eval_seeds": 1}  # Hopper-v3 has a limit of 1,000 steps
+        options |= {"on": "here"}
         assert perdure.extrapolate(path, **options).frame["train_horizon"].unique().to_list() == [300.0]
         named = perdure.extrapolate(path, training_horizon=50, **options).frame
         assert named["train_horizon"].unique().to_list() == [50.0]
@@ -304,7 +332,7 @@ class TestTrainingHorizon:
 
     @pytest.mark.parametrize("text", ["long", "0", "-5", "nan"])
     def test_that_makes_no_sense_is_refused(self, tmp_path, text):
-        with pytest.raises(PolicyFileError, match=f"training_horizon is '{text}'; it is a number of steps"):
+        with pytest.raises(PerdureError, match=f"training_horizon is '{text}'; it is a number of steps"):
             OnnxModel.load(self.noted(tmp_path / "noted.onnx", text))
 
     def noted(self, path, text):
@@ -323,17 +351,14 @@ class TestTime:
         policy = replace(POLICIES["geometric"], reference=None)
         path = export_onnx(policy, tmp_path / "timed.onnx")
         options = {"env": "Hopper-v3", "steps": 60, "clocks": "constant:300", "eval_seeds": 2}
-        found = perdure.extrapolate(path, training_horizon=1000, **options).frame
+        found = perdure.extrapolate(path, training_horizon=1000, **options, on="here").frame
         own = perdure.extrapolate(policy, **options).frame
         np.testing.assert_allclose(found["return"], own["return"], rtol=1e-3)
         assert found["clock"].unique().to_list() == ["constant(300)"]
-        with pytest.raises(ExtrapolationError, match="so name clocks"):
+        with pytest.raises(PerdureError, match="stores no clock; name one"):
             perdure.extrapolate(path, env="Hopper-v3", steps=60)
 
-    def test_a_clock_for_a_model_without_time_and_a_running_clock_are_refused(self, tmp_path):
-        path = export_onnx(POLICIES["geometric"], tmp_path / "fixed.onnx", Constant(300.0))
-        with pytest.raises(ExtrapolationError, match="takes no clocks"):
-            perdure.extrapolate(path, env="Hopper-v3", steps=60, clocks="constant:100")
+    def test_a_running_clock_is_refused(self, tmp_path):
         path = export_onnx(POLICIES["geometric"], tmp_path / "runs.onnx", Periodic(300.0))
-        with pytest.raises(ExtrapolationError, match="counts time itself"):
+        with pytest.raises(PerdureError, match="counts time itself"):
             perdure.extrapolate(path, env="Hopper-v3", steps=60)

@@ -10,7 +10,8 @@ import pytest
 from gymnasium.wrappers.utils import RunningMeanStd
 
 import perdure
-from perdure.policy import Policy, PolicyError, PolicyFileError, load_policy, save_policy
+from perdure.errors import PerdureError
+from perdure.policy import Policy, load_policy, save_policy
 
 FIXTURES = Path(__file__).parent / "fixtures"
 MODEL = FIXTURES / "cleanrl.cleanrl_model"
@@ -73,21 +74,21 @@ def test_statistics_come_from_a_file_too_and_the_policy_is_saved_and_evaluated(p
     ],
 )
 def test_wrong_statistics_are_refused(options, message):
-    with pytest.raises(PolicyError, match=message):
+    with pytest.raises(PerdureError, match=message):
         Policy.from_cleanrl(MODEL, "Pendulum-v1", **options)
 
 
 @pytest.mark.parametrize("env", ["MountainCarContinuous-v0", "CartPole-v1"])
 def test_another_environment_is_refused(env):
-    with pytest.raises(PolicyError, match=f"takes 3 numbers and gives 1, but gymnasium:{env} gives"):
+    with pytest.raises(PerdureError, match=f"takes 3 numbers and gives 1, but gymnasium:{env} gives"):
         Policy.from_cleanrl(MODEL, env, normalizer=STATISTICS)
 
 
 def test_what_is_no_such_model_is_refused(tmp_path):
     cut = tmp_path / "cut.cleanrl_model"
     cut.write_bytes(MODEL.read_bytes()[:-500])
-    with pytest.raises(PolicyFileError):
+    with pytest.raises(PerdureError):
         Policy.from_cleanrl(cut, "Pendulum-v1", normalizer="none")
     shutil.copy(FIXTURES / "ppo.zip", tmp_path / "sb3.zip")
-    with pytest.raises(PolicyFileError):
+    with pytest.raises(PerdureError):
         Policy.from_cleanrl(tmp_path / "sb3.zip", "Pendulum-v1", normalizer="none")

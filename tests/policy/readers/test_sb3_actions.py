@@ -41,7 +41,7 @@ def test_actions_are_those_of_stable_baselines3(name, recorded, tmp_path):
     np.testing.assert_array_equal(again.act(recorded["observations"], np.zeros(1000)), given)
 
 
-@pytest.mark.filterwarnings("ignore::perdure.policy.errors.PolicyWarning")
+@pytest.mark.filterwarnings("ignore::perdure.errors.PerdureWarning")
 @pytest.mark.parametrize("name", TIMED)
 @pytest.mark.parametrize(("mode", "clock"), [("countdown", None), ("test_mode", Constant(float(HORIZON)))])
 def test_actions_with_a_time_feature_are_those_of_the_wrapper_far_beyond_its_horizon(name, mode, clock, recorded):
@@ -50,7 +50,7 @@ def test_actions_with_a_time_feature_are_those_of_the_wrapper_far_beyond_its_hor
     np.testing.assert_allclose(given, expected, rtol=0, atol=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore::perdure.policy.errors.PolicyWarning")
+@pytest.mark.filterwarnings("ignore::perdure.errors.PerdureWarning")
 @pytest.mark.parametrize("name", TIMED)
 def test_other_clocks_give_other_actions(name, recorded):
     """The control of the test above: the time feature matters."""

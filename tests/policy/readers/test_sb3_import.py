@@ -10,8 +10,9 @@ import pytest
 from altered import FIXTURES, model
 from gymnasium.envs.classic_control import PendulumEnv
 
+from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Countdown, Fixed, TimeFeature
-from perdure.policy import Policy, PolicyError, PolicyFileError, PolicyWarning, load_policy
+from perdure.policy import Policy, load_policy
 from perdure.policy.readers import import_once, is_sb3_zip
 from perdure.policy.readers.trusted import load_sb3
 
@@ -51,7 +52,7 @@ def test_how_time_is_treated():
 
 
 def test_a_time_feature_with_other_steps_than_the_environment_gives_a_warning_and_its_horizon():
-    with pytest.warns(PolicyWarning, match=r"from 50 steps.* end after 200"):
+    with pytest.warns(PerdureWarning, match=r"from 50 steps.* end after 200"):
         policy = imported("sac-time", time_feature="linear:50")
     assert policy.protocol.horizon == Fixed(50)
 
@@ -63,12 +64,12 @@ def test_a_training_horizon_of_the_user_s_own_replaces_the_step_limit():
         warnings.simplefilter("error")
         timed = imported("sac-time", time_feature="linear", training_horizon=50)
     assert (timed.protocol.embedding, timed.protocol.horizon) == (TimeFeature(50), Fixed(50))
-    with pytest.raises(PolicyError, match="training_horizon must be at least 1, got 0"):
+    with pytest.raises(PerdureError, match="training_horizon must be at least 1, got 0"):
         imported("trpo", training_horizon=0)
 
 
 def test_a_model_that_cannot_show_its_vecnormalize_gives_a_warning_unless_the_user_says_so():
-    with pytest.warns(PolicyWarning, match=r"sac\.zip does not say .* VecNormalize.*--normalizer none"):
+    with pytest.warns(PerdureWarning, match=r"sac\.zip does not say .* VecNormalize.*--normalizer none"):
         imported("sac", normalizer=None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -77,7 +78,7 @@ def test_a_model_that_cannot_show_its_vecnormalize_gives_a_warning_unless_the_us
 
 
 def test_statistics_for_a_model_that_had_none_give_a_warning():
-    with pytest.warns(PolicyWarning, match=r"trpo\.zip was not trained behind VecNormalize.*ppo\.pkl"):
+    with pytest.warns(PerdureWarning, match=r"trpo\.zip was not trained behind VecNormalize.*ppo\.pkl"):
         imported("trpo", normalizer=FIXTURES / "ppo.pkl")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -87,7 +88,7 @@ def test_statistics_for_a_model_that_had_none_give_a_warning():
 def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():
     gymnasium.register("Endless-v0", PendulumEnv)
     try:
-        with pytest.warns(PolicyWarning, match=r"no step limit.* 1,000 steps.*--training-horizon"):
+        with pytest.warns(PerdureWarning, match=r"no step limit.* 1,000 steps.*--training-horizon"):
             policy = imported("trpo", "Endless-v0")
         assert policy.protocol.horizon == Fixed(1000)
         with warnings.catch_warnings():
@@ -135,7 +136,7 @@ class TestImportOnce:
 
     def test_the_second_time_the_file_is_reused(self, tmp_path, monkeypatch):
         first = import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options())
-        monkeypatch.setattr("perdure.policy.readers.import_folder.import_sb3", None)  # a call would fail
+        monkeypatch.setattr("perdure.policy.readers.sb3_import.import_sb3", None)  # a call would fail
         assert import_once(FIXTURES / "trpo.zip", tmp_path, "Pendulum-v1", **self.options()) == first
         assert load_policy(first).reference is not None
 
@@ -173,5 +174,5 @@ def test_trust_says_what_to_install(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setitem(sys.modules, "stable_baselines3.common.save_util", None)
-    with pytest.raises(PolicyFileError, match="pip install stable-baselines3 sb3-contrib"):
+    with pytest.raises(PerdureError, match="pip install stable-baselines3 sb3-contrib"):
         load_sb3(FIXTURES / "ppo.zip")

@@ -106,11 +106,11 @@ def test_trust_runs_code_which_is_why_it_must_be_asked_for(made, tmp_path):
     """The control of the refusals: the payload works where files are trusted."""
     import pickle
 
-    from perdure.policy import PolicyFileError
+    from perdure.errors import PerdureError
 
     path, trace = tmp_path / "statistics.pkl", tmp_path / "trace"
     path.write_bytes(pickle.dumps(Payload(trace)))
     for trust in (False, True):
-        with pytest.raises(PolicyFileError):
+        with pytest.raises(PerdureError):
             Policy.from_sb3(made / "ppo.zip", "Pendulum-v1", normalizer=path, trust=trust, measure=False)
         assert trace.exists() == trust

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
+import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-import perdure
+from perdure import cli
 
 FIXTURES = Path(__file__).parent / "fixtures"
 PAGE = Path(__file__).parents[3] / "docs" / "tutorials" / "does-my-sb3-agent-hold.md"
@@ -29,21 +27,19 @@ def folder(tmp_path_factory):
     return folder
 
 
-def run(command, folder):
-    """Run a script with the `perdure` of this environment."""
-    source = str(Path(perdure.__file__).parents[1])
-    variables = {**os.environ, "PYTHONPATH": os.pathsep.join([source, os.environ.get("PYTHONPATH", "")])}
-    script = f'perdure() {{ "{sys.executable}" -m perdure "$@"; }}\n{command}'
-    done = subprocess.run(["bash", "-euc", script], cwd=folder, env=variables, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def run(command, folder, monkeypatch, capsys):
+    """Run commands of the page in this process and return what they print."""
+    monkeypatch.chdir(folder)
+    for line in command.replace("\\\n", "").strip().splitlines():
+        cli.run(shlex.split(line)[1:])
+    return capsys.readouterr().out
 
 
 def short(command):
     """The same evaluation with few and short episodes."""
     command = re.sub(r" (\\\n)? *--(steps|eval-seeds) \d+", "", command)
     return (
-        command.replace("--out", "--steps 60 --eval-seeds 1 --cores 1 --out") if "extrapolate" in command else command
+        command.replace("--out", "--steps 60 --eval-seeds 1 --on here --out") if "extrapolate" in command else command
     )
 
 
@@ -54,8 +50,8 @@ def test_the_page_has_the_commands_that_are_tested():
 
 
 @pytest.mark.parametrize("number", range(len(COMMANDS)))
-def test_a_command_of_the_page_runs(number, folder):
-    output = run(short(COMMANDS[number]), folder)
+def test_a_command_of_the_page_runs(number, folder, monkeypatch, capsys):
+    output = run(short(COMMANDS[number]), folder, monkeypatch, capsys)
     assert ("Report:" in output) == ("extrapolate" in COMMANDS[number])
 
 
@@ -65,8 +61,8 @@ def test_the_python_of_the_page_runs(folder, monkeypatch):
 
 
 @pytest.mark.verify
-def test_the_page_as_a_whole_from_training_to_the_verdict(tmp_path, monkeypatch):
+def test_the_page_as_a_whole_from_training_to_the_verdict(tmp_path, monkeypatch, capsys):
     pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     exec(compile(TRAINING, PAGE.name, "exec"), {})
-    assert "holds for 10,000 steps" in run(COMMANDS[0], tmp_path)
+    assert "holds for 10,000 steps" in run(COMMANDS[0], tmp_path, monkeypatch, capsys)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict
 
-from perdure.policy import PolicyFileError
-from perdure.policy.readers.sb3_data import ACTOR_CRITIC
+from perdure.errors import PerdureError
+from perdure.policy.readers.sb3 import ACTOR_CRITIC
 from perdure.policy.readers.trusted import _settings
 
 POLICY = type("ActorCriticPolicy", (), {"__module__": ACTOR_CRITIC, "squash_output": False, "activation_fn": None})
@@ -44,18 +44,18 @@ def test_a_vector_is_read():
 )
 def test_images_and_compositions_are_refused(space, kind):
     """Stable-Baselines3 divides images by 255 and transposes them before the policy sees them."""
-    with pytest.raises(PolicyFileError, match=f"x.zip is for {kind} observations; only vectors"):
+    with pytest.raises(PerdureError, match=f"x.zip is for {kind} observations; only vectors"):
         _settings(model(space), "x.zip")
 
 
 def test_a_features_extractor_that_changes_what_the_policy_sees_is_refused():
     other = type("ScaledFlattenExtractor", (FLATTEN,), {"__module__": "mine"})
-    with pytest.raises(PolicyFileError, match=r"x\.zip: its features extractor is ScaledFlattenExtractor, which"):
+    with pytest.raises(PerdureError, match=r"x\.zip: its features extractor is ScaledFlattenExtractor, which"):
         _settings(model(Box(-1.0, 1.0, (3,)), other), "x.zip")
 
 
 def test_an_activation_function_that_only_has_the_name_is_refused():
     loaded = model(Box(-1.0, 1.0, (3,)))
     loaded.policy.activation_fn = type("Tanh", (), {"__module__": "mine"})
-    with pytest.raises(PolicyFileError, match="with Tanh is not read"):
+    with pytest.raises(PerdureError, match="with Tanh is not read"):
         _settings(loaded, "x.zip")

@@ -1,30 +1,29 @@
-"""Results of known answer: extrapolation tables with the returns that a test says, in the folders of a study."""
+"""Results of known answer: evaluations with the returns that a test says."""
 
 import math
 from itertools import product
 
 import polars as pl
 
-from perdure.report import write_table
 from perdure.report.schema import COLUMNS
-from perdure.studies.horizon.grid import ZOO, Grid, Row, Split, evaluation_folder
-from perdure.studies.horizon.results import read_results
+from studies.horizon.grid import ZOO, Grid, Row, Split
+from studies.horizon.results import CLOCKS, EPISODES, LEARNING, MECHANISMS, freeze_episodes, select
 
 STEPS = (10, 900, 1000)
 HORIZON = STEPS[-1]
 SPLITS = (Split("validation", 1000, 1), Split("test", 2000, 2))
 
 
-def lanes(row, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0):
+def lanes(method, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0, task="Hopper-v3"):
     """The rows of one lane that earns `total` evenly, or falls after step 10 and earns it until then."""
     kind, _, number = clock.partition(":")
     steps = math.nan if kind == "none" else float(number or HORIZON)
     name = "none" if kind == "none" else f"{kind}({steps:.0f})"
     end = 10 if falls else HORIZON
     common = {
-        "policy": row.method,
-        "method": row.method,
-        "task": row.task,
+        "policy": method,
+        "method": method,
+        "task": task,
         "train_seed": seed,
         "train_horizon": 100.0,
         "clock": name,
@@ -54,37 +53,36 @@ def lanes(row, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0):
     ]
 
 
-def make_results(out, test, validation=None, task="Hopper-v3", confirmatory=False, tasks=()):
-    """Write evaluations and read them back.
+def table(*parts, **changes):
+    """An evaluation of these lanes, with some columns changed."""
+    return pl.DataFrame([{**row, **changes} for part in parts for row in part], schema=COLUMNS)
+
+
+def make_results(test, validation=None, task="Hopper-v3", tasks=(), **changes):
+    """Return results with these evaluations, and nothing else.
 
     Args:
-        out: A folder.
         test: {(method, clock): {seed: return}}; a return of None is a fall that earns 1.
         validation: Likewise; the test ones by default.
         task: Of all of them.
         tasks: With the same returns on each, in place of `task`.
-        confirmatory: Of the grid, which then has no validation start states.
+        changes: Columns that have another value in every lane.
     """
     methods = dict.fromkeys(method for method, _ in test)
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
     rows = tuple(Row(each, method, ZOO, tuple(seeds[method]), 1) for each in tasks or (task,) for method in methods)
-    splits = SPLITS[1:] if confirmatory else SPLITS
-    swept = tuple(clock for _, clock in test if clock != "none") if confirmatory else ("sweep",)
-    grid = Grid("thesis", rows, splits, HORIZON, swept, confirmatory=confirmatory)
-    for split, row in product(splits, rows):
+    grid = Grid("thesis", rows, SPLITS, HORIZON, ("sweep",))
+    frozen = []
+    for split, row in product(SPLITS, rows):
         runs = test if split.name == "test" or validation is None else validation
-        found = [
-            part
+        parts = [
+            lanes(row.method, clock, seed, split.first_seed + k, 1.0 if value is None else value, falls=value is None)
             for (method, clock), values in runs.items()
             if method == row.method
             for seed, value in values.items()
             for k in range(split.seeds)
-            for part in lanes(
-                row, clock, seed, split.first_seed + k, 1.0 if value is None else value, falls=value is None
-            )
         ]
-        frame = pl.DataFrame(found, schema=COLUMNS)
-        folder = evaluation_folder(out, split.name, row)
-        folder.mkdir(parents=True)
-        write_table(folder / "lanes.parquet", frame, {})
-    return read_results(grid, out)
+        if parts:
+            frozen.append(freeze_episodes(table(*parts, **changes), row.setting, row.method, split.name))
+    others = (pl.DataFrame(schema=each.columns) for each in (LEARNING, MECHANISMS, CLOCKS))
+    return select(grid, pl.concat(frozen or [pl.DataFrame(schema=EPISODES.columns)]), *others)

@@ -1,61 +1,81 @@
-"""The committed tables and pages are what the analysis makes of the committed results."""
+"""The committed tables, figures and page are what the analysis makes of the frozen tables."""
 
+import math
 import re
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
-from scipy import stats
+from polars.testing import assert_frame_equal
 
-from perdure.studies.horizon import analyze as analysis
-from perdure.studies.horizon.grid import GRIDS
+from perdure.policy import load_policy
+from perdure.report.charts import render
+from studies.files import include_tables, write_csv
+from studies.horizon.figures import all_figures
+from studies.horizon.grid import GRIDS
+from studies.horizon.results import read_results
+from studies.horizon.tables import all_tables, page_tables
 
-RESULTS = Path(__file__).parents[3] / "results"
-KEPT = {"thesis": RESULTS / "horizon", "replication": RESULTS / "horizon-replication"}
-SOURCES = ("training", "evaluation", "rules", "mechanism")
-
-
-@pytest.mark.parametrize("scale", KEPT)
-def test_tables_claims_and_page_are_made_again_byte_for_byte(scale, tmp_path, monkeypatch):
-    folder = KEPT[scale]
-    for name in SOURCES:
-        if (folder / name).is_dir():
-            (tmp_path / name).symlink_to(folder / name)
-    (tmp_path / "README.md").write_bytes((folder / "README.md").read_bytes())
-    drawn = []
-    monkeypatch.setattr(analysis, "save", lambda figures, out, formats: drawn.extend(figures))
-    analysis.analyze(GRIDS[scale], tmp_path)
-    made = {path.relative_to(tmp_path) for path in [*tmp_path.glob("tables/*.csv"), *tmp_path.glob("*.md")]}
-    assert made == {path.relative_to(folder) for path in [*folder.glob("tables/*.csv"), *folder.glob("*.md")]}
-    changed = [path for path in sorted(made) if (tmp_path / path).read_bytes() != (folder / path).read_bytes()]
-    assert not changed, f"perdure study horizon --scale {scale} --analyze-only changes {changed}"
-    assert {f"{figure.name}.svg" for figure in drawn} == {path.name for path in folder.glob("figures/*.svg")}
+RESULTS = Path(__file__).parents[3] / "results" / "horizon"
+NUMBER = re.compile(r"[-\u2212]?\d[\d,]*\.?\d*(?:e-?\d+)?")
 
 
-def interval(values):
-    """Mean and Student's t interval."""
-    return np.mean(values), *stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+@pytest.fixture(scope="module")
+def results():
+    return read_results(GRIDS["thesis"], RESULTS)
 
 
-def printed(pattern):
-    """The numbers in what the page says."""
-    (found,) = re.findall(pattern, (KEPT["thesis"] / "README.md").read_text())
-    return [float(number) for number in found]
+def test_tables_are_made_again(results, tmp_path):
+    made = all_tables(results)
+    assert set(made) == {path.stem for path in RESULTS.glob("tables/*.csv")}
+    for name, frame in made.items():
+        again = pl.read_csv(write_csv(tmp_path / f"{name}.csv", frame))
+        assert_frame_equal(again, pl.read_csv(RESULTS / "tables" / f"{name}.csv"), rel_tol=1e-9, abs_tol=0.0)
 
 
-def test_the_page_says_how_many_failures_came_after_the_training_horizon():
-    runs = pl.read_csv(KEPT["thesis"] / "tables" / "runs.csv")
-    ppo = runs.filter((pl.col("setting") == "Walker2d-v3@cleanrl") & (pl.col("method") == "ppo"))
-    later = (ppo["failed share"] - ppo["failed within"]).to_list()
-    numbers = printed(r"Later failures alone: (\S+) \((\S+) to (\S+); p = (\S+) before")
-    assert numbers == pytest.approx([*interval(later), stats.ttest_1samp(later, 0.1).pvalue], abs=0.005)
+def shown(svg):
+    """What a figure shows, as its marks say it for screen readers: words and numbers, wherever they are drawn."""
+    labels = "\n".join(re.findall(r'aria-label="([^"]*)"', svg))
+    numbers = [float(each.replace(",", "").replace("\u2212", "-")) for each in NUMBER.findall(labels)]
+    return NUMBER.sub("#", labels), numbers
 
 
-def test_the_page_says_how_much_actions_change_without_the_c_that_training_never_saw():
-    changes = [
-        pl.read_parquet(path).filter(pl.col("C").is_in([100, 200, 300, 400, 600, 700, 800, 900, 1000]))["change"].mean()
-        for path in (KEPT["thesis"] / "mechanism" / "HalfCheetah-v3" / "geometric").glob("seed-*/actions.parquet")
-    ]
-    numbers = printed(r"Without C = 0,.*?HalfCheetah-v3 (\S+) \((\S+) to (\S+)\)")
-    assert numbers == pytest.approx(interval(changes), abs=0.0005)
+def test_figures_show_the_same_again(results):
+    figures = list(all_figures(results))
+    assert {f"{figure.name}.svg" for figure in figures} == {path.name for path in (RESULTS / "figures").iterdir()}
+    for figure in figures:
+        words, numbers = shown(render(figure, "svg").decode())
+        committed_words, committed_numbers = shown((RESULTS / "figures" / f"{figure.name}.svg").read_text())
+        assert words == committed_words, figure.name
+        assert numbers
+        assert all(map(math.isclose, numbers, committed_numbers)), figure.name
+
+
+def test_the_tables_of_the_page_are_up_to_date(results, tmp_path):
+    page = tmp_path / "README.md"
+    page.write_bytes((RESULTS / "README.md").read_bytes())
+    include_tables(page, page_tables(results))
+    assert page.read_text() == (RESULTS / "README.md").read_text()
+
+
+def test_the_answer_says_what_the_tables_say(results):
+    text = " ".join((RESULTS / "README.md").read_text().split())
+    low, high = re.findall(r"interval of the difference of their scores is (\S+) to (\S+)\. ", text)[0]
+    effect = page_tables(results)["effects"].row(0)
+    assert effect[:2] == ("geometric time-to-go", "discounted PPO")
+    assert effect[2].endswith(f"[{low}, {high}]")
+    claims = pl.read_csv(RESULTS / "tables" / "claims.csv")
+    assert (claims["after Holm"] == "supported").sum() == 5
+    assert (claims["after Holm"] == "contradicted").sum() == 0
+    episodes = results.episodes["split"].value_counts()
+    assert sorted(episodes["count"]) == [2340, 14000]
+
+
+def test_committed_policies_are_small_and_can_be_deployed():
+    paths = sorted((RESULTS / "policies").rglob("*.safetensors"))
+    assert sum(path.stat().st_size for path in paths) < 40e6
+    for path in paths[::40]:
+        policy = load_policy(path)
+        assert not policy.has_critic
+        assert policy.reference is not None
+        assert policy.provenance["seed"] == int(path.stem.removeprefix("seed-"))

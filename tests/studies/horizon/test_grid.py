@@ -1,51 +1,38 @@
 """The grid names the training runs that are committed, and splits share no start state."""
 
-import json
 from itertools import combinations
 from pathlib import Path
 
 import pytest
 
-from perdure.ppo import METHODS
-from perdure.studies import StudyError, find_study
-from perdure.studies.horizon.grid import DEFAULT_PHASES, GRIDS, PHASES, make_grid
-from perdure.studies.horizon.training import train_run
+from perdure.errors import PerdureError
+from perdure.learn import METHODS
+from perdure.policy import load_policy
+from studies.horizon.grid import DEFAULT_PHASES, GRIDS, PHASES, make_grid
+from studies.horizon.results import LEARNING
+from studies.horizon.study import grid_units, plan, row_config, train_run
 
-RESULTS = Path(__file__).parents[3] / "results" / "horizon"
+POLICIES = Path(__file__).parents[3] / "results" / "horizon" / "policies"
 THESIS = make_grid("thesis", DEFAULT_PHASES)
 EVERYTHING = make_grid("thesis", tuple(PHASES))
 
 
-def test_every_committed_training_run_is_in_the_grid():
-    committed = {
-        path.parent.relative_to(RESULTS / "training").as_posix() for path in RESULTS.rglob("training/**/run.json")
-    }
-    assert committed >= {f"{row.key}/seed-{seed}" for row in THESIS.rows for seed in row.seeds}
-    assert committed <= {f"{row.key}/seed-{seed}" for row in EVERYTHING.rows for seed in row.seeds}
+EVALUATED = [row for row in THESIS.rows if row.evaluated]
 
 
-def record(row, seed):
-    return RESULTS / "training" / row.key / f"seed-{seed}" / "run.json"
+def test_every_training_run_of_the_grid_is_committed():
+    committed = {path.relative_to(POLICIES).as_posix() for path in POLICIES.rglob("*.safetensors")}
+    assert committed >= {f"{row.key}/seed-{seed}.safetensors" for row in EVALUATED for seed in row.seeds}
+    runs = set(LEARNING.read(POLICIES.parent).select("setting", "method", "train_seed").unique().rows())
+    assert runs >= {(row.setting, row.method, seed) for row in THESIS.rows for seed in row.seeds}
 
 
-COMMITTED = [
-    (row, [seed for seed in row.seeds if record(row, seed).is_file() or row.phase in DEFAULT_PHASES])
-    for row in EVERYTHING.rows
-]
-
-
-@pytest.mark.parametrize(("row", "seeds"), [pytest.param(*each, id=each[0].key) for each in COMMITTED if each[1]])
-def test_the_grid_s_settings_are_those_of_the_committed_runs(row, seeds):
-    run = train_run(EVERYTHING, row)
-    for seed in seeds:
-        assert json.loads(record(row, seed).read_text()) == run.identity(seed)
-
-
-def test_other_settings_would_be_noticed():
-    row = THESIS.rows[0]
-    run = train_run(make_grid("smoke", (1,)), row)
-    kept = json.loads((RESULTS / "training" / run.key(0) / "run.json").read_text())
-    assert kept != run.identity(0)
+@pytest.mark.parametrize("row", EVALUATED, ids=lambda row: row.key)
+def test_the_grid_s_settings_are_those_of_the_committed_runs(row):
+    for seed in (row.seeds[0], row.seeds[-1]):
+        provenance = load_policy(POLICIES / row.key / f"seed-{seed}.safetensors").provenance
+        assert (provenance["method"], provenance["seed"]) == (row.method, seed)
+        assert provenance["config"] == row_config(THESIS, row).to_json()
 
 
 @pytest.mark.parametrize("name", [name for name, grid in GRIDS.items() if len(grid.splits) > 1])
@@ -61,14 +48,6 @@ def test_rows_are_known_methods_and_none_stands_twice(grid):
     assert {row.method for row in grid.rows if row.gamma is None} <= set(METHODS)
 
 
-def test_the_replication_trains_and_tests_on_nothing_that_suggested_it():
-    rows = {row.key: set(row.seeds) for row in EVERYTHING.rows}
-    fresh = GRIDS["replication"]
-    assert all(not rows[row.key] & set(row.seeds) for row in fresh.rows)
-    seen = {split.first_seed + number for split in EVERYTHING.splits for number in range(split.seeds)}
-    assert all(not seen & set(range(each.first_seed, each.first_seed + each.seeds)) for each in fresh.splits)
-
-
 def test_a_gamma_row_changes_gamma_alone():
     grid = make_grid("thesis", (4,))
     row = next(row for row in grid.rows if row.gamma == 0.95)
@@ -77,24 +56,22 @@ def test_a_gamma_row_changes_gamma_alone():
 
 
 def test_phases_without_a_row_are_refused():
-    with pytest.raises(StudyError, match="its phases are 1"):
+    with pytest.raises(PerdureError, match="its phases are 1"):
         make_grid("smoke", (5,))
 
 
-def test_evaluation_follows_training():
-    study = find_study("horizon")
-    steps = study.plan("smoke", Path("nowhere"), study.phases)
-    keys = [step.key for step in steps]
+def test_every_unit_comes_after_its_training():
+    units = list(grid_units(GRIDS["smoke"], Path("nowhere")))
+    keys = [unit.key for unit in units]
     assert len(keys) == len(set(keys))
-    for place, step in enumerate(steps):
-        assert set(step.after) <= set(keys[:place])
+    for place, unit in enumerate(units):
+        assert set(unit.after) <= set(keys[:place])
 
 
 def test_only_methods_that_observe_c_are_evaluated_where_c_is_chosen():
-    study = find_study("horizon")
-    steps = study.plan("thesis", Path("nowhere"), (1, 3))
+    keys = [unit.key.split("/") for unit in plan("thesis", (1, 3), Path("nowhere"))]
     methods = {
-        name: {step.row.method for step in steps if step.stage == f"evaluation {name}"}
+        name: {key[3].partition("@")[0] for key in keys if key[:2] == ["evaluation", name]}
         for name in ("validation", "test")
     }
     assert methods["validation"] == {"geometric", "geometric-fixed"}

@@ -1,6 +1,7 @@
 """A study that is killed, or carried out by two commands at once, gives the same files byte for byte."""
 
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -11,12 +12,13 @@ from pathlib import Path
 import pytest
 from tiny_study import write_training
 
+from perdure.policy import load_policy
+
 PROGRAM = Path(__file__).with_name("tiny_study.py")
-HIDDEN = (".working", ".locks", ".progress", ".failures")
 
 
 def command(out, *options):
-    return [sys.executable, str(PROGRAM), "study", "horizon", "--out", str(out), *options]
+    return [sys.executable, str(PROGRAM), "horizon", "--out", str(out), *options]
 
 
 def run(out, *options):
@@ -26,11 +28,11 @@ def run(out, *options):
 
 
 def files(out):
-    """Bytes of every table, figure and page; groups of lanes differ in how they were cut, as their names say."""
+    """Bytes of every frozen table, table, figure and policy."""
     return {
         str(path.relative_to(out)): path.read_bytes()
         for path in sorted(Path(out).rglob("*"))
-        if path.is_file() and not {"groups", "training", *HIDDEN} & set(path.parts) and path.name != "unit.json"
+        if path.is_file() and "runs" not in path.relative_to(out).parts
     }
 
 
@@ -84,34 +86,30 @@ def test_two_commands_at_once_give_the_same_files(whole, tmp_path):
     assert files(out) == files(whole)
 
 
-def test_status_counts_what_is_in_the_stores(whole, tmp_path):
-    shown = run(whole, "--status")
-    assert "evaluation test          20 of 20 units done (100% of the work)" in shown
+def test_status_counts_what_is_in_the_store(whole, tmp_path):
+    assert re.search(r"evaluate +6 of 6 done, 0 failed \(100% of the work\)", run(whole, "--status"))
     write_training(tmp_path)
     begun = run(tmp_path, "--status")
-    assert "training                 4 of 4 units done" in begun
-    assert "evaluation test          0 of 20 units done (0% of the work)" in begun
+    assert re.search(r"train segment +4 of 4 done", begun)
+    assert re.search(r"evaluate +0 of 6 done, 0 failed \(0% of the work\)", begun)
 
 
-def test_the_analysis_alone_writes_the_same_files_again(whole):
+def test_the_analysis_alone_writes_the_same_files_again_without_the_store(whole, tmp_path):
+    for name in whole.glob("*.parquet"):
+        shutil.copy(name, tmp_path)
+    run(tmp_path, "--analyze-only")
+    made = files(tmp_path)
+    assert any(name.startswith("figures/figure-3-2") for name in made)
+    assert made == {name: content for name, content in files(whole).items() if not name.startswith("policies")}
+
+
+def test_collected_policies_act_without_a_critic_and_are_collected_once(whole, tmp_path):
     before = files(whole)
-    for name in ("tables", "figures"):
-        for path in (whole / name).iterdir():
-            path.unlink()
-    (whole / "claims.md").unlink()
-    run(whole, "--analyze-only")
-    assert files(whole) == before
-
-
-def test_the_analysis_reads_the_groups_of_lanes(whole):
-    before = files(whole)
-    tables = {path: path.read_bytes() for path in whole.rglob("lanes.parquet") if "groups" not in path.parts}
-    assert len(tables) == 3  # C is chosen for one of two methods
-    for path in tables:
-        path.unlink()
-    run(whole, "--analyze-only")
-    for path, content in tables.items():
-        path.write_bytes(content)
+    policy = load_policy(whole / "policies" / "InvertedPendulum-v4" / "geometric" / "seed-1.safetensors")
+    assert not policy.has_critic
+    assert policy.reference is not None
+    assert policy.provenance["seed"] == 1
+    run(whole, "--collect", str(whole / "runs"))
     assert files(whole) == before
 
 

@@ -1,27 +1,18 @@
-"""Measures of lanes and training runs, against tables whose lanes were written down by hand."""
+"""Measures of episodes and training runs, against tables whose episodes were written down by hand."""
 
-import polars as pl
 import pytest
-from known_results import HORIZON, lanes, make_results
+from known_results import HORIZON, lanes, make_results, table
 
-from perdure.report.schema import COLUMNS
-from perdure.studies.horizon.grid import ZOO, Row
-from perdure.studies.horizon.tables import RowTable, failure_places, lane_measures, name_clocks
-
-ROW = Row("Hopper-v3", "geometric", ZOO, (0, 1), 1)
-
-
-def frame(*parts, **changes):
-    rows = [{**row, **changes} for part in parts for row in part]
-    return name_clocks(pl.DataFrame(rows, schema=COLUMNS))
+from studies.horizon.results import VALIDATION, freeze_episodes, measure, name_clocks
+from studies.horizon.tables import failure_places
 
 
 def measured(*parts, **changes):
-    return lane_measures(frame(*parts, **changes)).to_dicts()[0]
+    return measure(freeze_episodes(table(*parts, **changes), "Hopper-v3", "geometric", "test")).to_dicts()[0]
 
 
 def test_a_lane_that_holds():
-    found = measured(lanes(ROW, "constant:500", 0, 2000, 3000.0))
+    found = measured(lanes("geometric", "constant:500", 0, 2000, 3000.0))
     assert found["return"] == found["return within"] == 3000.0
     assert found["reward late"] == pytest.approx(3.0)  # 300 in the last 100 steps
     assert (found["failed share"], found["ended share"], found["hold share"]) == (0.0, 0.0, 1.0)
@@ -31,28 +22,28 @@ def test_a_lane_that_holds():
 
 
 def test_the_gain_pays_nothing_for_standing_still_and_counts_the_steps_before_a_fall():
-    still = measured(lanes(ROW, "none", 0, 2000, 1000.0), idle_rate=1.0)
+    still = measured(lanes("geometric", "none", 0, 2000, 1000.0), idle_rate=1.0)
     assert still["gain"] == pytest.approx(0.0)
-    falling = measured(lanes(ROW, "none", 0, 2000, 30.0, falls=True), idle_rate=1.0)
+    falling = measured(lanes("geometric", "none", 0, 2000, 30.0, falls=True), idle_rate=1.0)
     assert falling["gain"] == pytest.approx((30.0 - 10.0) / ((3.0 - 1.0) * HORIZON))
 
 
 def test_a_lane_that_falls():
-    found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0, falls=True))
+    found = measured(lanes("geometric", "constant:500", 0, 2000, 30.0, falls=True))
     assert (found["return"], found["reward late"]) == (30.0, 0.0)
     assert (found["failed share"], found["ended share"], found["hold share"], found["hold"]) == (1.0, 1.0, 0.0, 0.0)
     assert (found["steps to failure"], found["verdict"], found["failed within"]) == (10, "falls", 1.0)
 
 
 def test_a_policy_that_never_worked_has_failed_from_the_start():
-    found = measured(lanes(ROW, "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown")
+    found = measured(lanes("geometric", "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown")
     assert (found["verdict"], found["failed share"], found["ended share"]) == ("never worked", 1.0, 0.0)
     assert (found["hold"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
 
 
 def test_where_it_cannot_be_told_nothing_is_called_a_failure_or_a_success():
-    surviving = measured(lanes(ROW, "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
-    fallen = measured(lanes(ROW, "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
+    surviving = measured(lanes("geometric", "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
+    fallen = measured(lanes("geometric", "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
     for found in (surviving, fallen):
         judged = ("failed share", "failed within", "hold share", "steps to failure")
         assert [found[name] for name in judged] == [None] * 4
@@ -60,29 +51,37 @@ def test_where_it_cannot_be_told_nothing_is_called_a_failure_or_a_success():
 
 
 def test_a_silent_failure_does_not_end_the_lane():
-    found = measured(lanes(ROW, "none", 0, 2000, 30.0), outcome="fails silently", failed_step=400, end_hold=0.1)
+    found = measured(lanes("geometric", "none", 0, 2000, 30.0), outcome="fails silently", failed_step=400, end_hold=0.1)
     assert (found["failed share"], found["ended share"], found["steps to failure"]) == (1.0, 0.0, 400)
     assert found["hold"] == 0.1
 
 
 def test_clocks_are_named_as_on_a_command_line():
     clocks = ("none", "constant:500", "periodic:300", "countdown", "countdown:200")
-    names = frame(*(lanes(ROW, clock, 0, 2000, 1.0) for clock in clocks))["clock"].unique(maintain_order=True)
+    names = name_clocks(table(*(lanes("geometric", clock, 0, 2000, 1.0) for clock in clocks)))["clock"].unique(
+        maintain_order=True
+    )
     assert names.to_list() == list(clocks)
 
 
-def test_lanes_are_averaged_within_training_runs():
-    parts = [lanes(ROW, "constant:500", seed, 2000 + k, 100.0 * seed + k) for seed in (0, 1) for k in range(4)]
-    runs = RowTable(ROW, frame(*parts)).runs
-    assert runs.select("train_seed", "episodes", "return").rows() == [(0, 4, 1.5), (1, 4, 101.5)]
+def test_episodes_are_averaged_within_training_runs():
+    runs = make_results({("geometric", "constant:500"): {0: 1.5, 1: 101.5}}).runs()
+    assert runs.select("train_seed", "episodes", "return").rows() == [(0, 2, 1.5), (1, 2, 101.5)]
 
 
-def test_start_states_of_other_splits_are_left_out(tmp_path):
-    results = make_results(tmp_path, {("geometric", "constant:500"): {0: 1.0, 1: 2.0}})
-    assert set(results.test["Hopper-v3/geometric"].frame["eval_seed"]) == {2000, 2001}
-    assert set(results.validation["Hopper-v3/geometric"].frame["eval_seed"]) == {1000}
+def test_start_states_of_other_splits_are_left_out():
+    results = make_results({("geometric", "constant:500"): {0: 1.0, 1: 2.0}})
+    states = {split: set(part["eval_seed"]) for (split,), part in results.episodes.group_by("split")}
+    assert states == {"test": {2000, 2001}, "validation": {1000}}
+    assert len(results.of(results.grid.rows[0], VALIDATION)) == 2
 
 
-def test_failures_are_counted_by_what_left_its_training_range_first(tmp_path):
-    results = make_results(tmp_path, {("ppo", "none"): {0: None, 1: 5.0}})
-    assert failure_places(results.test).rows() == [("Hopper-v3", "ppo", "falls", "observation[1]", 2)]
+def test_curves_hold_the_return_so_far():
+    frozen = freeze_episodes(table(lanes("ppo", "none", 0, 2000, 30.0, falls=True)), "Hopper-v3", "ppo", "test")
+    assert frozen["curve_steps"].to_list() == [[10, 900, 1000]]
+    assert frozen["curve"].to_list() == [[30.0, 30.0, 30.0]]
+
+
+def test_failures_are_counted_by_what_left_its_training_range_first():
+    results = make_results({("ppo", "none"): {0: None, 1: 5.0}})
+    assert failure_places(results).rows() == [("Hopper-v3", "ppo", "falls", "observation[1]", 2)]

@@ -5,10 +5,18 @@ import pytest
 from tiny_study import pendulum_policy
 
 from perdure.horizon import Constant, Fixed, Geometric, HorizonProtocol, Linear, Uniform
-from perdure.studies.horizon.mechanism_actions import action_changes
-from perdure.studies.horizon.mechanism_rewards import fall_rate, rewards_to_go
-from perdure.studies.horizon.mechanism_values import has_target, returns_to_go, tail_steps, value_measures
-from perdure.studies.horizon.rollouts import Rollout, draw_horizons, roll_out
+from studies.horizon.rollouts import (
+    Rollout,
+    action_changes,
+    draw_horizons,
+    fall_rate,
+    has_target,
+    returns_to_go,
+    rewards_to_go,
+    roll_out,
+    tail_steps,
+    value_measures,
+)
 
 LINEAR = Linear()
 GEOMETRIC = Geometric(2)  # phi = (0.99^(T-t), 1)
@@ -83,15 +91,20 @@ def test_a_constant_critic_explains_no_variance_but_may_have_less_error():
 
 @pytest.mark.parametrize(
     ("parts", "expected"),
-    [({}, True), ({"end": "truncated", "gamma": 0.9}, True), ({"end": "truncated", "gamma": 1.0}, False)],
+    [
+        ({}, True),
+        ({"end": "truncated", "gamma": 0.9}, True),
+        ({"end": "truncated", "gamma": 0.999}, False),  # rewards of 4,603 steps count
+        ({"end": "truncated", "gamma": 1.0}, False),
+    ],
 )
-def test_an_undiscounted_bootstrapped_value_has_nothing_to_compare(parts, expected):
+def test_a_bootstrapped_value_without_a_short_memory_has_nothing_to_compare(parts, expected):
     assert has_target(timed_policy(**parts)) is expected
 
 
 def test_the_tail_is_as_long_as_rewards_count():
     assert tail_steps(timed_policy(end="truncated", gamma=0.9)) == 44  # 0.9^44 = 0.0097
-    assert tail_steps(timed_policy(end="truncated", gamma=0.9999)) == 1000
+    assert tail_steps(timed_policy(end="truncated", gamma=0.999)) == 4603
     assert tail_steps(timed_policy()) == 0
 
 

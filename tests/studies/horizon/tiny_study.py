@@ -1,20 +1,21 @@
 """A study that takes seconds: two methods on the inverted pendulum, with policies written by hand instead of trained.
 
-As a program it is `perdure study` whose scale "smoke" is this one:  python tiny_study.py study horizon --out FOLDER
+As a program it is `python -m studies` whose scale "smoke" is this one:  python tiny_study.py horizon --out FOLDER
 """
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 
+from perdure.learn.presets import default_clock
 from perdure.policy import Normalizer, Policy, TaskInfo, measure_reference, save_policy
-from perdure.ppo.methods import default_clock
 from perdure.runs import Store
-from perdure.studies.horizon import grid as grids
-from perdure.studies.horizon.grid import Grid, Row, Split, training_folder
-from perdure.studies.horizon.training import EPISODES, POLICY, row_config, train_run
+from studies.horizon import grid as grids
+from studies.horizon.grid import Grid, Row, Split
+from studies.horizon.study import POLICY, row_config, train_run
 
 TASK = "InvertedPendulum-v4"
 GAINS = (0.5, 6.0, 0.8, 1.2)
@@ -54,7 +55,7 @@ def pendulum_policy(protocol, clock, *, seed=0, push=(), value=(), method="geome
 
 def write_training(out, grid=GRID, push=(-10.0,)):
     """Put a finished training run for every row and seed into the store of a study."""
-    store = Store(training_folder(out))
+    store = Store(out / "runs")
     for row in grid.rows:
         run, config = train_run(grid, row), row_config(grid, row)
         for seed in row.seeds:
@@ -70,18 +71,12 @@ def write_training(out, grid=GRID, push=(-10.0,)):
                 save_policy(policy, work.folder / POLICY)
                 steps = np.linspace(100.0, 2048.0, 20)
                 frame = pl.DataFrame({"step": steps, "return": steps / 10.0 + seed, "length": steps / 10.0})
-                frame.write_parquet(work.folder / EPISODES)
+                frame.write_parquet(work.folder / "episodes.parquet")
                 (work.folder / "run.json").write_text(json.dumps(run.identity(seed)))
 
 
-def main():
-    from perdure.__main__ import main as command
-    from perdure.studies import speed
+if __name__ == "__main__":
+    from studies.__main__ import main
 
     grids.GRIDS["smoke"] = GRID
-    speed.measure_speeds = lambda tasks: dict.fromkeys(tasks, 10_000.0)
-    command()
-
-
-if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

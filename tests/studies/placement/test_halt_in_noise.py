@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perdure.home.evaluate.protocol.policies import shipped_policy
-from perdure.home.sim.world import ARM, GRASP, GRIP, RELEASE
+from perdure.home.evaluate.policies import shipped_policy
+from perdure.home.sim.simulator import ARM, GRASP, GRIP, RELEASE
 from perdure.policy import load_policy
-from perdure.studies.placement.halt_in_noise import BASE, HALT, LANES, PARTS, _Halting, outcomes
+from studies.placement.measurements import BASE, HALT, LANES, PARTS, _Halting, outcomes
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The grid holds every row of the committed table, by the commands that made them, and cannot be changed."""
 
-import json
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 
@@ -8,24 +7,22 @@ import pytest
 
 from perdure.cli.home.run import HomeRun, make_protocol
 from perdure.cli.parse import parse
-from perdure.envs.registry import is_task
-from perdure.studies import StudyError, find_study
-from perdure.studies.placement.grid import GRIDS, make_grid
+from perdure.errors import PerdureError
+from studies.placement import study
+from studies.placement.grid import GRIDS, WORLDS, make_grid
+from studies.placement.tables import read_tables
 
-COMMITTED = json.loads((Path(__file__).parents[3] / "results" / "placement" / "tables" / "strategies.json").read_text())
-THESIS = GRIDS["thesis"].rows
+TABLES = read_tables(Path(__file__).parents[3] / "results" / "placement" / "tables")
 
 
 def test_the_thesis_rows_are_those_of_the_committed_table():
-    assert sorted(row.command for row in THESIS) == COMMITTED["commands"]
-    assert {(row.task, row.split, row.strategy) for row in THESIS} == {
-        (row["task"], row["split"], row["strategy"]) for row in COMMITTED["rows"]
+    made = {
+        (row.task, row.split, row.strategy): (row.train_seeds, row.eval_seeds, row.total)
+        for row in GRIDS["thesis"].rows
     }
-
-
-def test_the_number_of_episodes_is_that_of_the_committed_table():
-    made = {(row["task"], row["split"], row["strategy"]): row["episodes"] for row in COMMITTED["rows"]}
-    assert {(row.task, row.split, row.strategy): row.total for row in THESIS} == made
+    columns = ("task", "split", "strategy", "train_seeds", "eval_seeds", "episodes")
+    assert made == {row[:3]: row[3:] for row in TABLES["success"].select(columns).iter_rows()}
+    assert {row.strategy.partition(" ")[2] for row in GRIDS["thesis"].rows} == set(WORLDS)
 
 
 @pytest.mark.parametrize("row", [row for grid in GRIDS.values() for row in grid.rows], ids=lambda row: row.command)
@@ -35,8 +32,8 @@ def test_the_command_of_a_row_asks_for_its_protocol(row):
 
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
-def test_keys_are_distinct_and_rows_cannot_be_changed(grid):
-    assert len({row.key for row in grid.rows}) == len(grid.rows)
+def test_rows_are_distinct_and_cannot_be_changed(grid):
+    assert len({(row.task, row.split, row.strategy) for row in grid.rows}) == len(grid.rows)
     with pytest.raises(FrozenInstanceError):
         grid.rows[0].episodes = 1
 
@@ -48,15 +45,12 @@ def test_phases_choose_rows():
 
 
 def test_a_phase_without_work_is_refused():
-    with pytest.raises(StudyError, match=r"its phases are 1$"):
+    with pytest.raises(PerdureError, match=r"its phases are 1$"):
         make_grid("smoke", (5,))
 
 
-@pytest.mark.parametrize(("scale", "steps", "episodes"), [("smoke", 6, 12), ("laptop", 44, 42 * 30 + 8 * 30 + 10 * 60)])
-def test_the_plan_counts_every_episode(tmp_path, scale, steps, episodes):
-    study = find_study("placement")
-    planned = study.plan(scale, tmp_path / "none", study.phases)
-    assert len({step.key for step in planned}) == len(planned) == steps
-    assert sum(step.amount for step in planned) == episodes
-    assert all(step.progress().done == 0 for step in planned)
-    assert all(is_task(step.task) for step in planned)
+@pytest.mark.parametrize(("scale", "episodes"), [("smoke", 12), ("laptop", 42 * 30 + 8 * 30 + 10 * 60)])
+def test_the_plan_counts_every_episode(tmp_path, scale, episodes):
+    planned = study.plan(scale, tuple(study.PHASES), tmp_path / "none")
+    assert len({unit.key for unit in planned}) == len(planned)
+    assert sum(unit.size for unit in planned) == episodes

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from difflib import get_close_matches
 from importlib import import_module
+
+from perdure.errors import did_you_mean
 
 USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
 
@@ -36,7 +37,6 @@ def main(args: list[str]) -> None:
     if command in COMMANDS:
         import_module(f"perdure.cli.home.{command}").main(args[1:])
         return
-    nearest = get_close_matches(command, COMMANDS, n=1)
-    hint = f"did you mean {nearest[0]}?" if nearest else f"the commands are {', '.join(COMMANDS)}"
-    print(f"perdure: unknown command home {args[0]!r}; {hint}", file=sys.stderr)
+    hint = did_you_mean(command, COMMANDS) or f"; the commands are {', '.join(COMMANDS)}"
+    print(f"perdure: unknown command home {args[0]!r}{hint}", file=sys.stderr)
     raise SystemExit(2)

@@ -10,7 +10,7 @@ import tyro
 from perdure.cli.home.flags import log_files, parse_home
 from perdure.cli.parse import check_folder
 from perdure.cli.terminal import command_line
-from perdure.report.render import Format
+from perdure.report.charts import Format
 
 
 @dataclass(frozen=True)
@@ -28,19 +28,18 @@ class HomeAnalyze:
 def main(args: list[str]) -> None:
     """Run ``perdure home analyze``."""
     flags = parse_home(HomeAnalyze, args, "analyze")
-    from perdure.home.evaluate.outcomes import analyze
-    from perdure.home.evaluate.page import read_assignment, write_page
+    from perdure.home.evaluate.analysis import analyze
+    from perdure.home.evaluate.page import read_all, summary_text, write_page
 
     paths = log_files(flags.logs)
     if flags.out is not None:
         check_folder(flags.out)
-    records, assignment = read_assignment(paths)
+    records, notes = read_all(paths)
     analysis = analyze(records)
     page = None
     if flags.out is not None:
-        page = write_page(
-            analysis, flags.out, command_line("perdure", "home", "analyze", *args), assignment, flags.formats
-        )
-    print(analysis.summary())
+        command = command_line("perdure", "home", "analyze", *args)
+        page = write_page(analysis, flags.out, command, notes, flags.formats)
+    print(summary_text(analysis, notes))
     if page is not None:
         print(f"\nReport: {page.resolve()}")

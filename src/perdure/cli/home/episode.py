@@ -36,7 +36,7 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from perdure.home.benchmark.episodes import episode_hash, load_episodes, start_pose
+    from perdure.home.tasks.episodes import episode_hash, load_episodes, start_pose
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     apartment = episode.apartment()
@@ -57,15 +57,11 @@ def main(args: list[str]) -> None:
         table.add_row(str(number) if number < len(episode.goals) else "", *row)
     Console(width=140, markup=False).print(table)
     if flags.render is not None:
-        from perdure.home.benchmark.episodes import episode_scene
-        from perdure.home.sim.world import SceneOptions, VectorSimulator
-        from perdure.home.video import goal_marks, render_lane, save_picture
+        from perdure.film import save_picture
+        from perdure.home.pictures import Studio, goal_marks, render_scene
 
-        world = VectorSimulator(1)
-        world.reset(0, episode_scene(episode, SceneOptions(visuals=True)), pose)
-        print(
-            save_picture(render_lane(world.simulator(0), flags.camera, flags.size, goal_marks(episode)), flags.render)
-        )
+        with Studio(render_scene(episode, flags.eval_seed), flags.size) as studio:
+            print(save_picture(studio.take(flags.camera, goal_marks(episode)), flags.render))
 
 
 def _point(position: tuple[float, float, float]) -> str:

@@ -38,15 +38,8 @@ class HomeFailures:
 def main(args: list[str]) -> None:
     """Run ``perdure home failures``."""
     flags = parse_home(HomeFailures, args, "failures")
-    from perdure.home.video import (
-        failure_sheet,
-        logged_agent,
-        read_failures,
-        replay_failure,
-        sample_failures,
-        save_picture,
-    )
-    from perdure.render import open_context
+    from perdure.film import check_film, open_context, save_picture
+    from perdure.home.failures import failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
 
     chosen = policies(flags.policies)
     check_folder(flags.out)
@@ -58,6 +51,7 @@ def main(args: list[str]) -> None:
     assigned = {failure.assignment: failure for failure in drawn}
     agents = {assignment: logged_agent(failure, chosen) for assignment, failure in assigned.items()}
     _ = [failure.episode for failure in drawn]
+    check_film(flags.out / drawn[0].file_name, (".png",))
     open_context(16, 16).free()
     others = 0
     for failure in drawn:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from perdure.cli.parse import flag_name, parse
-from perdure.home.errors import HomeError
+from perdure.errors import PerdureError
 
 T = TypeVar("T")
 
@@ -24,19 +24,19 @@ def parse_home(kind: type[T], args: list[str], command: str) -> T:
         command: Name of the command, such as "run".
 
     Raises:
-        HomeError: If a former spelling is used.
+        PerdureError: If a former spelling is used.
     """
     for flag in (flag_name(arg) for arg in args):
         if hasattr(kind, field := RENAMED.get(flag, "")):
-            raise HomeError(f"{flag} of perdure home {command} is now {flag_name('--' + field)}")
+            raise PerdureError(f"{flag} of perdure home {command} is now {flag_name('--' + field)}")
     return parse(kind, args, f"home {command}")
 
 
 def log_files(given: tuple[Path, ...]) -> list[Path]:
-    """Return the log files among files and folders; HomeError when there are none."""
+    """Return the log files among files and folders; PerdureError when there are none."""
     paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
     if not paths:
-        raise HomeError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
+        raise PerdureError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
     return paths
 
 
@@ -44,7 +44,7 @@ def policies(written: tuple[str, ...]) -> dict[str, str]:
     """Return SKILL=FILE and SKILL=oracle as a mapping; "oracle" alone means the oracle in every skill.
 
     Raises:
-        HomeError: For anything else, or a skill that is named twice.
+        PerdureError: For anything else, or a skill that is named twice.
     """
     from perdure.home.skills import SKILLS
 
@@ -53,8 +53,8 @@ def policies(written: tuple[str, ...]) -> dict[str, str]:
     names = [each.partition("=")[0] for each in written]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise HomeError(f"policies must name each skill once; {twice} is named twice: {' '.join(written)}")
+        raise PerdureError(f"policies must name each skill once; {twice} is named twice: {' '.join(written)}")
     chosen = dict(each.partition("=")[::2] for each in written)
     if not all(chosen.values()):
-        raise HomeError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
+        raise PerdureError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
     return chosen

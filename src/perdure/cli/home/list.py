@@ -19,10 +19,10 @@ def main(args: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from perdure.home.benchmark.episodes import load_episodes
-    from perdure.home.benchmark.tasks import TASKS
     from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
+    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.tasks.tasks import TASKS
 
     console = Console()
     tasks = Table("task", "targets", "objects", "val", "eval", "steps", "stages", title="Tasks")

@@ -27,7 +27,8 @@ class HomeOverlaps:
 def main(args: list[str]) -> None:
     """Run ``perdure home overlaps``."""
     flags = parse_home(HomeOverlaps, args, "overlaps")
-    from perdure.home.evaluate.outcomes import find_overlaps, read_logs
+    from perdure.home.evaluate.files import read_logs
+    from perdure.home.evaluate.outcomes import find_overlaps
 
     episodes = unknown = found = 0
     for path in log_files(flags.logs):

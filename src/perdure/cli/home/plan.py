@@ -20,7 +20,7 @@ class HomePlan:
 def main(args: list[str]) -> None:
     """Run ``perdure home plan``."""
     flags = parse_home(HomePlan, args, "plan")
-    from perdure.home.benchmark.plan import print_plan
     from perdure.home.skills import SKILLS, get_skill
+    from perdure.home.tasks.planning import print_plan
 
     print_plan(flags.task, {name: get_skill(name).limit for name in SKILLS})

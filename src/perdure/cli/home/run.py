@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +12,7 @@ from perdure.cli.flags import Cores, On
 from perdure.cli.home.flags import parse_home, policies
 from perdure.cli.parse import check_folder
 from perdure.cli.terminal import command_line
+from perdure.home.sim.scene import SceneOptions, WorldOptions
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.protocol import EvaluationProtocol
@@ -42,18 +43,8 @@ class HomeRun:
     """Number of evaluation seeds; each draws the robot's start poses."""
     policies: tuple[str, ...] = ()
     """SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies, else the oracle."""
-    jaws: Literal["never", "apart"] = "never"
-    """When a released object collides with the gripper's jaws and the rest of the robot again: never
-    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
-    rolling: Literal["friction", "drag"] = "friction"
-    """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
-    apple: Literal["sphere", "hull"] = "sphere"
-    """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
-    release_velocity: Literal["kept", "base-removed", "zero"] = "kept"
-    """Velocity of an object as the hand opens: unchanged; without the moving base's part
-    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
-    physics_hz: int = 120
-    """Physics steps per second: 120 or more, a multiple of 30."""
+    world: tyro.conf.OmitArgPrefixes[WorldOptions] = field(default_factory=WorldOptions)
+    """The variant of the physics."""
     max_lanes: int = 50
     """Episodes that share a process at a time. Results do not depend on it."""
     cores: Cores = None
@@ -64,31 +55,22 @@ class HomeRun:
 
 def make_protocol(flags: HomeRun) -> EvaluationProtocol:
     """Return the protocol of the flags."""
-    from perdure.home.errors import HomeError
+    from perdure.errors import PerdureError
     from perdure.home.evaluate.execute import ExecutorOptions
     from perdure.home.evaluate.protocol import EvaluationProtocol
-    from perdure.home.sim.world import SceneOptions
 
-    scene = SceneOptions(
-        physics_hz=flags.physics_hz,
-        rolling=flags.rolling,
-        apple=flags.apple,
-        release_velocity=flags.release_velocity,
-    )
     if flags.max_lanes < 1:
-        raise HomeError(f"--max-lanes must be 1 or more, not {flags.max_lanes}")
-    options = ExecutorOptions(lanes=flags.max_lanes, jaws=flags.jaws, scene=scene)
-    counts = flags.episodes, flags.train_seeds, flags.eval_seeds
-    return EvaluationProtocol(
-        flags.task, flags.place, flags.split, *counts, flags.vary, policies(flags.policies), options
-    )
+        raise PerdureError(f"--max-lanes must be 1 or more, not {flags.max_lanes}")
+    options = ExecutorOptions(lanes=flags.max_lanes, scene=SceneOptions(**vars(flags.world)))
+    same = {each.name: getattr(flags, each.name) for each in fields(EvaluationProtocol) if hasattr(flags, each.name)}
+    return EvaluationProtocol(**{**same, "policies": policies(flags.policies), "options": options})
 
 
 def main(args: list[str]) -> None:
     """Run ``perdure home run``."""
     flags = parse_home(HomeRun, args, "run")
-    from perdure.home.evaluate.outcomes import analyze
-    from perdure.home.evaluate.page import read_assignment, write_page
+    from perdure.home.evaluate.analysis import analyze
+    from perdure.home.evaluate.page import read_all, summary_text, write_page
     from perdure.home.evaluate.protocol import run_protocol
     from perdure.runs.progress import show_progress
 
@@ -99,8 +81,8 @@ def main(args: list[str]) -> None:
     command = command_line("perdure", "home", "run", *args)
     with show_progress(f"{flags.task} {flags.place}", "episodes") as observe:
         paths = run_protocol(protocol, flags.out, cores=flags.cores, on=flags.on, command=command, observe=observe)
-    records, assignment = read_assignment(paths)
+    records, notes = read_all(paths)
     analysis = analyze(records)
-    page = write_page(analysis, flags.out / protocol.folder, command, assignment)
-    print(analysis.summary())
+    page = write_page(analysis, flags.out / protocol.folder, command, notes)
+    print(summary_text(analysis, notes))
     print(f"\nLogs: {flags.out}\nReport: {page.resolve()}")

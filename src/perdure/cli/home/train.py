@@ -8,9 +8,9 @@ from typing import Literal
 
 import tyro
 
-from perdure.cli.errors import CommandError
 from perdure.cli.flags import Cores, On
 from perdure.cli.home.flags import parse_home
+from perdure.errors import PerdureError
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class HomeTrain:
 def main(args: list[str]) -> None:
     """Run ``perdure home train``."""
     flags = parse_home(HomeTrain, args, "train")
-    from perdure.home.skills.training import FLAGS, evaluate_skill, train_skill
+    from perdure.home.skills.train import FLAGS, evaluate_skill, train_skill
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress
 
     if flags.test_episodes < 1:
-        raise CommandError(f"--test-episodes must be 1 or more, not {flags.test_episodes}")
+        raise PerdureError(f"--test-episodes must be 1 or more, not {flags.test_episodes}")
     usual = HomeTrain(flags.skill)
     options = {name: value for name in FLAGS if (value := getattr(flags, name)) != getattr(usual, name)}
     with show_progress(f"{flags.task} {flags.skill}", "steps") as observe:

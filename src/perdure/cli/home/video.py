@@ -54,27 +54,29 @@ class HomeVideo:
 def main(args: list[str]) -> None:
     """Run ``perdure home video``."""
     flags = parse_home(HomeVideo, args, "video")
-    from perdure.home.benchmark.episodes import load_episodes
-    from perdure.home.errors import HomeError
-    from perdure.home.video import FilmOptions, contact_sheet, film_episode, film_side_by_side, make_agent, save_picture
+    from perdure.errors import PerdureError
+    from perdure.film import check_film, save_picture
+    from perdure.home.evaluate.execute import ExecutorOptions
+    from perdure.home.film import FilmOptions, contact_sheet, film_episode, make_agent
+    from perdure.home.sim.scene import SceneOptions
+    from perdure.home.tasks.episodes import load_episodes
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
-    options = FilmOptions(
-        flags.camera, flags.size, flags.speed, flags.seconds, flags.eval_seed, flags.jaws, flags.rolling
-    )
-    if flags.place:
-        chosen = policies(flags.policies)
-        agents = [make_agent(flags.task, place, flags.train_seed, chosen, flags.vary) for place in flags.place]
-        for place, log in zip(flags.place, film_side_by_side(episode, flags.out, agents, options), strict=True):
-            _print_stages(log, f"{place}: ")
-    elif flags.policies:
-        raise HomeError("--policies needs --place: without release strategies the oracle acts in every skill")
-    elif flags.out.suffix.lower() == ".png":
-        sheet, log = contact_sheet(episode, options=options)
+    executor = ExecutorOptions(eval_seed=flags.eval_seed, scene=SceneOptions(jaws=flags.jaws, rolling=flags.rolling))
+    options = FilmOptions(flags.camera, flags.size, flags.speed, flags.seconds, executor)
+    if flags.policies and not flags.place:
+        raise PerdureError("--policies needs --place: without release strategies the oracle acts in every skill")
+    if flags.out.suffix.lower() == ".png" and not flags.place:
+        check_film(flags.out, (".png",))
+        sheet, log = contact_sheet(episode, options)
         save_picture(sheet, flags.out, colors=256)
         _print_stages(log)
     else:
-        _print_stages(film_episode(episode, flags.out, options))
+        chosen = policies(flags.policies)
+        agents = [make_agent(flags.task, place, flags.train_seed, chosen, flags.vary) for place in flags.place]
+        logs = film_episode(episode, flags.out, options, agents)
+        for who, log in zip([f"{place}: " for place in flags.place] or [""], logs, strict=True):
+            _print_stages(log, who)
     print(flags.out)
 
 

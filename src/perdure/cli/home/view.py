@@ -31,8 +31,8 @@ class HomeView:
 def main(args: list[str]) -> None:
     """Run ``perdure home view``."""
     flags = parse_home(HomeView, args, "view")
-    from perdure.home.benchmark.episodes import load_episodes
-    from perdure.home.video import serve_episode
+    from perdure.home.film import serve_episode
+    from perdure.home.tasks.episodes import load_episodes
 
     episode = load_episodes(flags.task, flags.split)[flags.index]
     try:

@@ -1,15 +1,81 @@
-"""A learned skill policy as an agent."""
+"""Interface of agents in a skill: a learned policy, the oracle, a scripted motion, a release strategy."""
 
 from __future__ import annotations
 
-import numpy as np
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
-from perdure.home.agents.skill_agent import SkillAgent
-from perdure.home.errors import HomeError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.world import PrivilegedState, VectorSimulator
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.sensors import PrivilegedState
+from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress
 from perdure.policy import Policy
+
+
+class SkillAgent(Protocol):
+    """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number.
+
+    Subclasses inherit `begin` and `overtime`, which do nothing. Any class with these members is an agent.
+    """
+
+    @property
+    def sees(self) -> bool:
+        """Whether it needs the scan and the target's neighbors, where the skill has them."""
+        return True
+
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
+        """Prepare a lane for a skill; its skill goal is set."""
+        return
+
+    @abstractmethod
+    def act(
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
+    ) -> FloatArray:
+        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
+
+    def overtime(self, lane: int) -> bool:
+        """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
+        return False
+
+
+@dataclass
+class LaneView:
+    """One lane during a motion; `state` (one row) is updated before each action."""
+
+    state: PrivilegedState
+
+    @property
+    def base(self) -> Pose:
+        """Base pose."""
+        x, y, yaw = (float(value) for value in self.state.base[0])
+        return Pose(x, y, yaw)
+
+    @property
+    def arm(self) -> FloatArray:
+        """Targets of the arm's servos in [rad]. Shape (7,)."""
+        return np.asarray(self.state.arm_target[0])
+
+
+class Scripted(SkillAgent):
+    """Acts in skills that bring their own motion (`reset_arm`)."""
+
+    sees = False
+
+    def act(
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
+    ) -> FloatArray:
+        """See `SkillAgent.act`."""
+        from perdure.home.skills import ResetArm
+
+        assert isinstance(skill, ResetArm)
+        return skill.act(state)
 
 
 class Learned(SkillAgent):
@@ -23,19 +89,19 @@ class Learned(SkillAgent):
         self.policy = policy
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
-        """Raise HomeError for a policy whose observations or actions are not those of the skill."""
+        """Raise PerdureError for a policy whose observations or actions are not those of the skill."""
         sizes = self.policy.task.observation_size, self.policy.task.action_size
         wanted = len(skill.elements), len(skill.active_columns)
         if sizes != wanted:
-            raise HomeError(
+            raise PerdureError(
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
-        from perdure.home.skills.gym.register import PREFIX, env_id
+        from perdure.home.skills.environment import PREFIX, env_id
 
         trained = self.policy.task.name.partition(",")[0]  # options follow; another maker's policy may have any name
         if trained.startswith(PREFIX) and trained != env_id(skill.name):
-            raise HomeError(f"the policy of {trained} was trained for another skill than {skill.name}")
+            raise PerdureError(f"the policy of {trained} was trained for another skill than {skill.name}")
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
@@ -43,3 +109,30 @@ class Learned(SkillAgent):
         """See `SkillAgent.act`."""
         actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
         return skill.expand_action(np.asarray(actions, dtype=np.float64))
+
+
+class Predicting(SkillAgent):
+    """Acts with a function, such as another library's policy, in any one skill.
+
+    Observations and actions are those of the skill's Gymnasium environment. A policy with memory needs its own
+    `SkillAgent`. Lanes are independent if the rows of the function are.
+    """
+
+    def __init__(self, predict: Callable[[FloatArray], ArrayLike]) -> None:
+        """Keep the function.
+
+        Args:
+            predict: Observations, shape (n, observation size), to actions, shape (n, action size): 10, for navigation
+                2. Values outside -1 to 1 are clipped. n changes from call to call.
+        """
+        self.predict = predict
+
+    def act(
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
+    ) -> FloatArray:
+        """See `SkillAgent.act`. PerdureError if the function returns a wrong shape."""
+        actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
+        shape = len(lanes), len(skill.active_columns)
+        if actions.shape != shape:
+            raise PerdureError(f"predict gave actions of shape {actions.shape} for {skill.name}; it must be {shape}")
+        return skill.expand_action(actions)

@@ -1,9 +1,15 @@
 """Evaluation: running episodes, writing logs, counting what stayed.
 
 Contents:
-    log         what is kept of an executed episode
+    log         what is kept of an executed episode; each field is a column of the files
+    files       logs as Parquet
     execute     runs task plans, open loop
+    policies    which policy acts in which skill; release strategies by name
     protocol    episodes x training seeds x evaluation seeds, resumable
-    outcomes    log files, success, failure causes, placements
-    page        the outcomes as an offline page
+    outcomes    success and failure causes of one log
+    analysis    tables of many logs
+    overlaps    objects at rest that lie inside each other
+    comparison  release strategies side by side: words and tables, from the tables of `analysis`
+    figures     the same as figures
+    page        the same as an offline page
 """

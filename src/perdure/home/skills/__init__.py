@@ -9,21 +9,12 @@ Contents:
     gym, training            Gymnasium environments; training and scores
 """
 
-from perdure.home.skills.articulated import Articulated
-from perdure.home.skills.close_drawer import CloseDrawer
-from perdure.home.skills.close_fridge import CloseFridge
+from perdure.home.skills.articulated import Articulated, CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
 from perdure.home.skills.navigate import Navigate
-from perdure.home.skills.observation import Element, ObservationTerm
-from perdure.home.skills.open_drawer import OpenDrawer
-from perdure.home.skills.open_fridge import OpenFridge
-from perdure.home.skills.pick import Pick
+from perdure.home.skills.pick import Pick, ResetArm, rest_error
 from perdure.home.skills.place import Place
-from perdure.home.skills.progress import SkillProgress
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.regions import Aim, region
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
-from perdure.home.skills.reset_arm import ResetArm, rest_error
-from perdure.home.skills.skill import Skill
+from perdure.home.skills.skill import Aim, Element, ObservationTerm, Recipe, Skill, SkillProgress, region
 
 SKILLS["pick"] = Pick
 SKILLS["place"] = Place

@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.sim.apartments import Apartment
-from perdure.home.sim.world import PrivilegedState
-from perdure.home.sim.world.state import norm
-from perdure.home.skills import observation as obs
-from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Skill, SkillProgress
-from perdure.home.skills.starts import Rectangle, Start, front_frame, handle, needed_container, stand_in
+from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.sensors import PrivilegedState, norm, turn
+from perdure.home.skills import skill as obs
+from perdure.home.skills.skill import Aim, Recipe, Skill, SkillProgress
+from perdure.home.skills.starts import DRAWER_OPEN, Rectangle, Start, front_frame, handle, needed_container, stand_in
+from perdure.home.tasks.episodes import Episode
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
 GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
@@ -162,3 +162,80 @@ def holds_handle(state: PrivilegedState) -> BoolArray:
 def success_text(position: str) -> str:
     """Return `Skill.success_text` from the condition on the joint position."""
     return f"{position}, the hand is empty and the gripper is within {RETRACTED:g} m of rest"
+
+
+GIVE = 0.005
+"""Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (OURS)."""
+OTHERS = 0.1
+"""Largest initial opening of the other drawers, drawn uniformly, in [m] (OURS; in M3 they are closed here, and a random
+subset of them is open by up to this in `close_drawer`)."""
+
+
+@dataclass(frozen=True)
+class OpenDrawer(Articulated):
+    """M3's success condition and start states (`open_drawer_v0A`), except for the other drawers, see `OTHERS`."""
+
+    name = "open_drawer"
+    wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + GIVE)
+    success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
+    start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
+    navigation_region = Rectangle((0.80, 0.95), 0.35)
+    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+
+    def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
+        """Draw the positions of the other drawers, which are not quite closed."""
+        drawers = [each.link for each in apartment.articulations if each.kind == "slide" and each.link != link]
+        return {each: float(rng.uniform(0.0, OTHERS)) for each in drawers}
+
+
+@dataclass(frozen=True)
+class CloseDrawer(Articulated):
+    """M3's success condition and start states (`close_drawer_v0A`), except that the other drawers are closed."""
+
+    name = "close_drawer"
+    closes = True
+    knows_front = False
+    wanted, accepted = 0.0, (-0.05, 0.05)
+    success_text = success_text("the drawer is within 0.05 m of 0")
+    object_at_start = "goal"
+    start_range = DRAWER_OPEN
+    start_rectangles = (Rectangle((0.3, 1.0), 0.6),)
+    navigation_region = Rectangle((0.30, 0.45), 0.35)
+    recipe = Recipe(1_000_000)
+
+
+OPENED = np.pi / 2.0 - 0.15
+
+
+@dataclass(frozen=True)
+class OpenFridge(Articulated):
+    """M3's success condition and start states (`open_fridge_v0A`)."""
+
+    name = "open_fridge"
+    wanted, accepted = OPENED, (OPENED, np.inf)
+    success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
+    start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
+    navigation_region = Rectangle((0.9, 1.8), 0.5)
+    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+
+
+@dataclass(frozen=True)
+class CloseFridge(Articulated):
+    """M3's success condition and start states (`close_fridge_v0A`).
+
+    An open door hides its handle from a robot in front of the fridge, so the direction of the door is observed.
+    """
+
+    name = "close_fridge"
+    closes = True
+    wanted, accepted = 0.0, (-0.15, 0.15)
+    success_text = success_text("the door is within 0.15 rad of 0")
+    object_at_start = "goal"
+    start_range = (OPENED, 2.356)
+    start_rectangles = OpenFridge.start_rectangles
+    navigation_region = OpenFridge.navigation_region
+    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+
+    def front(self, state: PrivilegedState) -> FloatArray:
+        """Return the direction in which the door faces; its hinge turns to the right as it opens."""
+        return turn(super().front(state), -state.link_position)

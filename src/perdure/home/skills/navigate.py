@@ -13,26 +13,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Apartment, Geodesic
-from perdure.home.sim.world import (
-    ARM,
-    FORWARD,
-    GRIP,
-    NAVIGATION_SPEED,
-    SCAN_RANGE,
-    STOP,
-    TURN,
-    PrivilegedState,
-    SkillGoal,
-)
-from perdure.home.skills import observation as obs
+from perdure.errors import PerdureError
+from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.occupancy import Geodesic
+from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.sensors import SCAN_RANGE, PrivilegedState, SkillGoal
+from perdure.home.sim.simulator import ARM, FORWARD, GRIP, NAVIGATION_SPEED, STOP, TURN
+from perdure.home.skills import skill as obs
 from perdure.home.skills.articulated import Articulated
-from perdure.home.skills.regions import region
 from perdure.home.skills.registry import get_skill
-from perdure.home.skills.skill import Aim, BoolArray, FloatArray, Recipe, Skill, SkillProgress
+from perdure.home.skills.skill import Aim, Recipe, Skill, SkillProgress, region
 from perdure.home.skills.starts import Start, is_drawer, needed_container, stand_anywhere
+from perdure.home.tasks.episodes import Episode
 
 NEAR, FACING = 0.1, 0.25
 """Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
@@ -120,7 +112,7 @@ class Navigate(Skill):
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
     ) -> SkillGoal:
-        """Return the goal of the next skill, with the path to its region. HomeError when there is no next skill."""
+        """Return the goal of the next skill, with the path to its region. PerdureError when there is no next skill."""
         following = self._following(toward)
         space, cells = region(episode.apartment(), opened, following.aim(episode, target, opened))
         goal = following.skill_goal(episode, target, opened)
@@ -142,7 +134,7 @@ class Navigate(Skill):
 
     def _following(self, toward: str | None) -> Skill:
         if toward is None or toward == self.name:
-            raise HomeError("a navigate step needs toward: the name of the next skill, which decides where to go")
+            raise PerdureError("a navigate step needs toward: the name of the next skill, which decides where to go")
         return get_skill(toward)
 
 

@@ -8,14 +8,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.sim.apartments import FRIDGE_DOOR
-from perdure.home.sim.world import GRIP, NEIGHBORHOOD, NEIGHBORS, PrivilegedState
-from perdure.home.sim.world.state import norm
-from perdure.home.skills import observation as obs
-from perdure.home.skills.open_fridge import OpenFridge
-from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Recipe, Skill, SkillProgress
+from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.robot import REST_ARM, ROLLS
+from perdure.home.sim.sensors import NEIGHBORHOOD, NEIGHBORS, PrivilegedState, norm, wrap
+from perdure.home.sim.simulator import ACTION_SIZE, ARM, GRIP
+from perdure.home.skills import skill as obs
+from perdure.home.skills.articulated import OpenFridge
+from perdure.home.skills.skill import PROPRIOCEPTION, RETRACTED, Recipe, Skill, SkillProgress
 from perdure.home.skills.starts import Rectangle, Start, stand_in
+from perdure.home.tasks.episodes import Episode
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
@@ -151,3 +153,38 @@ class Pick(Skill):
         fridge = apartment.piece_of(FRIDGE_DOOR).pose
         base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.start_rectangles), point, rng)
         return self.make_start(episode, target, opened, base, rng)
+
+
+DONE = 0.05
+"""Largest joint error of a reset arm in [rad] (habitat-lab)."""
+FASTEST = 0.1
+"""Largest change of a joint's servo target in a step in [rad] (M3)."""
+
+
+@dataclass(frozen=True)
+class ResetArm(Skill):
+    """A scripted skill: it has no reward and no recipe."""
+
+    name = "reset_arm"
+    step_limit = 50
+    observation = (PROPRIOCEPTION,)
+    success_text = f"all joints are within {DONE:g} rad of rest"
+    arm_step = FASTEST
+    scan_reach = 0.0
+
+    def success(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
+        """See `success_text`."""
+        return np.asarray(np.abs(rest_error(state.arm)).max(axis=1) < DONE)
+
+    def act(self, state: PrivilegedState) -> FloatArray:
+        """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
+        actions = np.zeros((len(state), ACTION_SIZE))
+        actions[:, ARM] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
+        return actions
+
+
+def rest_error(arm: FloatArray) -> FloatArray:
+    """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, 7)."""
+    error = np.asarray(REST_ARM) - arm
+    error[:, ROLLS] = wrap(error[:, ROLLS])
+    return error

@@ -8,14 +8,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Pose
+from perdure.errors import PerdureError
+from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import GRIP, PrivilegedState
-from perdure.home.sim.world.state import norm
-from perdure.home.skills import observation as obs
-from perdure.home.skills.skill import RETRACTED, BoolArray, FloatArray, Recipe, Skill, SkillProgress
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.sensors import PrivilegedState, norm
+from perdure.home.sim.simulator import GRIP
+from perdure.home.skills import skill as obs
+from perdure.home.skills.skill import RETRACTED, Recipe, Skill, SkillProgress
+from perdure.home.tasks.episodes import Episode
 
 GOAL_RADIUS = 0.15
 """eps_g: largest distance of the object's center from its goal in [m] (M3, habitat-lab)."""
@@ -81,11 +82,13 @@ class Place(Skill):
     """Whether half the start states have a random heading (OURS); else, as in M3, every robot faces the goal."""
 
     def __post_init__(self) -> None:
-        """Check the options; raise HomeError for a delta below 1 or a limit shorter than delta."""
+        """Check the options; raise PerdureError for a delta below 1 or a limit shorter than delta."""
         if self.delta < 1:
-            raise HomeError(f"delta must be 1 step or more, not {self.delta}")
+            raise PerdureError(f"delta must be 1 step or more, not {self.delta}")
         if self.limit < self.delta:
-            raise HomeError(f"limited_to must be at least delta: {self.limit} steps cannot last delta = {self.delta}")
+            raise PerdureError(
+                f"limited_to must be at least delta: {self.limit} steps cannot last delta = {self.delta}"
+            )
 
     @property
     def limit(self) -> int:

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.benchmark.tasks import SkillStep
-from perdure.home.errors import HomeError
-from perdure.home.sim.world import Simulator, SkillGoal
+from perdure.errors import PerdureError, did_you_mean
+from perdure.home.sim.sensors import SkillGoal
+from perdure.home.sim.simulator import Simulator
 from perdure.home.skills.skill import Skill
 from perdure.home.skills.starts import open_links
+from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.tasks import SkillStep
 
 SKILLS: dict[str, type[Skill]] = {}
 """All skills by name."""
 
 
 def get_skill(name: str, **options: Any) -> Skill:
-    """Return a skill by its name in `SKILLS`, with options such as `delta` of place; HomeError for an unknown name."""
+    """Return a skill by its name in `SKILLS`, with options such as `delta` of place; refuse an unknown name."""
     if name not in SKILLS:
-        raise HomeError(f"no skill is named {name!r}; {choices(name, SKILLS)}")
+        raise PerdureError(f"no skill is named {name!r}; {choices(name, SKILLS)}")
     return SKILLS[name](**options)
 
 
@@ -32,8 +32,7 @@ def learned_skills() -> tuple[str, ...]:
 def choices(wrong: str, names: Iterable[str]) -> str:
     """Return the part of a message that lists valid names, the nearest to the wrong one apart."""
     names = list(names)
-    nearest = get_close_matches(wrong, names, n=1)
-    return f"there are {', '.join(names)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
+    return f"there are {', '.join(names)}{did_you_mean(wrong, names)}"
 
 
 def make_skill_goal(episode: Episode, step: SkillStep, lane: Simulator) -> SkillGoal:

@@ -1,4 +1,8 @@
-"""The base class of skills: all that a skill declares, and the rules that all skills share.
+"""What a skill remembers between control steps, and the rules on forces and grasps that all skills share.
+
+The regions are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (OURS):
+for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our
+robot may stop in front of the door's edge.
 
 Skills are pure functions over `PrivilegedState` and `SkillProgress`. Environments and the executor drive them. All
 functions work row by row, so the result of a lane does not depend on its neighbors.
@@ -7,33 +11,312 @@ functions work row by row, so the result of a lane does not depend on its neighb
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal, TypeVar, cast
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import Episode
-from perdure.home.sim.apartments import Pose
+from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.robot.data import BASE_RADIUS
-from perdure.home.sim.world import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP, PrivilegedState, SkillGoal
+from perdure.home.sim.occupancy import FreeSpace, free_space
+from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.robot import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
+from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
+from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
 from perdure.home.skills import starts
-from perdure.home.skills.observation import SECTOR_DEPTH, Element, ObservationTerm, rest_distance
-from perdure.home.skills.progress import HANDLE_LIMIT, HOLD_LIMIT, SkillProgress, counted_force, invalid_grasp
-from perdure.home.skills.recipe import Recipe
-from perdure.home.skills.regions import Aim
+from perdure.home.skills.starts import Rectangle, front_frame, is_drawer
+from perdure.home.tasks.episodes import Episode
 
-__all__ = [
-    "Aim",
-    "BoolArray",
-    "FloatArray",
-    "IntArray",
-    "Recipe",
-    "Skill",
-    "SkillProgress",
-]  # all that a skill's file needs
+Record = TypeVar("Record", bound=Any)
+
+FORCE_MARGIN = 20.0
+"""Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (OURS). M3's
+`RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
+HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
+"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
+
+
+@dataclass(frozen=True)
+class SkillProgress:
+    """What skills remember of n lanes. All arrays have shape (n,)."""
+
+    elapsed: IntArray
+    """Control steps since the skill began."""
+    grasped: BoolArray
+    """Whether the right object or handle has been held (place: it is held at the start)."""
+    released: BoolArray
+    """Whether it has been released after that."""
+    lasting: IntArray
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place)."""
+    reached: BoolArray
+    """Whether the drawer, door or object has been in its goal region."""
+    away: BoolArray
+    """Whether the gripper point has been more than 0.3 m from its rest position."""
+    force: FloatArray
+    """Counted contact force of the previous step in [N], see `counted_force`."""
+    force_sum: FloatArray
+    """Sum of its increases in [N]."""
+
+    def __len__(self) -> int:
+        """Return the number of lanes."""
+        return len(self.elapsed)
+
+    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> SkillProgress:
+        """Return the record of some lanes."""
+        return SkillProgress(*[getattr(self, each.name)[lanes] for each in fields(self)])
+
+    def put(self, lanes: IntArray, other: SkillProgress) -> SkillProgress:
+        """Return a copy with the rows of `lanes` replaced, see `put_rows`."""
+        return put_rows(self, lanes, other)
+
+
+def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
+    """Return a copy of a dataclass of arrays in which the rows of `lanes` (m,) come from another one with m rows."""
+    changed = {}
+    for each in fields(record):
+        column = getattr(record, each.name).copy()
+        column[lanes] = getattr(other, each.name)
+        changed[each.name] = column
+    return cast(Record, type(record)(**changed))
+
+
+def invalid_grasp(state: PrivilegedState) -> BoolArray:
+    """Return whether what is held is too far from the gripper. Shape (n,)."""
+    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
+    return np.asarray(~state.empty_hand & (state.hold_error > limit))
+
+
+def counted_force(state: PrivilegedState) -> FloatArray:
+    """Return the contact force in [N], 0 up to `FORCE_MARGIN`. Shape (n,)."""
+    return np.where(state.contact_force > FORCE_MARGIN, state.contact_force, 0.0)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """The settings that differ from skill to skill, named as in `PPOConfig` (OURS; M3 trains from images)."""
+
+    total_steps: int
+    n_envs: int = 32
+    n_steps: int = 128
+    batch_size: int = 512
+    n_epochs: int = 5
+    learning_rate: float = 3e-4
+    log_std_init: float = -1.0
+    log_std_end: float | None = None
+    """Set where the mean action alone would never open or close the hand, because training relied on noise to do it."""
+    log_std_fall: tuple[float, float] = (0.0, 0.6)
+    gamma: float = 0.99
+    clutter: bool = False
+    """Train with the objects that are no targets. They cost time, and only pick must tell them from its target."""
+    any_heading: bool = False
+    """Train place with `Place.any_heading`."""
+
+    @property
+    def env_options(self) -> dict[str, object]:
+        """Return environment options of training only; policies are scored with clutter and M3's headings."""
+        return {name: True for name in ("clutter", "any_heading") if getattr(self, name)}
+
+
+SECTORS = BEAMS // 2
+SECTOR_DEPTH = 1.0
+"""Range of the closeness term in [m], measured from the base's rim (OURS)."""
+CONTACT_SCALE = 20.0
+"""Scale of the contact force in its logarithm in [N] (OURS)."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """The documentation of one number of an observation."""
+
+    name: str
+    meaning: str
+    unit: str
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True)
+class ObservationTerm:
+    """A block of consecutive numbers of an observation."""
+
+    elements: tuple[Element, ...]
+    """One for each number."""
+    read: Callable[[PrivilegedState, SkillProgress], list[FloatArray]]
+    """Returns the values of n lanes as arrays of shape (n,) or (n, k), in the order of `elements`."""
+
+
+def flag(name: str, meaning: str) -> Element:
+    """Return an element that is 1 when something holds, else 0."""
+    return Element(name, f"1 when {meaning}, else 0", "1", 0.0, 1.0)
+
+
+def vector(name: str, meaning: str, axes: str = "xyz", unit: str = "m", bound: float = np.inf) -> tuple[Element, ...]:
+    """Return one element for each component of a vector along the base's axes."""
+    return tuple(Element(f"{name}_{axis}", f"{meaning}, {axis}", unit, -bound, bound) for axis in axes)
+
+
+def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -> ObservationTerm:
+    """Return the term of a point of the room: relative to the gripper point, then in the base frame.
+
+    `name` is the prefix of the six elements, `what` the point in words; `read` returns the points in the room, (n, 3).
+    """
+    elements = (
+        *vector(f"{name}_from_gripper", f"vector from the gripper point to {what}"),
+        *vector(f"{name}_in_base", f"position of {what} in the base frame"),
+    )
+    return ObservationTerm(elements, lambda state, _: _point(state, read(state)))
+
+
+def reaching(force_limit: float) -> ObservationTerm:
+    """Return the term for reaching into furniture: contact forces, and the side on which the furniture is open.
+
+    `force_limit` is the sum of force increases in [N] that ends the skill.
+    """
+    elements = (
+        Element("contact", "log(1 + contact force / 20 N)", "1", 0.0),
+        Element("force_sum", "sum of force increases divided by the limit at which the skill fails", "1", 0.0, 1.0),
+        *vector("front", "direction in which the furniture faces", "xy", "1", 1.0),
+    )
+    return ObservationTerm(
+        elements,
+        lambda state, progress: [
+            np.log1p(state.contact_force / CONTACT_SCALE),
+            np.minimum(progress.force_sum / force_limit, 1.0),
+            facing(state, state.front),
+        ],
+    )
+
+
+def facing(state: PrivilegedState, directions: FloatArray) -> FloatArray:
+    """Return horizontal unit vectors of the room along the base's x and y axes. Shape (n, 3) -> (n, 2)."""
+    return unit(state.turned_to_base(directions)[:, :2])
+
+
+def unit(axes: FloatArray) -> FloatArray:
+    """Return components of unit vectors clipped to [-1, 1]; rounding may exceed 1 by one bit."""
+    return np.clip(axes, -1.0, 1.0)
+
+
+def rest_distance(state: PrivilegedState) -> FloatArray:
+    """Return d_ee^r, the distance of the gripper point from its rest position in [m]. Shape (n,)."""
+    return norm(state.gripper_in_base - np.asarray(REST_POSITION))
+
+
+def _point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
+    return [state.turned_to_base(points - state.gripper), state.in_base(points)]
+
+
+def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
+    rotation = unit(state.gripper_rotation)
+    return [
+        _wrapped(state.arm),
+        state.arm_target - state.arm,
+        state.base_velocity[:, [0, 2]],
+        np.asarray(REST_POSITION) - state.gripper_in_base,
+        rest_distance(state),
+        rotation[:, :, 0],
+        rotation[:, :, 2],
+    ]
+
+
+def _wrapped(arm: FloatArray) -> FloatArray:
+    """Return arm angles with those of unlimited joints in [-pi, pi)."""
+    result = arm.copy()
+    result[:, ROLLS] = wrap(result[:, ROLLS])
+    return result
+
+
+def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
+    """Return the nearest of three beams for each sector: 45 degrees wide, 15 shared with each neighbor."""
+    ranges = state.scan
+    before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)
+    nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
+    return [np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)]
+
+
+PROPRIOCEPTION = ObservationTerm(
+    (
+        *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ARM_JOINTS),
+        *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ARM_JOINTS),
+        Element("base_forward", "forward speed of the base", "m/s"),
+        Element("base_turn", "turning speed of the base", "rad/s"),
+        *vector("to_rest", "vector from the gripper point to its rest position, base frame"),
+        Element("rest_distance", "d_ee^r: length of that vector", "m", 0.0),
+        *vector("gripper_forward", "x axis of the gripper in the base frame", unit="1", bound=1.0),
+        *vector("gripper_up", "z axis of the gripper in the base frame", unit="1", bound=1.0),
+    ),
+    _proprioception,
+)
+"""Arm, gripper and base as the robot's own encoders measure them: 26 numbers."""
+CLOSENESS = ObservationTerm(
+    tuple(
+        Element(
+            f"close_{k:02d}",
+            f"closeness of obstacles in sector {k} of {SECTORS}, counter-clockwise from straight ahead: 1 at the "
+            "base's rim, 0 from 1 m on",
+            "1",
+            0.0,
+            1.0,
+        )
+        for k in range(SECTORS)
+    ),
+    _closeness,
+)
+SCAN = ObservationTerm(
+    tuple(
+        Element(f"scan_{k:02d}", f"range of beam {k} of {BEAMS}, counter-clockwise from straight ahead", "m", 0.0, high)
+        for k, high in enumerate([SCAN_RANGE] * BEAMS)
+    ),
+    lambda state, _: [state.scan],
+)
+HOLDING = ObservationTerm((flag("holding", "something is held"),), lambda state, _: [(state.held >= 0).astype(float)])
+
+
+OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
+"""In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
+BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
+"""Regions for reaching into an open container, in the frame of `front_frame`."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a skill acts on, as navigation needs it."""
+
+    point: tuple[float, float, float]
+    """The object, goal or handle that the robot should face, in the room in [m]."""
+    link: str | None = None
+    """The drawer or door that the skill moves, or that contains the object or goal."""
+    rectangle: Rectangle | None = None
+    """The region in front of `link`; the one for reaching into it when None."""
+
+
+def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple[FreeSpace, IntArray]:
+    """Return the cells from which a skill can begin, with drawers and doors at the positions `opened` by link name.
+
+    The free space, and indices into its `centers`, never empty: all on the largest island. PerdureError if there is no
+    cell within 2 m of a point in the open.
+    """
+    space = free_space(apartment, opened)
+    centers, main = space.centers, space.island == 0
+    if aim.link is None:
+        away = np.hypot(*(centers - np.asarray(aim.point)[:2]).T)
+        for radius in np.arange(OPEN_RADIUS, GROW_TO + 1e-9, GROW_BY):
+            inside = main & (away <= radius)
+            if inside.any():
+                return space, np.nonzero(inside)[0]
+        raise PerdureError(f"no free cell within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
+    box = aim.rectangle or (BEFORE_DRAWER if is_drawer(apartment, aim.link) else BEFORE_FRIDGE)
+    local = front_frame(apartment, aim.link, opened.get(aim.link, 0.0)).to_local(centers)
+    inside = main & box.contains(local)
+    if inside.any():
+        return space, np.nonzero(inside)[0]
+    # M3 would drop such an episode; use the cells nearest to the rectangle.
+    outside = np.maximum(np.maximum(box.x[0] - local[:, 0], local[:, 0] - box.x[1]), 0.0)
+    miss = np.where(main, outside + np.maximum(np.abs(local[:, 1]) - box.half_width, 0.0), np.inf)
+    return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
+
 
 SUCCESS_REWARD = 2.5
 SLACK = 0.002

@@ -3,19 +3,15 @@
 | file | what it holds |
 |---|---|
 | `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model, checked against its environment, as a `Policy` |
-| `import_folder.py`, `identity.py` | the same into a folder, where it is found again |
-| `sb3.py`, `sb3_data.py` | the zip: its layers, and its settings |
+| `sb3.py` | the zip: its layers, and its settings |
 | `cleanrl.py` | `import_cleanrl`: a model of CleanRL's ppo_continuous_action |
-| `vecnormalize.py` | observation statistics |
-| `torch_state.py` | a state dict of PyTorch |
-| `inert_pickle.py`, `numpy_arrays.py` | a pickle as data, and the arrays in it |
-| `zip_members.py` | archives, with limits on their sizes |
+| `torch_state.py` | a state dict of PyTorch, and archives with limits on their sizes |
+| `restricted_pickle.py` | a pickle as data, and the arrays in it |
 | `trusted.py` | the same through Stable-Baselines3 itself, for files that the user trusts |
 """
 
 from perdure.policy.readers.cleanrl import import_cleanrl
-from perdure.policy.readers.import_folder import import_once
 from perdure.policy.readers.sb3 import is_sb3_zip
-from perdure.policy.readers.sb3_import import import_sb3
+from perdure.policy.readers.sb3_import import import_once, import_sb3
 
 __all__ = ["import_cleanrl", "import_once", "import_sb3", "is_sb3_zip"]

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.envs import TaskSpec, make_world, task_of_environment
+from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol
-from perdure.policy.errors import PolicyError, PolicyFileError
-from perdure.policy.measure import measure_reference, resolve_training_horizon
-from perdure.policy.policy import Normalizer, Policy
-from perdure.policy.readers.identity import library_versions
-from perdure.policy.readers.torch_state import TorchState
-from perdure.policy.task import TaskInfo
+from perdure.policy.policy import Normalizer, Policy, TaskInfo
+from perdure.policy.readers.restricted_pickle import TorchState
+from perdure.policy.readers.sb3_import import library_versions
+from perdure.policy.reference import measure_reference, resolve_training_horizon
 from perdure.runs import file_digest
 
 NO_NORMALIZER = "none"
@@ -72,9 +71,9 @@ def import_cleanrl(
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
     Raises:
-        PolicyFileError: If a file is damaged or is no such model.
-        PolicyError: If the statistics are missing, or model, statistics and environment do not fit together.
-        WorldError: If the environment cannot be made.
+        PerdureError: If a file is damaged or is no such model.
+        PerdureError: If the statistics are missing, or model, statistics and environment do not fit together.
+        PerdureError: If the environment cannot be made.
         OSError: If a file cannot be read.
     """
     task, path = task_of_environment(env), Path(path)
@@ -82,7 +81,7 @@ def import_cleanrl(
     spec = world.spec
     world.close()
     if path.stat().st_size > MAX_BYTES:
-        raise PolicyFileError(f"{path} is larger than {MAX_BYTES:,} bytes")
+        raise PerdureError(f"{path} is larger than {MAX_BYTES:,} bytes")
     state = TorchState(path.read_bytes(), str(path))
     weights = {
         name: array for ours, theirs in _NETWORKS.items() for name, array in _layers(state, ours, theirs, str(path))
@@ -107,11 +106,11 @@ def _layers(state: TorchState, ours: str, theirs: str, what: str) -> list[tuple[
     found = [re.fullmatch(rf"{theirs}\.(\d+)\.weight", name) for name in state.names]
     numbers = sorted(int(match[1]) for match in found if match)
     if not numbers or "actor_logstd" not in state.names:
-        raise PolicyFileError(
+        raise PerdureError(
             f"{what} is not a model of CleanRL's ppo_continuous_action: it holds {', '.join(state.names[:8])}"
         )
     if numbers != list(range(0, 2 * len(numbers), 2)):
-        raise PolicyFileError(f"{what}: {theirs} must have its linear layers at 0, 2, 4, ..., it has them at {numbers}")
+        raise PerdureError(f"{what}: {theirs} must have its linear layers at 0, 2, 4, ..., it has them at {numbers}")
     layers = []
     for layer, number in enumerate(numbers):
         weight = np.ascontiguousarray(state.array(f"{theirs}.{number}.weight").T)
@@ -124,7 +123,7 @@ def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: 
     sizes, needed = (len(weights["policy.0.weight"]), len(biases[-1])), (spec.observation_size, spec.action_size)
     if sizes != needed or spec.discrete_actions:
         kind = "discrete" if spec.discrete_actions else "continuous"
-        raise PolicyError(
+        raise PerdureError(
             f"{what}: its network takes {sizes[0]} numbers and gives {sizes[1]}, but {spec.name} gives {needed[0]} and "
             f"takes {needed[1]} ({kind})"
         )
@@ -132,7 +131,7 @@ def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: 
 
 def _normalizer(given: ObservationStatistics | None, spec: TaskSpec, what: str) -> Normalizer:
     if given is None:
-        raise PolicyError(
+        raise PerdureError(
             f"{what} does not hold the statistics by which CleanRL normalizes observations: give "
             'normalizer=(mean, variance) of the wrapper, envs.envs[0].get_wrapper_attr("obs_rms"), an .npz file with '
             f'mean and var, or "{NO_NORMALIZER}" if there was no such wrapper'
@@ -145,13 +144,13 @@ def _normalizer(given: ObservationStatistics | None, spec: TaskSpec, what: str) 
         else:
             both = given if isinstance(given, Sequence | np.ndarray) else (given.mean, given.var)
         mean, var = (np.array(each, np.float64) for each in both)
-    except PolicyFileError:
+    except PerdureError:
         raise
     except (AttributeError, TypeError, ValueError) as error:
-        raise PolicyError(f"{what}: normalizer must be a mean and a variance, or a file of them: {error}") from None
+        raise PerdureError(f"{what}: normalizer must be a mean and a variance, or a file of them: {error}") from None
     legal = all(each.shape == (spec.observation_size,) and np.isfinite(each).all() for each in (mean, var))
     if not legal or (var < 0).any():
-        raise PolicyError(
+        raise PerdureError(
             f"{what}: mean and variance must be {spec.observation_size} finite numbers each, variances not negative; "
             f"their shapes are {mean.shape} and {var.shape}"
         )
@@ -165,7 +164,7 @@ def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float6
     except OSError:
         raise
     except Exception as error:  # NumPy and zipfile raise many kinds for damaged files
-        raise PolicyFileError(f"{path} must be an .npz file with the arrays mean and var: {error}") from None
+        raise PerdureError(f"{path} must be an .npz file with the arrays mean and var: {error}") from None
 
 
 def _provenance(path: Path, env: str) -> dict[str, object]:

@@ -1,20 +1,221 @@
-"""Read a Stable-Baselines3 or sb3-contrib zip without these libraries, without PyTorch and without running its code."""
+"""Read a Stable-Baselines3 or sb3-contrib zip without these libraries, without PyTorch and without running its code.
+
+Settings are the plain JSON values of the zip's member `data`. Whatever is not plain JSON is stored there as pickled
+code (`:serialized:`). It is never decoded. Beside it stand the texts of its parts, which say enough: the class of the
+activation function, the shape and the bounds of a space.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy.errors import PolicyFileError
-from perdure.policy.readers.sb3_data import ACTOR_CRITIC, SAC, TD3, TQC, USE_A_FUNCTION, Sb3Settings, read_settings
-from perdure.policy.readers.torch_state import TorchState
-from perdure.policy.readers.zip_members import ZipMembers
+from perdure.errors import PerdureError
+from perdure.policy.network import ACTIVATIONS
+from perdure.policy.policy import TanhSquash
+from perdure.policy.readers.restricted_pickle import TorchState, ZipMembers
+
+USE_A_FUNCTION = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
+"""Where policies go that cannot be read."""
+ACTOR_CRITIC = "stable_baselines3.common.policies"
+SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
+TD3 = "stable_baselines3.td3.policies"
+FLATTEN_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+"""The features extractor that changes nothing."""
+DEFAULT_ACTIVATION = {ACTOR_CRITIC: "tanh", SAC: "relu", TQC: "relu", TD3: "relu"}
+"""Modules of the policy classes that are read, and the default activation function of each."""
+TORCH_ACTIVATIONS = {
+    **{"ReLU": "relu", "Tanh": "tanh", "ELU": "elu", "SELU": "selu", "LeakyReLU": "leaky_relu", "Sigmoid": "sigmoid"},
+    **{"SiLU": "silu", "GELU": "gelu", "Softplus": "softplus", "Mish": "mish"},
+}
+"""Classes of `torch.nn` and our names."""
+_SIGNS = (
+    ("TRPO", "cg_max_steps"),
+    ("PPO", "clip_range"),
+    ("A2C", "normalize_advantage"),
+    ("TQC", "top_quantiles_to_drop_per_net"),
+    ("SAC", "target_entropy"),
+    ("TD3", "policy_delay"),
+)
+"""Algorithms, each with a setting that those below it do not have."""
+_HARMLESS = {
+    *("net_arch", "activation_fn", "squash_output", "clip_mean", "features_extractor_class"),
+    *("use_sde", "log_std_init", "full_std", "use_expln", "ortho_init", "normalize_images", "n_critics", "n_quantiles"),
+    *("optimizer_class", "optimizer_kwargs", "share_features_extractor"),
+}
+"""Settings of a policy that are read, or do not change what it does once it is trained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sb3Settings:
+    """Settings of the policy in a zip."""
+
+    algorithm: str
+    """Such as "PPO"."""
+    policy_module: str
+    """Module of the policy class, a key of ``DEFAULT_ACTIVATION``."""
+    activation: str
+    squash: TanhSquash | None
+    """How the output goes through tanh and is stretched to the action box; None: it does not."""
+    action_bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None
+    """As written in the zip, rounded; None where it does not say."""
+    gamma: float
+    behind_vecnormalize: bool
+    """Whether training certainly ran behind a VecNormalize."""
+    shows_vecnormalize: bool
+    """Whether the file would show a VecNormalize: models of PPO, A2C and TRPO that were trained do."""
+    seed: int | None
+    steps: int | None
+    """Environment steps trained."""
+
+
+def squash_of(module: str, squashed: bool, use_sde: bool, clip_mean: float) -> TanhSquash | None:
+    """Return how a policy squashes its output: SAC and TQC cut it to +-clip_mean before tanh under ``use_sde``."""
+    limited = use_sde and module in (SAC, TQC) and clip_mean > 0
+    return TanhSquash(clip_mean if limited else math.inf) if squashed else None
+
+
+def read_settings(data: bytes, what: str) -> Sb3Settings:
+    """Return the settings in a zip's member `data`.
+
+    Raises:
+        PerdureError: If it is no JSON, or describes a policy that cannot be read, with the way to evaluate it.
+    """
+    try:
+        values = json.loads(data)
+    except (ValueError, RecursionError):
+        raise PerdureError(f"{what}: its settings ('data') are not readable JSON") from None
+    if not isinstance(values, dict):
+        raise PerdureError(f"{what}: its settings ('data') are not a table")
+    _check_observations(_table(values, "observation_space"), what)
+    bounds = _action_bounds(_table(values, "action_space"), what)
+    kwargs = _table(values, "policy_kwargs")
+    module = _policy_module(_table(values, "policy_class"), what)
+    _check_kwargs(kwargs, what)
+    return Sb3Settings(
+        algorithm=algorithm_of(values),
+        policy_module=module,
+        activation=_activation(kwargs, module, what),
+        squash=squash_of(
+            module,
+            module != ACTOR_CRITIC or kwargs.get("squash_output") is True,
+            values.get("use_sde") is True,
+            _float(kwargs.get("clip_mean", 2.0), "clip_mean", what),
+        ),
+        action_bounds=bounds,
+        gamma=_float(values.get("gamma", 0.99), "gamma", what),
+        behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
+        shows_vecnormalize=module == ACTOR_CRITIC and values.get("_last_obs") is not None,
+        seed=_whole(values.get("seed")),
+        steps=_whole(values.get("num_timesteps")),
+    )
+
+
+def algorithm_of(settings: Mapping[str, Any]) -> str:
+    """Return the algorithm that has these settings, such as "PPO", or "model" if none is known; DDPG is a TD3."""
+    return next((name for name, sign in _SIGNS if sign in settings), "model")
+
+
+def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
+    table = values.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _check_observations(space: dict[str, Any], what: str) -> None:
+    kind = _class_name(space)
+    if kind != "Box":
+        raise PerdureError(
+            f"{what} is for {kind} observations; only vectors (Box) are read from zips: {USE_A_FUNCTION}"
+        )
+    shape = space.get("_shape")
+    if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
+        raise PerdureError(f"{what} is for image observations: {USE_A_FUNCTION}")
+
+
+def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    kind = _class_name(space)
+    if kind != "Box":
+        raise PerdureError(
+            f"{what} is for {kind} actions; only continuous ones (Box) are read from zips: {USE_A_FUNCTION}"
+        )
+    low, high = (_written_numbers(space.get(name)) for name in ("low", "high"))
+    return None if low is None or high is None else (low, high)
+
+
+def _written_numbers(text: Any) -> NDArray[np.float64] | None:
+    """Parse numbers as NumPy prints them; return None if some are abbreviated."""
+    if not isinstance(text, str) or "..." in text:
+        return None
+    try:
+        return np.array([float(word) for word in text.replace("[", " ").replace("]", " ").split()])
+    except ValueError:
+        return None
+
+
+def _class_name(table: dict[str, Any]) -> str:
+    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(table.get(":type:")))
+    return found[1] if found else "unknown"
+
+
+def _policy_module(policy_class: dict[str, Any], what: str) -> str:
+    module = policy_class.get("__module__")
+    if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
+        raise PerdureError(
+            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
+            f"and TD3: {USE_A_FUNCTION}"
+        )
+    return module
+
+
+def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
+    unknown = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
+    extractor = _short(kwargs.get("features_extractor_class", FLATTEN_EXTRACTOR))
+    if unknown or extractor != FLATTEN_EXTRACTOR:
+        name = unknown[0] if unknown else "features_extractor_class"
+        raise PerdureError(f"{what}: its policy has the setting {_short(name)}, which is not read: {USE_A_FUNCTION}")
+
+
+def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
+    written = kwargs.get("activation_fn")
+    if written is None:
+        return DEFAULT_ACTIVATION[module]
+    found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
+    if found is None or found[1] not in TORCH_ACTIVATIONS:
+        raise PerdureError(
+            f"{what}: its activation function is {_short(written)}; known are {', '.join(TORCH_ACTIVATIONS)}: "
+            f"{USE_A_FUNCTION}"
+        )
+    return TORCH_ACTIVATIONS[found[1]]
+
+
+def _float(value: Any, name: str, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e9:
+        raise PerdureError(f"{what}: {name} must be a number, 0 or more; it is {_short(value)}")
+    return float(value)
+
+
+def _whole(value: Any) -> int | None:
+    return value if type(value) is int and 0 <= value < 2**63 else None
+
+
+def _short(value: Any) -> str:
+    """Return a value from the file for a message: printable, and not long."""
+    if isinstance(value, dict | list):  # perhaps nested too deeply to be written out
+        return "a list" if isinstance(value, list) else "a table"
+    text = value if isinstance(value, str) else str(value)
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:120])
+
+
+assert set(TORCH_ACTIVATIONS.values()) == set(ACTIVATIONS)
+
 
 MAX_FILE = 1_000_000_000
 """Bytes of the zip."""
@@ -55,12 +256,12 @@ def read_sb3(path: Path) -> Sb3Model:
     """Return the deterministic policy in a zip that `model.save` wrote.
 
     Raises:
-        PolicyFileError: If the zip is damaged, too large or holds a policy of a kind that is not read.
+        PerdureError: If the zip is damaged, too large or holds a policy of a kind that is not read.
         OSError: If it cannot be read.
     """
     what = str(path)
     if path.stat().st_size > MAX_FILE:
-        raise PolicyFileError(f"{what} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
+        raise PerdureError(f"{what} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
     members = ZipMembers(path.read_bytes(), what)
     settings = read_settings(members.read("data", MAX_SETTINGS), what)
     state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
@@ -73,16 +274,16 @@ def read_layers(state: State, settings: Sb3Settings, what: str) -> list[Layer]:
     """Return the layers between observation and action.
 
     Raises:
-        PolicyFileError: If the network has other parts than a perceptron, or layers do not fit together.
+        PerdureError: If the network has other parts than a perceptron, or layers do not fit together.
     """
     names = _layer_names(state.names, settings, what)
     if len(names) > MAX_LAYERS:
-        raise PolicyFileError(f"{what} has {len(names)} layers; at most {MAX_LAYERS} are read")
+        raise PerdureError(f"{what} has {len(names)} layers; at most {MAX_LAYERS} are read")
     layers = [(state.array(f"{name}.weight"), state.array(f"{name}.bias")) for name in names]
     size: int | None = None
     for name, (weight, bias) in zip(names, layers, strict=True):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or size not in (None, weight.shape[1]):
-            raise PolicyFileError(f"{what}: layer {name!r} does not fit the layer before it")
+            raise PerdureError(f"{what}: layer {name!r} does not fit the layer before it")
         size = weight.shape[0]
     return [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
 
@@ -102,7 +303,7 @@ def _layer_names(names: list[str], settings: Sb3Settings, what: str) -> list[str
     unknown = [name for name in names if not re.fullmatch(known, name)]
     if unknown or not layers:
         part = "".join(letter for letter in unknown[0][:80] if letter.isprintable()) if unknown else "no layers"
-        raise PolicyFileError(f"{what}: its policy is not a plain perceptron, it has {part!r}: {USE_A_FUNCTION}")
+        raise PerdureError(f"{what}: its policy is not a plain perceptron, it has {part!r}: {USE_A_FUNCTION}")
     return layers
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +14,111 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, make_world, task_of_environment
+from perdure.envs.suites import source_digest
+from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
-from perdure.policy.errors import PolicyError, PolicyWarning
-from perdure.policy.measure import measure_reference, resolve_training_horizon
-from perdure.policy.policy import Normalizer, Policy
-from perdure.policy.readers.identity import library_versions
-from perdure.policy.readers.sb3 import Sb3Model, read_sb3
-from perdure.policy.readers.sb3_data import USE_A_FUNCTION
-from perdure.policy.readers.vecnormalize import Statistics, read_vecnormalize
-from perdure.policy.squash import TanhSquash
-from perdure.policy.task import TaskInfo
+from perdure.policy.files import load_policy, save_policy
+from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
+from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
+from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, read_sb3
+from perdure.policy.reference import measure_reference, resolve_training_horizon
 from perdure.runs import file_digest
+
+# Versions of libraries, which are part of an import's identity.
+
+
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries that decide what an imported policy does in its reference episodes."""
+    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}
+
+
+# Read observation statistics of Stable-Baselines3's `VecNormalize` without running its pickle.
+
+
+MAX_FILE = 64_000_000
+"""Bytes; statistics of 100 numbers take 3,000."""
+VEC_NORMALIZE = "stable_baselines3.common.vec_env.vec_normalize.VecNormalize"
+RUNNING_MEAN_STD = "stable_baselines3.common.running_mean_std.RunningMeanStd"
+_SPACES = {
+    f"{library}.spaces.{space}"
+    for library in ("gym", "gymnasium")
+    for space in ("box.Box", "dict.Dict", "discrete.Discrete")
+}
+_RANDOM = {
+    *(f"numpy.random._pickle.{name}" for name in ("__generator_ctor", "__bit_generator_ctor", "__randomstate_ctor")),
+    *("numpy.random._pcg64.PCG64", "numpy.random._mt19937.MT19937", "numpy.random.bit_generator.SeedSequence"),
+    "numpy.random.bit_generator.__pyx_unpickle_SeedSequence",
+}
+ALLOWED = {VEC_NORMALIZE, RUNNING_MEAN_STD, "collections.OrderedDict", *NUMPY_NAMES, *_SPACES, *_RANDOM}
+"""What the pickle of a VecNormalize asks for: itself, statistics, arrays, spaces and their random generators."""
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Observation statistics of a VecNormalize."""
+
+    normalizer: Normalizer | None
+    """None if it normalizes rewards only."""
+    gamma: float
+    """Discount of the running return whose spread scaled the rewards."""
+
+
+def read_vecnormalize(path: Path) -> Statistics:
+    """Return the statistics that `VecNormalize.save` wrote to a file.
+
+    Raises:
+        PerdureError: If the file is damaged, is something else, asks for functions that a VecNormalize does not
+            need, or holds statistics that are not finite.
+        OSError: If it cannot be read.
+    """
+    if path.stat().st_size > MAX_FILE:
+        raise PerdureError(f"{path} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
+    saved = read_pickle(path.read_bytes(), ALLOWED, str(path))
+    if not (isinstance(saved, Stub) and saved.function == VEC_NORMALIZE and isinstance(saved.state, dict)):
+        raise PerdureError(f"{path} is not a saved VecNormalize of Stable-Baselines3")
+    return _statistics(saved.state, str(path))
+
+
+def _statistics(state: dict[Any, Any], what: str) -> Statistics:
+    gamma = _single(state, "gamma", what)
+    if state.get("norm_obs") is False:
+        return Statistics(None, gamma)
+    statistics = state.get("obs_rms")
+    if isinstance(statistics, dict):
+        raise PerdureError(f"{what} is for observations that are a dictionary, which are not read")
+    if not (isinstance(statistics, Stub) and isinstance(statistics.state, dict)):
+        raise PerdureError(f"{what} holds no observation statistics")
+    mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
+    clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
+    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
+
+
+def checked_normalizer(
+    mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
+) -> Normalizer:
+    """Return a normalizer of these statistics.
+
+    Raises:
+        PerdureError: If they do not fit together, are not finite or have a negative variance.
+    """
+    fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
+    if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
+        raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
+    return Normalizer(mean, var, min(clip, LARGEST_OBSERVATION), max(epsilon, SMALLEST_EPSILON))
+
+
+def _single(state: dict[Any, Any], name: str, what: str) -> float:
+    found = _number(state, name, what)
+    if found.size != 1:
+        raise PerdureError(f"{what}: {name} must be one number, but there are {found.size}")
+    return float(found.item())
+
+
+def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:
+    if name not in state:
+        raise PerdureError(f"{what} has no {name}")
+    return read_numbers(state[name], f"{what}: {name}")
+
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""
@@ -54,9 +151,9 @@ def import_sb3(
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
     Raises:
-        PolicyFileError: If a file is damaged or holds something that is not read.
-        PolicyError: If model, normalizer, time feature and environment do not fit together.
-        WorldError: If the environment cannot be made.
+        PerdureError: If a file is damaged or holds something that is not read.
+        PerdureError: If model, normalizer, time feature and environment do not fit together.
+        PerdureError: If the environment cannot be made.
         OSError: If a file cannot be read.
     """
     task = task_of_environment(env)
@@ -71,7 +168,7 @@ def import_sb3(
     else:
         model, statistics = read_sb3(path), None if written is None else read_vecnormalize(written)
     if normalizer is None and model.settings.behind_vecnormalize:
-        raise PolicyError(
+        raise PerdureError(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
@@ -99,7 +196,7 @@ def _policy(
     size = spec.observation_size + (steps is not None)
     normalizer = None if statistics is None else statistics.normalizer
     if normalizer is not None and len(normalizer.mean) != size:
-        raise PolicyError(
+        raise PerdureError(
             f"{what}: the normalizer has statistics of {len(normalizer.mean)} numbers, but the policy is given {size}"
         )
     protocol = HorizonProtocol(
@@ -110,9 +207,6 @@ def _policy(
         normalizer_gamma=min(settings.gamma if statistics is None else statistics.gamma, 1.0),
         normalize_embedding=steps is not None and normalizer is not None,
     )
-    squash = None
-    if settings.squashed:
-        squash = TanhSquash(settings.clip_mean) if settings.limits_mean else TanhSquash()
     return Policy(
         task=TaskInfo(
             spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
@@ -122,7 +216,7 @@ def _policy(
         normalizer=normalizer or Normalizer.identity(spec.observation_size),
         protocol=protocol,
         clock=None if steps is None else Countdown(float(steps)),
-        squash=squash,
+        squash=settings.squash,
     )
 
 
@@ -132,19 +226,19 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
     if inputs != expected:
         wrapped = inputs == expected + 1 and steps is None
         hint = " (was it trained with TimeFeatureWrapper? add --time-feature linear)" if wrapped else ""
-        raise PolicyError(
+        raise PerdureError(
             f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
             f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {USE_A_FUNCTION}"
         )
     if outputs != spec.action_size:
-        raise PolicyError(f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}")
+        raise PerdureError(f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}")
     if model.settings.action_bounds is None:
         return
     for name, written, needed in zip(
         ("lower", "upper"), model.settings.action_bounds, (spec.action_low, spec.action_high), strict=True
     ):
         if not np.allclose(written, needed, rtol=1e-5, atol=1e-6):
-            raise PolicyError(
+            raise PerdureError(
                 f"{what}: its actions have the {name} bounds {written.tolist()}, those of {spec.name} "
                 f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {USE_A_FUNCTION}"
             )
@@ -161,7 +255,7 @@ def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | 
     elif file is not None and settings.shows_vecnormalize and not settings.behind_vecnormalize:
         text = f"{what} was not trained behind VecNormalize, as far as it shows, but is given the statistics in {file}"
     if text:
-        warnings.warn(PolicyWarning(text), stacklevel=3)
+        warnings.warn(PerdureWarning(text), stacklevel=3)
 
 
 def _time_feature_steps(written: str | None) -> int | None:
@@ -171,7 +265,7 @@ def _time_feature_steps(written: str | None) -> int | None:
     name, colon, number = written.partition(":")
     steps = int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
     if name != "linear" or (colon and steps < 1):
-        raise PolicyError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
+        raise PerdureError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
     return steps or None
 
 
@@ -179,7 +273,7 @@ def _check_time_feature(steps: int, limit: int, task: str) -> None:
     """Warn where a time feature counts down from another number of steps than an episode has."""
     if steps != limit:
         warnings.warn(
-            PolicyWarning(
+            PerdureWarning(
                 f"the time feature counts down from {steps} steps, but episodes of {task} end after {limit}; "
                 "TimeFeatureWrapper takes the environment's own limit if there is one"
             ),
@@ -205,3 +299,41 @@ def _provenance(
     if time_feature is not None:
         provenance["source"]["time feature"] = time_feature
     return provenance
+
+
+# Import a model into a folder once; a later import of the same files finds it there.
+
+
+def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
+    """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
+
+    The file's name contains a digest of the files' contents, the options and the versions that decide the outcome.
+
+    Args:
+        path: As in `import_sb3`.
+        folder: Made if it is missing.
+        env: As in `import_sb3`.
+        options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
+    """
+    normalizer = options.get("normalizer")
+    identity: dict[str, Any] = {
+        **options,
+        "env": task_of_environment(env),
+        "model": file_digest(path),
+        "normalizer": None if normalizer in (None, NO_NORMALIZER) else file_digest(Path(normalizer)),
+        "no normalizer": normalizer == NO_NORMALIZER,
+        "versions": library_versions(),
+    }
+    source = source_digest(identity["env"])
+    identity |= {"source": source} if source else {}
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
+    try:
+        if target.exists():
+            load_policy(target)
+            return target
+    except PerdureError:
+        pass  # damaged: it is made again
+    policy = import_sb3(path, env, **options)
+    folder.mkdir(parents=True, exist_ok=True)
+    return save_policy(policy, target)

@@ -12,18 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy.errors import PolicyFileError
-from perdure.policy.readers.sb3 import Sb3Model, read_layers
-from perdure.policy.readers.sb3_data import (
+from perdure.errors import PerdureError
+from perdure.policy.readers.sb3 import (
     ACTOR_CRITIC,
     DEFAULT_ACTIVATION,
     FLATTEN_EXTRACTOR,
     TORCH_ACTIVATIONS,
     USE_A_FUNCTION,
+    Sb3Model,
     Sb3Settings,
     algorithm_of,
+    read_layers,
+    squash_of,
 )
-from perdure.policy.readers.vecnormalize import Statistics, checked_normalizer
+from perdure.policy.readers.sb3_import import Statistics, checked_normalizer
 
 PACKAGES = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3"), "stable_baselines3"),
@@ -37,7 +39,7 @@ def load_sb3(path: Path) -> Sb3Model:
     """Return the deterministic policy in a zip, loaded by Stable-Baselines3. Runs the code in the file.
 
     Raises:
-        PolicyFileError: If Stable-Baselines3 is not installed, cannot load the file, or holds a policy of a kind that
+        PerdureError: If Stable-Baselines3 is not installed, cannot load the file, or holds a policy of a kind that
             is not read.
     """
     what = str(path)
@@ -52,7 +54,7 @@ def load_vecnormalize(path: Path) -> Statistics:
     """Return the statistics of a VecNormalize, loaded by pickle. Runs the code in the file.
 
     Raises:
-        PolicyFileError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
+        PerdureError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
     """
     what = str(path)
     with _named(what), path.open("rb") as file:
@@ -78,7 +80,7 @@ class _TorchTensors:
     def array(self, name: str) -> NDArray[np.float32]:
         array: NDArray[np.float32] = self._tensors[name].detach().cpu().numpy().astype(np.float32)
         if not np.isfinite(array).all():
-            raise PolicyFileError(f"the weights {name!r} hold numbers that are not finite")
+            raise PerdureError(f"the weights {name!r} hold numbers that are not finite")
         return array
 
 
@@ -87,22 +89,22 @@ def _named(what: str) -> Iterator[None]:
     """Convert errors of third-party code to one line that names the file."""
     try:
         yield
-    except (PolicyFileError, OSError):
+    except (PerdureError, OSError):
         raise
     except ImportError as error:
         missing = (error.name or "").partition(".")[0]
         if missing in ("", "stable_baselines3", "sb3_contrib", "torch"):
-            raise PolicyFileError(f"{what}: {INSTALL} ({error})") from None
-        raise PolicyFileError(f"{what} needs the Python module {missing}, which is not installed ({error})") from None
+            raise PerdureError(f"{what}: {INSTALL} ({error})") from None
+        raise PerdureError(f"{what} needs the Python module {missing}, which is not installed ({error})") from None
     except Exception as error:
-        raise PolicyFileError(f"{what}: Stable-Baselines3 cannot load it: {type(error).__name__}: {error}") from error
+        raise PerdureError(f"{what}: Stable-Baselines3 cannot load it: {type(error).__name__}: {error}") from error
 
 
 def _load(path: Path) -> Any:
     settings = import_module("stable_baselines3.common.save_util").load_from_zip_file(str(path), device="cpu")[0]
     algorithm = algorithm_of(settings)
     if algorithm not in PACKAGES:
-        raise PolicyFileError(f"{path} is not a model of {', '.join(PACKAGES)}: {USE_A_FUNCTION}")
+        raise PerdureError(f"{path} is not a model of {', '.join(PACKAGES)}: {USE_A_FUNCTION}")
     return getattr(import_module(PACKAGES[algorithm]), algorithm).load(str(path), device="cpu")
 
 
@@ -114,23 +116,23 @@ def _settings(model: Any, what: str) -> Sb3Settings:
     activation = TORCH_ACTIVATIONS.get(function.__name__) if own else None
     module = type(policy).__module__
     if activation is None or module not in DEFAULT_ACTIVATION:
-        raise PolicyFileError(f"{what}: {module} with {function.__name__} is not read: {USE_A_FUNCTION}")
+        raise PerdureError(f"{what}: {module} with {function.__name__} is not read: {USE_A_FUNCTION}")
     seen, space = model.observation_space, model.action_space
     image = len(seen.shape or ()) == 3 and seen.dtype == np.uint8
     if type(seen).__name__ != "Box" or image:
         kind = "image" if image else type(seen).__name__
-        raise PolicyFileError(f"{what} is for {kind} observations; only vectors (Box) are read: {USE_A_FUNCTION}")
+        raise PerdureError(f"{what} is for {kind} observations; only vectors (Box) are read: {USE_A_FUNCTION}")
     if str(type(extractor)) != FLATTEN_EXTRACTOR:
-        raise PolicyFileError(
+        raise PerdureError(
             f"{what}: its features extractor is {type(extractor).__name__}, which is not read: {USE_A_FUNCTION}"
         )
     return Sb3Settings(
         algorithm=type(model).__name__,
         policy_module=module,
         activation=activation,
-        squashed=bool(policy.squash_output),
-        clip_mean=float(getattr(actor, "clip_mean", 0.0)),
-        use_sde=bool(model.use_sde),
+        squash=squash_of(
+            module, bool(policy.squash_output), bool(model.use_sde), float(getattr(actor, "clip_mean", 0.0))
+        ),
         action_bounds=(space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)),
         gamma=float(model.gamma),
         behind_vecnormalize=module == ACTOR_CRITIC and model._last_original_obs is not None,

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from perdure.home.agents import Scripted
-from perdure.home.agents.oracle import Oracle
-from perdure.home.agents.oracle.motions import unwound
-from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.agents.learned import Scripted
+from perdure.home.agents.motions import unwound
+from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched
-from perdure.home.sim.robot import gripper_pose
-from perdure.home.sim.robot.data import TORSO_HEIGHT
+from perdure.home.sim.kinematics import gripper_pose
+from perdure.home.sim.robot import TORSO_HEIGHT
 from perdure.home.skills import get_skill
+from perdure.home.tasks.episodes import load_episodes
 
 
 def solve(task, split, numbers, lanes=2):

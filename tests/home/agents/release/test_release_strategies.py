@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
-from perdure.home.agents.release import STRATEGIES, Ik, make_strategy
-from perdure.home.agents.release.ik_plus import upright
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Pose, make_apartment
+from perdure.errors import PerdureError
+from perdure.home.agents.release import STRATEGIES, Ik, make_strategy, upright
+from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.kinematics import reach
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.robot import reach
-from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.world import ACTION_SIZE, ARM, SkillGoal, VectorSimulator, build_scene
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.scene import build_scene
+from perdure.home.sim.sensors import SkillGoal
+from perdure.home.sim.simulator import ACTION_SIZE, ARM
+from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Place
 
 GRIP = 9
@@ -151,7 +154,7 @@ def test_ik_plus_turns_back_what_it_cannot_set_upright(table, monkeypatch):
     seen = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))
     before, after = seen[1].object_up[0], seen[-2].object_up[0]
     assert np.degrees(np.arccos(before @ after)) < 10.0
-    monkeypatch.setattr("perdure.home.agents.release.ik_plus.UPRIGHT", -1.0)
+    monkeypatch.setattr("perdure.home.agents.release.UPRIGHT", -1.0)
     half = play(lying_low(table), make_strategy("ik+", Hasty(at=0)))[-2].object_up[0]
     assert 20.0 < np.degrees(np.arccos(half[2])) < 65.0, "the control: it would be let go half turned"
 
@@ -206,5 +209,5 @@ def test_upright_keeps_upright_rotations_and_mends_tilted_ones():
 
 
 def test_unknown_strategies_are_refused():
-    with pytest.raises(HomeError, match="ik\\+"):
+    with pytest.raises(PerdureError, match="ik\\+"):
         make_strategy("gentle", Hasty())

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from perdure.home.agents import Scripted
-from perdure.home.agents.oracle import Oracle
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import goal_stabilizing, handling_of, latched_stages
-from perdure.home.errors import HomeError
-from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.execute.executor import OVERTIME
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Scripted
+from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched
-from perdure.home.sim.world import ACTION_SIZE, GRIP, SceneOptions
+from perdure.home.sim.scene import SceneOptions
+from perdure.home.sim.simulator import ACTION_SIZE, GRIP
 from perdure.home.skills import SKILLS, get_skill
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import goal_stabilizing, handling_of, latched_stages
 
 
 class Idle:
@@ -97,7 +97,7 @@ def test_another_evaluation_seed_is_another_run(set_table, solved):
     ],
 )
 def test_an_execution_that_cannot_work_is_refused(options, message):
-    with pytest.raises(HomeError, match=message):
+    with pytest.raises(PerdureError, match=message):
         ExecutorOptions(**options)
 
 
@@ -107,7 +107,7 @@ def test_without_clutter_the_log_ends_with_the_targets_alone(set_table):
 
 
 def test_skills_without_an_actor_are_refused():
-    with pytest.raises(HomeError, match="pick"):
+    with pytest.raises(PerdureError, match="pick"):
         Executor({"pick": get_skill("pick")}, {}, None)
 
 

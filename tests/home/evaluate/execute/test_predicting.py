@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perdure.home.agents import Learned, Predicting
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.errors import HomeError
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Learned, Predicting
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.protocol import EvaluationProtocol, choose_policies, make_agents
+from perdure.home.evaluate.policies import choose_policies, make_agents
+from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.skills import get_skill
+from perdure.home.tasks.episodes import load_episodes
 
 ROOT = Path(__file__).parents[4]
 
@@ -41,7 +42,7 @@ def test_actions_of_another_shape_are_refused(skill, size, monkeypatch):
     skill = get_skill(skill)
     monkeypatch.setattr(type(skill), "observe", lambda self, state, progress: np.zeros((3, len(self.elements))))
     agent = Predicting(lambda seen: np.zeros(len(seen)) if size is None else np.zeros((len(seen), size)))
-    with pytest.raises(HomeError, match=rf"predict gave actions of shape .* for {skill.name}; it must be \(3, "):
+    with pytest.raises(PerdureError, match=rf"predict gave actions of shape .* for {skill.name}; it must be \(3, "):
         agent.act(None, np.arange(3), skill, None, None)
 
 

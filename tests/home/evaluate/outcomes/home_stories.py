@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import NOTHING
-from perdure.home.evaluate.execute.recorder import Recorder
+from perdure.home.evaluate.execute import Recorder
 from perdure.home.evaluate.log import FinalObject, SkillRun
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import NOTHING
 
 AWAY = np.array([-5.0, -5.0, 1.0])
 """Where the gripper is when it does nothing."""
-NOTES = {"arm": "story", "train_seed": "100"}
+NOTES = {"command": "a story"}
 
 
 @cache

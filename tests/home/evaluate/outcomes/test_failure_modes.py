@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from home_stories import Story, good
 
-from perdure.home.benchmark.tasks import NOTHING, SOMETHING_ELSE
 from perdure.home.evaluate.log import Track
-from perdure.home.evaluate.outcomes import FAILURE_CAUSES, label, outcome, placement_cause, stabilizing
-from perdure.home.evaluate.outcomes.failure_causes import _thrown
+from perdure.home.evaluate.outcomes import FAILURE_CAUSES, _thrown, label, outcome, placement_cause, stabilizing
+from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE
 
 OUT = (0.3, 0.0, 0.0)
 """Twice the goal's radius."""

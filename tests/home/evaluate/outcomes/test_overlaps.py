@@ -7,8 +7,7 @@ import pytest
 from home_stories import good
 
 from perdure.home.evaluate.log import FinalObject
-from perdure.home.evaluate.outcomes import find_overlaps
-from perdure.home.evaluate.outcomes.overlaps import overlap_depth
+from perdure.home.evaluate.outcomes import find_overlaps, overlap_depth
 from perdure.home.sim.objects import KINDS
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

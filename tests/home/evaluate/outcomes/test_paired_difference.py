@@ -3,8 +3,8 @@
 import polars as pl
 import pytest
 
-from perdure.home import HomeError
-from perdure.home.evaluate.outcomes import paired_difference
+from perdure.errors import PerdureError
+from perdure.home.evaluate.analysis import paired_difference
 
 
 def episodes(shares, count=20):
@@ -44,7 +44,7 @@ def test_only_common_episodes_count_and_none_is_refused():
     assert float(paired_difference(left, half).estimate) == 0.0
     assert float(paired_difference(left, right).estimate) == 0.5
     assert float(paired_difference(left, right, "success").estimate) == 0.0
-    with pytest.raises(HomeError, match="in common"):
+    with pytest.raises(PerdureError, match="in common"):
         paired_difference(left, right.with_columns(eval_seed=pl.lit(1, pl.Int64)))
-    with pytest.raises(HomeError, match="in common"):
+    with pytest.raises(PerdureError, match="in common"):
         paired_difference(left, right.with_columns(episode_hash=pl.lit("of another benchmark")))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from home_stories import Story, good
 from specs import notes, specs
 
-from perdure.home.evaluate.outcomes import analyze
+from perdure.home.evaluate.analysis import analyze
 from perdure.home.evaluate.page import write_page
 
 FAR = [3.0, 0.0, 0.0]

@@ -10,12 +10,14 @@ from home_pages import figure, figure_note, four, page_of, records, row, table, 
 from home_stories import Story, good
 from specs import by_label, rows
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import get_task
-from perdure.home.errors import HomeError
-from perdure.home.evaluate.outcomes import analyze, write_logs
-from perdure.home.evaluate.page import PAGE, PolicyAssignment, read_assignment, words, write_page
+from perdure.errors import PerdureError
+from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.comparison import describe, describe_kind, describe_stage
+from perdure.home.evaluate.files import write_logs
+from perdure.home.evaluate.page import PAGE, LogNotes, read_all, write_page
 from perdure.home.sim.objects import KINDS
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import get_task
 from perdure.runs import Store
 
 CHROMIUM = next(
@@ -151,7 +153,7 @@ class TestFigures:
         drawn = rows(figure(page, "kinds"), "bar", opacity=0.3)
         found = {each["row"]: (each["end"], each["x"]) for each in drawn if each["label"] == "policy alone"}
         assert found == {
-            words.kind(name, KINDS[name].cylinder): (kinds.count(name), lost.count(name)) for name in set(kinds)
+            describe_kind(name, KINDS[name].cylinder): (kinds.count(name), lost.count(name)) for name in set(kinds)
         }
 
     def test_the_share_of_cylinders_is_drawn_and_told(self, page):
@@ -197,7 +199,7 @@ class TestWords:
         ],
     )
     def test_strategies_are_told_in_words(self, strategy, expected):
-        assert words.describe(strategy) == expected
+        assert describe(strategy) == expected
 
     def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
         page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
@@ -205,11 +207,11 @@ class TestWords:
         assert "PrepareGroceries, val, drag only" in page
 
     def test_stages_are_told_in_words(self):
-        assert words.stages(get_task("set_table")) == (
+        assert tuple(map(describe_stage, get_task("set_table").stages)) == (
             *("drawer opened", "object 1 picked", "object 1 placed", "drawer closed"),
             *("fridge opened", "object 2 picked", "object 2 placed", "fridge closed"),
         )
-        assert words.stage(get_task("set_table").stage("close_1"), unmet=True) == "fridge not closed"
+        assert describe_stage(get_task("set_table").stage("close_1"), unmet=True) == "fridge not closed"
 
 
 class TestPolicies:
@@ -217,19 +219,18 @@ class TestPolicies:
         """As after a trial run of ten episodes and the whole run."""
         for name in ("trial", "whole"):
             (tmp_path / name).mkdir()
-            write_logs(tmp_path / name / "logs.parquet", records("rl", [good(0)]), {"arm": "rl"})
-        with pytest.raises(HomeError, match=r"trial/logs\.parquet and .*whole/logs\.parquet both hold "):
-            read_assignment([tmp_path / "trial" / "logs.parquet", tmp_path / "whole" / "logs.parquet"])
+            write_logs(tmp_path / name / "logs.parquet", records("rl", [good(0)]), {})
+        with pytest.raises(PerdureError, match=r"trial/logs\.parquet and .*whole/logs\.parquet both hold "):
+            read_all([tmp_path / "trial" / "logs.parquet", tmp_path / "whole" / "logs.parquet"])
 
     def test_notes_of_the_logs_are_shown(self, tmp_path):
         run = {
-            "arm": "rl",
             "policies": '{"place": "shipped x (SHA-256 12345678)", "pick": "oracle"}',
             "command": "go 1",
         }
         path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), run)
-        logs, assignment = read_assignment([path])
-        page = page_of(logs, tmp_path, "go 2", assignment)
+        logs, notes = read_all([path])
+        page = page_of(logs, tmp_path, "go 2", notes)
         acted = {each["skill"]: each["rl"] for each in table(page, "Policies")}
         assert acted == {"place": "shipped x (SHA-256 12345678)", "pick": "scripted oracle"}
         assert "<pre>go 1</pre>" in page
@@ -239,20 +240,19 @@ class TestPolicies:
         with Store(tmp_path).workspace(
             "here/unit", {"policies": {"place": "0123456789abcdef", "pick": "oracle"}}
         ) as work:
-            write_logs(work.folder / "logs.parquet", records("ik", [good(0)]), {"arm": "ik"})
-        _, assignment = read_assignment([tmp_path / "here" / "unit" / "logs.parquet"])
-        (skills,) = assignment.acting.values()
-        assert skills == {"place": ("learned, SHA-256 01234567",), "pick": ("oracle",)}
+            write_logs(work.folder / "logs.parquet", records("ik", [good(0)]), {})
+        _, notes = read_all([tmp_path / "here" / "unit" / "logs.parquet"])
+        assert {row[3:] for row in notes.policies} == {("place", "learned, SHA-256 01234567"), ("pick", "oracle")}
 
     @pytest.mark.parametrize("note", ["free text", "7", "[]"])
     def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):
-        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl", "policies": note})
-        with pytest.raises(HomeError, match="must be a JSON object"):
-            read_assignment([path])
+        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {"policies": note})
+        with pytest.raises(PerdureError, match="must be a JSON object"):
+            read_all([path])
 
     def test_nothing_is_made_up(self, tmp_path, page):
-        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {"arm": "rl"})
-        assert read_assignment([path])[1] == PolicyAssignment()
+        path = write_logs(tmp_path / "a.parquet", records("rl", [good(0)]), {})
+        assert read_all([path])[1] == LogNotes()
         assert row(page, "Policies", "every skill")["rl"] == "not recorded"
 
 

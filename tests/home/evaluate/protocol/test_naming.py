@@ -1,63 +1,43 @@
-"""Names of strategies: each made of one way and one world, and read back."""
+"""Names of strategies in logs: the release strategy, and what is unusual in its world."""
 
 from itertools import product
 from typing import get_args
 
 import pytest
 
-from perdure.home.errors import HomeError
+from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol import read_strategy, strategy_name
-from perdure.home.sim.world import Jaws, Rolling, SceneOptions
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.sim.scene import Jaws, Rolling, SceneOptions
 
 PLACES = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
-WORLDS = tuple(product(get_args(Jaws), get_args(Rolling), (120, 240)))
 
 
-def options(jaws, rolling, physics_hz):
-    return ExecutorOptions(jaws=jaws, scene=SceneOptions(rolling=rolling, physics_hz=physics_hz))
+def name(place, **world):
+    return EvaluationProtocol("set_table", place, options=ExecutorOptions(scene=SceneOptions(**world))).name
 
 
-def test_names_of_arms_are_read_back():
-    names = set()
-    for place, world in product(PLACES, WORLDS):
-        name = strategy_name(place, options(*world))
-        names.add(name)
-        assert read_strategy(name) == (place, options(*world))
-    assert len(names) == len(PLACES) * len(WORLDS)
+def test_every_strategy_and_world_has_a_name_of_its_own():
+    worlds = list(product(get_args(Jaws), get_args(Rolling), (120, 240)))
+    names = {
+        name(place, jaws=jaws, rolling=rolling, physics_hz=hertz)
+        for place, (jaws, rolling, hertz) in product(PLACES, worlds)
+    }
+    assert len(names) == len(PLACES) * len(worlds)
 
 
 def test_the_usual_world_has_no_name():
-    assert strategy_name("ik", ExecutorOptions(lanes=3, threads=1, eval_seed=7)) == "ik"
-    assert strategy_name("ik", options("apart", "drag", 240)) == "ik jaws-apart drag 240-hz"
+    assert name("ik", visuals=True) == "ik"
+    assert name("ik", jaws="apart", rolling="drag", physics_hz=240) == "ik jaws-apart drag 240-hz"
+    assert name("rl", apple="hull", release_velocity="zero") == "rl hull-apple released-at-zero-velocity"
 
 
 @pytest.mark.parametrize(("word", "scene"), [("no-clutter", {"clutter": False}), ("no-sleep", {"sleep": False})])
 def test_a_scene_without_clutter_or_sleep_has_a_name_of_its_own(word, scene):
-    unusual = ExecutorOptions(scene=SceneOptions(**scene))
-    assert strategy_name("ik", unusual) == f"ik {word}"
-    assert read_strategy(f"ik {word}") == ("ik", unusual)
+    assert name("ik", **scene) == f"ik {word}"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "TP+SRL",
-        "throw drag",
-        "ik drag jaws-apart",
-        "ik friction",
-        "ik 120-hz",
-        "ik 0-hz",
-        "ik 60-hz",
-        "ik 100-hz",
-        "ik \u00b2-hz",
-        "delta-\u00b2",
-        "ik  drag",
-        "ik ",
-        "",
-    ],
-)
-def test_other_names_are_refused(name):
-    with pytest.raises(HomeError, match=r"is no release strategy of this package: .* rl, stop, ik, ik\+") as refused:
-        read_strategy(name)
-    assert repr(name) in str(refused.value)
+@pytest.mark.parametrize("wrong", [{"jaws": "always"}, {"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}])
+def test_values_that_are_not_allowed_are_refused_by_name(wrong):
+    with pytest.raises(PerdureError, match=next(iter(wrong))):
+        SceneOptions(**wrong)

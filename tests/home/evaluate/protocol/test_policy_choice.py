@@ -1,29 +1,21 @@
 """Which policy acts in which skill: shipped ones, files, or the oracle."""
 
-from pathlib import Path
-
 import pytest
 
-from perdure.home.agents import Scripted
-from perdure.home.agents.oracle import Oracle
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Scripted
 from perdure.home.agents.release import Ik
-from perdure.home.benchmark.tasks import get_task
-from perdure.home.errors import HomeError
-from perdure.home.evaluate.protocol import (
-    EvaluationProtocol,
-    choose_policies,
-    logged_policies,
-    make_agents,
-    read_release,
-    run_protocol,
-)
-from perdure.home.evaluate.protocol.policies import SHIPPED, SkillPolicy
+from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate import policies
+from perdure.home.evaluate.policies import SHIPPED, SkillPolicy, choose_policies, make_agents, read_release
+from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+from perdure.home.tasks.tasks import get_task
 
 ORACLES = dict.fromkeys({step.skill for step in get_task("set_table").skills} - {"reset_arm"}, "oracle")
 
 
 def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):
-    with pytest.raises(HomeError, match="delta-9999"):
+    with pytest.raises(PerdureError, match="delta-9999"):
         run_protocol(EvaluationProtocol("set_table", "delta-9999", episodes=1), tmp_path)
     assert choose_policies("set_table", 0, {"place": "oracle"}, read_release("delta-9999"))["place"].name == "oracle"
 
@@ -35,41 +27,22 @@ def test_who_acts_is_the_oracle_where_nobody_else_is_named(tmp_path):
     assert isinstance(agents["place"], Ik)
     assert isinstance(agents["reset_arm"], Scripted)
     assert isinstance(agents["pick"], Oracle)
-    with pytest.raises(HomeError, match="juggle"):
+    with pytest.raises(PerdureError, match="juggle"):
         choose_policies("set_table", 0, {"juggle": "oracle"})
-    with pytest.raises(HomeError, match="missing-3"):
+    with pytest.raises(PerdureError, match="missing-3"):
         choose_policies("set_table", 3, {**ORACLES, "place": str(tmp_path / "missing-{seed}.safetensors")})
 
 
 @pytest.mark.parametrize(("skill", "why"), [("open_fridge", "tidy_house never uses"), ("reset_arm", "is scripted")])
 def test_a_policy_for_a_skill_that_the_plan_does_not_learn_is_refused(skill, why):
-    with pytest.raises(HomeError, match=f"{why}.*; the skills of tidy_house that need a policy are navigate, pick"):
+    with pytest.raises(PerdureError, match=f"{why}.*; the skills of tidy_house that need a policy are navigate, pick"):
         choose_policies("tidy_house", 0, {skill: "nosuch.safetensors"})
 
 
 def test_the_oracle_does_not_stand_in_for_another_training_seed():
-    with pytest.raises(HomeError, match="training seed 9999 is shipped for navigate on tidy_house"):
+    with pytest.raises(PerdureError, match="training seed 9999 is shipped for navigate on tidy_house"):
         choose_policies("tidy_house", 9999)
     assert choose_policies("tidy_house", 9999, ORACLES)["pick"].name == "oracle"
-
-
-def test_what_logs_note_of_their_policies_finds_them_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("mine").mkdir()
-    mine = Path("mine/place (1).safetensors")
-    mine.write_bytes((SHIPPED / "set_table" / "place" / "seed-0.safetensors").read_bytes())
-    chosen = choose_policies("set_table", 0, {"place": str(mine), "close_drawer": "oracle"})
-    names = {skill: each.name for skill, each in chosen.items()}
-    assert logged_policies(names) == {skill: each.source for skill, each in chosen.items()}
-    mine.write_bytes(b"another")
-    for wrong, why in (
-        (names, "another one now: --policies place=FILE"),
-        ({"pick": "shipped set_table/pick/seed-9999 (SHA-256 0123abcd)"}, "pick.*is missing"),
-        ({"pick": "somebody"}, "names no file"),
-    ):
-        with pytest.raises(HomeError, match=why):
-            logged_policies(wrong)
-    assert "place" not in logged_policies(names, without={"place"})
 
 
 def test_navigation_is_learned_on_one_task_for_all():
@@ -82,7 +55,19 @@ def test_navigation_is_learned_on_one_task_for_all():
 
 
 def test_a_shipped_policy_is_named_by_its_place_and_its_content():
-    shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789", object())
+    shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789")
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
-    assert SkillPolicy("mine.safetensors", "0123456789", object()).name == "mine.safetensors (SHA-256 01234567)"
-    assert SkillPolicy("oracle", "", None).name == "oracle"
+    assert SkillPolicy("mine.safetensors", "0123456789").name == "mine.safetensors (SHA-256 01234567)"
+    assert SkillPolicy("oracle").name == "oracle"
+
+
+def test_a_policy_is_loaded_once_and_not_before_it_acts(monkeypatch):
+    loaded = []
+    policies._load.cache_clear()
+    monkeypatch.setattr(policies, "load_policy", lambda source: loaded.append(source) or object())
+    chosen = [choose_policies("set_table", 0) for _ in range(3)]
+    assert loaded == []
+    acting = [{skill: each.policy for skill, each in one.items()} for one in chosen]
+    assert len(loaded) == len(set(loaded)) == 7
+    assert acting[0] == acting[1] == acting[2]
+    policies._load.cache_clear()

@@ -6,23 +6,22 @@ import threading
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.benchmark.tasks import get_task
-from perdure.home.errors import HomeError
+from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.outcomes import read_logs, read_notes
+from perdure.home.evaluate.files import read_logs, read_notes
+from perdure.home.evaluate.policies import SHIPPED, choose_policies, make_agents, read_release
 from perdure.home.evaluate.protocol import (
     EvaluationProtocol,
-    choose_policies,
     episode_blocks,
-    make_agents,
-    read_release,
+    noted_protocol,
+    protocol_units,
+    run_block,
     run_protocol,
 )
-from perdure.home.evaluate.protocol.policies import SHIPPED
-from perdure.home.evaluate.protocol.units import protocol_units, run_block
-from perdure.home.sim.world import SceneOptions
-from perdure.runs import OtherSourceWarning, StoreError, Work
+from perdure.home.sim.scene import SceneOptions
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import get_task
+from perdure.runs import Work
 
 LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
@@ -45,7 +44,7 @@ def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
     if policies["place"] == "shipped":
         policies = {**policies, "place": EvaluationProtocol("set_table").assignment(0)["place"].source}
     protocol = EvaluationProtocol("set_table", episodes=1, train_seeds=2, policies=policies)
-    with pytest.raises(HomeError, match=r"training seeds 0 and 1 have the same policies: name files with \{seed\}"):
+    with pytest.raises(PerdureError, match=r"training seeds 0 and 1 have the same policies: name files with \{seed\}"):
         list(protocol_units(protocol, ""))
 
 
@@ -63,7 +62,8 @@ def test_what_was_run_is_not_run_again(tmp_path):
     assert record.index == 0
     notes = read_notes(first[0])
     assert json.loads(notes["policies"])["place"] == "oracle"
-    assert (notes["command"], notes["train_seed"]) == ("asked by a test", "-1")
+    assert (notes["command"], record.train_seed) == ("asked by a test", -1)
+    assert noted_protocol(notes, "it") == protocol
 
 
 def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
@@ -118,7 +118,7 @@ def test_other_settings_under_the_same_name_are_refused(tmp_path):
         return EvaluationProtocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
 
     run_protocol(protocol(2), tmp_path)
-    with pytest.raises(StoreError, match="settle_steps"):
+    with pytest.raises(PerdureError, match="settle_steps"):
         run_protocol(protocol(3), tmp_path)
 
 
@@ -138,7 +138,7 @@ def test_a_stored_configuration_names_the_scene_only_where_it_is_unusual():
 def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     usual = EvaluationProtocol("set_table", "ik+")
     unusual = EvaluationProtocol(
-        "set_table", "ik+", options=ExecutorOptions(jaws="apart", scene=SceneOptions(rolling="drag"))
+        "set_table", "ik+", options=ExecutorOptions(scene=SceneOptions(jaws="apart", rolling="drag"))
     )
     assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
     assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
@@ -146,7 +146,7 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
 
 @pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
-    monkeypatch.setattr("perdure.home.evaluate.protocol.units.BLOCK", 1)
+    monkeypatch.setattr("perdure.home.evaluate.protocol.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)
     protocol = EvaluationProtocol("set_table", episodes=2, policies=policies, options=options)
     seen = []
@@ -157,8 +157,8 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
 
 
 def test_a_protocol_for_another_process_is_the_same_one():
-    scene = SceneOptions(rolling="drag", clutter=False)
-    options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, jaws="apart", scene=scene)
+    scene = SceneOptions(jaws="apart", rolling="drag", clutter=False)
+    options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, scene=scene)
     protocol = EvaluationProtocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
     assert EvaluationProtocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
 
@@ -169,7 +169,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     protocol = EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
     unit = next(protocol_units(protocol, ""))
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
-    with pytest.raises(HomeError, match=r"place\.safetensors has changed"):
+    with pytest.raises(PerdureError, match=r"place\.safetensors has changed"):
         run_block(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
 
 
@@ -195,7 +195,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     ],
 )
 def test_wrong_protocols_are_refused(wrong, message):
-    with pytest.raises(HomeError, match=message):
+    with pytest.raises(PerdureError, match=message):
         EvaluationProtocol(**{"task": "set_table", **wrong})
 
 
@@ -223,9 +223,9 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
         skill: each.source for skill, each in second.items()
     }
     assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
-    with pytest.raises(HomeError, match="training seed 9999 is shipped for place"):
+    with pytest.raises(PerdureError, match="training seed 9999 is shipped for place"):
         EvaluationProtocol("set_table", vary="place").assignment(9999)
-    with pytest.raises(HomeError, match="training seed 9999"):
+    with pytest.raises(PerdureError, match="training seed 9999"):
         EvaluationProtocol("set_table", policies=mine).assignment(9999)
 
 

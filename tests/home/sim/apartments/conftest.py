@@ -2,13 +2,15 @@ import math
 
 import pytest
 
-from perdure.home.sim.apartments import FRIDGE_OPEN, MACROS, MICROS, free_space, make_apartment
+from perdure.home.sim.apartments import MACROS, MICROS, make_apartment
+from perdure.home.sim.furniture import OPEN
+from perdure.home.sim.occupancy import free_space
 
 DRAWERS = ("drawer1_top", "drawer2_top", "drawer3")
 STATES = {
     "closed": {},
     "counts as open": {"top_door": math.pi / 2 - 0.15},
-    "wide open": {"top_door": FRIDGE_OPEN} | dict.fromkeys(DRAWERS, 0.5),
+    "wide open": {"top_door": OPEN} | dict.fromkeys(DRAWERS, 0.5),
 }
 
 

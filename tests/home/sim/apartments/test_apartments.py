@@ -7,11 +7,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import SPLITS, Pose, build_apartment, make_apartment, plane, split_apartments
-from perdure.home.sim.apartments.apartment import THROWN_AWAY, drafts
-from perdure.home.sim.apartments.checks import why_not
-from perdure.home.sim.apartments.free_space import CELL
+from perdure.errors import PerdureError
+from perdure.home.sim import occupancy
+from perdure.home.sim.apartments import (
+    SPLITS,
+    THROWN_AWAY,
+    build_apartment,
+    drafts,
+    make_apartment,
+    split_apartments,
+    why_not,
+)
+from perdure.home.sim.occupancy import CELL
+from perdure.home.sim.pieces import Pose
 
 OPEN_SET = {
     "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01",
@@ -183,7 +191,7 @@ def test_macro_layouts_differ_in_room_and_kitchen(apartments):
     first = apartments[::21]
     assert len({apartment.room for apartment in first}) == 5
     assert len({apartment.piece("kitchen_counter").pose for apartment in first}) == 5
-    assert all(plane.area(apartment.room) > 40.0 for apartment in first)
+    assert all(occupancy.area(apartment.room) > 40.0 for apartment in first)
 
 
 def test_splits_are_those_of_m3():
@@ -209,7 +217,7 @@ def test_splits_are_those_of_m3():
     ],
 )
 def test_wrong_names_and_numbers_are_refused_with_the_right_ones(call, words):
-    with pytest.raises(HomeError, match=words):
+    with pytest.raises(PerdureError, match=words):
         call()
 
 

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import FreeSpace, free_space, in_sight, make_apartment, plane
-from perdure.home.sim.apartments.footprint import footprints
-from perdure.home.sim.apartments.walls import room_walls
+from perdure.errors import PerdureError
+from perdure.home.sim import occupancy
+from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.occupancy import FreeSpace, footprints, free_space, in_sight
+from perdure.home.sim.pieces import room_walls
 
 ROOM = ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0))
 OVERESTIMATE = 1.0 / math.cos(math.pi / 8.0)
@@ -114,7 +115,7 @@ def test_no_way_leads_to_another_island():
     space = space_of((2.9, 0.0, 3.1, 4.0))
     here, there = (np.nonzero(space.island == k)[0] for k in (0, 1))
     assert np.isinf(space.distances(there[:1]).values[here]).all()
-    with pytest.raises(HomeError, match="no way leads"):
+    with pytest.raises(PerdureError, match="no way leads"):
         space.distances(there[:1]).path(space.centers[here[0]])
 
 
@@ -133,9 +134,9 @@ def test_distance_to_several_goals_is_that_to_the_nearest():
 
 
 def test_geodesic_without_goals_and_a_negative_radius_are_refused():
-    with pytest.raises(HomeError, match="at least one goal"):
+    with pytest.raises(PerdureError, match="at least one goal"):
         space_of().distances(np.array([], dtype=int))
-    with pytest.raises(HomeError, match="radius must be"):
+    with pytest.raises(PerdureError, match="radius must be"):
         FreeSpace.of(ROOM, np.empty((0, 5)), radius=-0.1)
 
 
@@ -155,7 +156,7 @@ def test_every_step_and_every_tight_path_keeps_the_robot_clear(sizes, choice):
     for points, spacing in ((raw, 0.05 * math.sqrt(2)), (tight, 0.025)):
         legs = pairwise(points)
         dense = [points] + [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in legs]
-        clear = plane.clearance(np.concatenate(dense), space.rectangles).min()
+        clear = occupancy.clearance(np.concatenate(dense), space.rectangles).min()
         assert clear >= math.sqrt(0.3**2 - spacing**2 / 4) - 1e-9
         assert points[0] == pytest.approx(space.centers[start])
         assert points[-1] == pytest.approx(space.centers[goal])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from perdure.home.sim.apartments.build import FRICTION
+from perdure.home.sim.apartments import FRICTION
 from perdure.home.sim.objects import YcbObjects
 
 ELLIPTIC = 1

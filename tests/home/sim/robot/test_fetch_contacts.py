@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from fetch_scenes import STEPS_PER_COMMAND, make_spec, set_pose, touching
 
-from perdure.home.sim.apartments import build_apartment, free_space, make_apartment
-from perdure.home.sim.robot import REST_ARM, add_fetch, gripper_pose, reach
+from perdure.home.sim.apartments import build_apartment, make_apartment
+from perdure.home.sim.kinematics import gripper_pose, reach
+from perdure.home.sim.occupancy import free_space
+from perdure.home.sim.robot import REST_ARM, add_fetch
 
 BOX = mujoco.mjtGeom.mjGEOM_BOX
 

@@ -5,18 +5,9 @@ import threading
 import numpy as np
 import pytest
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.robot import (
-    ARM_HIGH,
-    ARM_LOW,
-    REST_ARM,
-    REST_POSITION,
-    gripper_pose,
-    pose_and_jacobian,
-    reach,
-    reach_many,
-)
-from perdure.home.sim.robot.inverse import damped_inverse, damped_step
+from perdure.errors import PerdureError
+from perdure.home.sim.kinematics import damped_inverse, damped_step, gripper_pose, pose_and_jacobian, reach, reach_many
+from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, REST_POSITION
 
 M3_INITIAL = (-0.268, -1.133, 0.367, 1.081, 0.06, 2.002, 0.067)
 
@@ -138,7 +129,7 @@ def test_a_start_beyond_the_limits_is_brought_back():
     ],
 )
 def test_wrong_questions_are_refused(arguments, message):
-    with pytest.raises(HomeError, match=message):
+    with pytest.raises(PerdureError, match=message):
         reach(**({"position": REST_POSITION, "start_arm": REST_ARM} | arguments))
 
 

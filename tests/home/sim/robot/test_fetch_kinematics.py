@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.robot import REST_ARM, REST_POSITION, gripper_pose, pose_and_jacobian
+from perdure.errors import PerdureError
+from perdure.home.sim.kinematics import gripper_pose, pose_and_jacobian
+from perdure.home.sim.robot import REST_ARM, REST_POSITION
 
 M3_INITIAL = (-0.268, -1.133, 0.367, 1.081, 0.06, 2.002, 0.067)
 LAB_INITIAL = (-0.45, -1.08, 0.1, 0.935, -0.001, 1.573, 0.005)
@@ -137,5 +138,5 @@ def test_jacobian_equals_mujocos(model, data):
 
 @pytest.mark.parametrize("shape", [(6,), (3, 8), ()])
 def test_arms_of_a_wrong_shape_are_refused(shape):
-    with pytest.raises(HomeError, match=r"arm angles must have shape \(\.\.\., 7\)"):
+    with pytest.raises(PerdureError, match=r"arm angles must have shape \(\.\.\., 7\)"):
         gripper_pose(0.15, np.zeros(shape))

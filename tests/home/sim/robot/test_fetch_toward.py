@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, gripper_pose, pose_and_jacobian, rotation_vector, toward
+from perdure.errors import PerdureError
+from perdure.home.sim.kinematics import gripper_pose, pose_and_jacobian, rotation_vector, toward
+from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM
 
 
 def drive(goals, steps=150, **options):
@@ -116,7 +117,7 @@ def test_rotation_vectors_equal_scipys(vector):
 
 
 def test_wrong_steps_are_refused():
-    with pytest.raises(HomeError, match="displacement must have shape"):
+    with pytest.raises(PerdureError, match="displacement must have shape"):
         toward(REST_ARM, (0.0, 0.0))
-    with pytest.raises(HomeError, match="largest must be positive"):
+    with pytest.raises(PerdureError, match="largest must be positive"):
         toward(REST_ARM, (0.0, 0.0, 0.0), largest=0.0)

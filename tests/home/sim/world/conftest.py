@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import load_episodes
+from perdure.home.tasks.episodes import load_episodes
 
 
 @pytest.fixture(scope="session")

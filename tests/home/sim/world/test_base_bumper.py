@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import episode_scene, load_episodes
-from perdure.home.sim.apartments import Pose, plane
-from perdure.home.sim.apartments.footprint import footprints
-from perdure.home.sim.apartments.furniture import table_01
-from perdure.home.sim.world import VectorSimulator, build_scene, scene
-from perdure.home.sim.world.base_bumper import RADIUS
+from perdure.home.sim import occupancy, scene
+from perdure.home.sim.furniture import table_01
+from perdure.home.sim.occupancy import footprints
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.scene import RADIUS, build_scene
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import episode_scene, load_episodes
 
 DENT = 0.015
 """How far a base of 121 kg gets into furniture that it runs against at 1.5 m/s, for a moment, in [m]."""
@@ -38,7 +39,7 @@ def driven(apartment, heading, steps=90):
 
 def nearest(apartment, places):
     """How near the base's middle gets to the table's footprint in [m]."""
-    return plane.clearance(places, footprints(apartment.pieces[0])).min()
+    return occupancy.clearance(places, footprints(apartment.pieces[0])).min()
 
 
 @pytest.mark.parametrize("heading", np.linspace(0.0, 2.0 * np.pi, 7)[:-1])

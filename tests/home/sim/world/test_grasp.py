@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from perdure.home.sim.apartments import Pose, make_apartment
+from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.kinematics import reach
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.robot import reach
-from perdure.home.sim.robot.data import REST_ARM
-from perdure.home.sim.robot.shapes import ROBOT_BIT
-from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, GRIP, SkillGoal, VectorSimulator, build_scene
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import REST_ARM, ROBOT_BIT
+from perdure.home.sim.scene import SceneOptions, build_scene
+from perdure.home.sim.sensors import SkillGoal
+from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, GRIP
+from perdure.home.sim.vector_simulator import VectorSimulator
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -34,8 +37,9 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1, jaws="never"):
     ]
     arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), REST_ARM, rotation=np.eye(3))
     assert arm.ok
-    world = VectorSimulator(1, jaws=jaws)
-    world.reset(0, build_scene(apartment, placements), stand, arm.arm, held=held, skill_goal=SkillGoal(0))
+    world = VectorSimulator(1)
+    scene = build_scene(apartment, placements, options=SceneOptions(jaws=jaws))
+    world.reset(0, scene, stand, arm.arm, held=held, skill_goal=SkillGoal(0))
     return world
 
 

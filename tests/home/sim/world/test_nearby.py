@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from test_world import begin, wiggle
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.sim.world import ACTION_SIZE, ARM, FORWARD, VectorSimulator, nearby
+from perdure.home.sim import scene
+from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import load_episodes
 
 
 def contacts(lane):
@@ -51,7 +53,7 @@ def test_no_contact_is_lost(task):
 
 
 def test_a_reach_too_short_loses_contacts(monkeypatch):
-    monkeypatch.setattr(nearby, "REACH", 0.1)
+    monkeypatch.setattr(scene, "REACH", 0.1)
     assert rummage("set_table")[1] > 0
 
 

@@ -3,9 +3,10 @@
 import numpy as np
 from test_world import begin
 
-from perdure.home.benchmark.episodes import load_episodes
-from perdure.home.sim.world import GRASP_RADIUS, NEIGHBORHOOD, VectorSimulator
-from perdure.home.sim.world.neighbors import Surroundings
+from perdure.home.sim.sensors import NEIGHBORHOOD, Surroundings
+from perdure.home.sim.simulator import GRASP_RADIUS
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import load_episodes
 
 
 def look_around(lane, target, gripper):

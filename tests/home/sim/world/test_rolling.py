@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Pose
+from perdure.errors import PerdureError
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.world import SceneOptions, VectorSimulator, build_scene
-from perdure.home.sim.world.scene import HABITAT_DRAG
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.scene import HABITAT_DRAG, SceneOptions, build_scene
+from perdure.home.sim.vector_simulator import VectorSimulator
 
 RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
 
@@ -74,5 +74,5 @@ def test_what_an_object_keeps_of_the_base_s_motion_when_it_is_let_go(empty_room,
     [("rolling", "friction, drag"), ("apple", "sphere, hull"), ("release_velocity", "kept, base-removed, zero")],
 )
 def test_an_unknown_world_is_refused(option, valid):
-    with pytest.raises(HomeError, match=f"{option} must be one of {valid}, not 'ice'"):
+    with pytest.raises(PerdureError, match=f"{option} must be one of {valid}, not 'ice'"):
         SceneOptions(**{option: "ice"})

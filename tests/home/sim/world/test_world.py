@@ -4,24 +4,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import Pose, free_space
-from perdure.home.sim.robot import reach
-from perdure.home.sim.robot.data import REST_ARM, REST_POSITION
-from perdure.home.sim.world import (
-    ACTION_SIZE,
-    ARM,
-    BEAMS,
-    FORWARD,
-    SCAN_ANGLES,
-    SCAN_RANGE,
-    TURN,
-    SceneOptions,
-    SkillGoal,
-    VectorSimulator,
-    build_scene,
-)
+from perdure.errors import PerdureError
+from perdure.home.sim.kinematics import reach
+from perdure.home.sim.occupancy import free_space
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import REST_ARM, REST_POSITION
+from perdure.home.sim.scene import SceneOptions, build_scene
+from perdure.home.sim.sensors import BEAMS, SCAN_ANGLES, SCAN_RANGE, SkillGoal
+from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, TURN
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +91,7 @@ def test_the_base_drives_as_fast_as_it_is_told(episodes, column, expected):
     [(0.0, 1.5, 0.0, 0.0), (20.0, 1.5, 0.032, 0.27), (45.0, 1.5, 0.0, 0.0), (20.0, 3.0, 0.127, 0.57)],
 )
 def test_the_base_slides_sideways_between_the_axes_of_the_room(empty_room, heading, speed, drift, sideways):
-    """A known fault (docs/home/robot.md): the force limit applies to each axis of the room separately."""
+    """A known fault (docs/home/world.md): the force limit applies to each axis of the room separately."""
     apartment, middle, _ = empty_room
     world, yaw = VectorSimulator(1), np.radians(heading)
     world.reset(0, build_scene(apartment, []), Pose(middle[0], middle[1], yaw))
@@ -289,16 +281,16 @@ def test_the_scan_of_a_lane_does_not_depend_on_its_neighbors(episodes):
 def test_wrong_actions_are_refused(episodes, actions, message):
     world = VectorSimulator(1)
     begin(world, 0, episodes[0])
-    with pytest.raises(HomeError, match=message):
+    with pytest.raises(PerdureError, match=message):
         world.step(actions)
 
 
 def test_wrong_worlds_are_refused():
-    with pytest.raises(HomeError, match="at least one lane"):
+    with pytest.raises(PerdureError, match="at least one lane"):
         VectorSimulator(0)
-    with pytest.raises(HomeError, match="not reset"):
+    with pytest.raises(PerdureError, match="not reset"):
         VectorSimulator(1).simulator(0)
-    with pytest.raises(HomeError, match="physics_hz"):
+    with pytest.raises(PerdureError, match="physics_hz"):
         SceneOptions(physics_hz=100)
 
 

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from perdure.home.benchmark.tasks import TASKS, get_task
 from perdure.home.skills import learned_skills
-from perdure.home.skills.gym import HomeSkillVectorEnv
+from perdure.home.skills.environment import HomeSkillVectorEnv
 from perdure.home.skills.starts import put
+from perdure.home.tasks.tasks import TASKS, get_task
 
 LESSONS = [
     (skill, task)

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perdure.home.benchmark.episodes import episode_scene, load_episodes, start_pose
-from perdure.home.evaluate.execute.executor import Executor, ExecutorOptions
-from perdure.home.sim.world import SceneOptions
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS, get_skill, learned_skills, make_skill_goal
-from perdure.home.skills.gym import HomeSkillVectorEnv
+from perdure.home.skills.environment import HomeSkillVectorEnv
+from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
 
 STEPS, SCENE = 15, SceneOptions(clutter=False, physics_hz=120)
 

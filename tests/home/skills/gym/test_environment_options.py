@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from lanes import make
 
-from perdure.home import HomeError
-from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id
+from perdure.errors import PerdureError
+from perdure.home.skills.environment import SkillEnvOptions, env_id
+from perdure.home.skills.gym import HomeSkillEnv
 
 
 @pytest.mark.parametrize(
@@ -30,10 +31,10 @@ from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id
         ({"delta": 1.5}, "delta must be a whole number .*, not 1.5"),
         ({"delta": True}, "delta must be a whole number .*, not True"),
         ({"limited_to": "200"}, "limited_to must be a whole number .*, not '200'"),
-        ({"targets": True}, "targets.* must be a whole number .*, not True"),
-        ({"targets": 1.5}, "targets.* must be a whole number .*, not 1.5"),
-        ({"clutter": "no"}, "clutter must be True or False, not 'no'"),
-        ({"any_heading": "off"}, "any_heading must be True or False, not 'off'"),
+        ({"targets": True}, "targets.* must be int, not bool"),
+        ({"targets": 1.5}, "targets.* must be int, not float"),
+        ({"clutter": "no"}, "clutter must be true or false, not 'no'"),
+        ({"any_heading": "off"}, "any_heading must be true or false, not 'off'"),
         ({"task": ["set_table"]}, "task must be one of .*'set_table'"),
         ({"skill": None}, "skill must be text"),
         ({"physics_hz": 120.0}, "physics_hz must be a whole number from 120 .*, not 120.0"),
@@ -41,7 +42,7 @@ from perdure.home.skills.gym import HomeSkillEnv, SkillEnvOptions, env_id
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, word):
-    with pytest.raises(HomeError, match=word):
+    with pytest.raises(PerdureError, match=word):
         SkillEnvOptions(**options)
 
 
@@ -56,7 +57,7 @@ def test_options_that_make_no_sense_are_refused(options, word):
     ],
 )
 def test_settings_of_the_vector_of_a_wrong_type_are_refused(options, word):
-    with pytest.raises(HomeError, match=word):
+    with pytest.raises(PerdureError, match=word):
         make("place", "tidy_house", **options)
 
 
@@ -66,24 +67,24 @@ def test_numpys_numbers_count_as_whole_numbers():
 
 
 def test_an_unknown_option_is_named():
-    with pytest.raises(HomeError, match="color"):
+    with pytest.raises(PerdureError, match="color"):
         make("place", "tidy_house", color="red")
 
 
 def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
-    with pytest.raises(HomeError, match="max_episode_steps=450"):
+    with pytest.raises(PerdureError, match="max_episode_steps=450"):
         gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)  # the default limit is 200 steps
     gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()
 
 
 @pytest.mark.parametrize("options", [{"skill": "pick"}, {"autoreset_mode": "NextStep"}, {"autoreset_mode": "SameStep"}])
 def test_options_that_would_break_a_single_environment_are_refused(options):
-    with pytest.raises(HomeError, match="perdure/HomePick-v0" if "skill" in options else "must be 'Disabled'"):
+    with pytest.raises(PerdureError, match="perdure/HomePick-v0" if "skill" in options else "must be 'Disabled'"):
         gymnasium.make(env_id("place"), split="val", episodes=1, **options)
 
 
 def test_an_id_makes_a_vector_of_its_own_skill_alone():
-    with pytest.raises(HomeError, match="perdure/HomePlace-v0 has the skill place, not pick"):
+    with pytest.raises(PerdureError, match="perdure/HomePlace-v0 has the skill place, not pick"):
         gymnasium.make_vec(env_id("place"), num_envs=2, skill="pick")
 
 

@@ -12,12 +12,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from lanes import drive, make, random_actions
 
-from perdure.home import HomeError
-from perdure.home.sim.camera.depth import FAR, SIDE, HeadCamera
-from perdure.home.sim.robot import add_fetch
-from perdure.home.sim.robot.data import JOINTS
-from perdure.home.skills.gym import HeadDepth, VectorHeadDepth
-from perdure.render import RenderError
+from perdure.errors import PerdureError
+from perdure.home.sim.head_camera import FAR, SIDE, HeadCamera
+from perdure.home.sim.robot import JOINTS, add_fetch
+from perdure.home.skills.depth import HeadDepth, VectorHeadDepth
 
 WALL, BASE = 2.5, (0.3, 0.1)
 """Where the wall's face is along x, and where the robot stands, in [m]."""
@@ -30,7 +28,7 @@ STEPS, SEEDS = 6, (5, 6, 7)
 def camera():
     try:
         made = HeadCamera()
-    except RenderError as error:
+    except PerdureError as error:
         pytest.skip(f"this machine has neither EGL nor OSMesa: {error}")
     yield made
     made.close()
@@ -190,14 +188,14 @@ def test_many_scenes_share_what_is_drawn_with_and_look_as_with_a_camera_of_their
 
 
 def test_what_does_not_fit_is_refused(monkeypatch):
-    with pytest.raises(HomeError, match="env must be a home skill environment"):
+    with pytest.raises(PerdureError, match="env must be a home skill environment"):
         HeadDepth(gymnasium.make("CartPole-v1"))
-    with pytest.raises(HomeError, match="SAME_STEP"):
+    with pytest.raises(PerdureError, match="SAME_STEP"):
         VectorHeadDepth(make("pick", "set_table", autoreset_mode=AutoresetMode.SAME_STEP))
-    with pytest.raises(HomeError, match="1 to"):
+    with pytest.raises(PerdureError, match="1 to"):
         HeadCamera(0)
     monkeypatch.setenv("MUJOCO_GL", "off")
-    with pytest.raises(RenderError, match="switches pictures off"):
+    with pytest.raises(PerdureError, match="switches pictures off"):
         VectorHeadDepth(make("pick", "set_table"))
 
 
@@ -207,7 +205,7 @@ import sys, perdure.home.skills.gym as gym
 env = gym.HomeSkillEnv(skill="pick", task="set_table", split="val", episodes=1)
 env.reset(seed=1)
 env.step(env.action_space.sample())
-drawn = ("OpenGL", "mujoco.egl", "mujoco.osmesa", "perdure.home.video", "perdure.home.skills.gym.depth")
+drawn = ("OpenGL", "mujoco.egl", "mujoco.osmesa", "perdure.home.pictures", "perdure.home.skills.depth")
 print(*[name for name in sys.modules if name.startswith(drawn)])
 """
     free = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # MuJoCo loads what it names

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from perdure.envs import UnknownTask, WorldError, list_tasks, make_world
-from perdure.home import HomeError
+from perdure.envs import list_tasks, make_world
+from perdure.errors import PerdureError
 
 NAME = "perdure/HomePlace-v0,split=val,episodes=2"
 
@@ -55,7 +55,7 @@ def test_a_world_tells_that_it_diverged():
 
 @pytest.mark.parametrize(
     ("name", "error"),
-    [("perdure/HomeCook-v0", UnknownTask), (f"{NAME},delta", WorldError), (f"{NAME},color=red", HomeError)],
+    [("perdure/HomeCook-v0", PerdureError), (f"{NAME},delta", PerdureError), (f"{NAME},color=red", PerdureError)],
 )
 def test_names_that_mean_nothing_are_refused(name, error):
     with pytest.raises(error):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from lanes import make
 
-from perdure.home.agents.oracle import Oracle
-from perdure.home.sim.world import SCAN_RANGE
+from perdure.home.agents.scripted import Oracle
+from perdure.home.sim.sensors import SCAN_RANGE
 from perdure.home.skills import learned_skills
 
 STEPS = {"place": 200, "navigate": 80}

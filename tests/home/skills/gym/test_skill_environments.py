@@ -7,9 +7,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from lanes import LESSONS, drive, make, random_actions, rows
 
-from perdure.home import HomeError
+from perdure.errors import PerdureError
 from perdure.home.skills import learned_skills
-from perdure.home.skills.gym import HomeSkillEnv, env_id, register
+from perdure.home.skills.environment import env_id, register
+from perdure.home.skills.gym import HomeSkillEnv
 
 STEPS, SEEDS = 25, (5, 6, 7)
 
@@ -105,7 +106,7 @@ def test_a_lane_that_ended_must_be_reset():
     actions[1, -1] = -1.0  # lets go far from the goal
     *_, terminated, _, info = env.step(actions)
     assert (terminated.tolist(), info["failure"].tolist()) == ([False, True], ["none", "wrong drop"])
-    with pytest.raises(HomeError, match=r"lanes \[1\] have ended"):
+    with pytest.raises(PerdureError, match=r"lanes \[1\] have ended"):
         env.step(actions)
     env.reset(options={"reset_mask": terminated})
     env.step(0.0 * actions)
@@ -195,7 +196,7 @@ class TestNames:
 def test_a_reset_that_does_not_fit_the_lanes_is_refused(wrong):
     env = make("place", "tidy_house", lanes=3)
     env.reset(seed=0)
-    with pytest.raises(HomeError):
+    with pytest.raises(PerdureError):
         env.reset(**wrong)
 
 
@@ -203,7 +204,7 @@ def test_a_reset_that_does_not_fit_the_lanes_is_refused(wrong):
 def test_wrong_actions_are_refused(actions):
     env = make("place", "tidy_house", lanes=3)
     env.reset(seed=0)
-    with pytest.raises(HomeError):
+    with pytest.raises(PerdureError):
         env.step(actions)
 
 

@@ -31,10 +31,10 @@ def test_the_page_names_every_reward_term_and_the_last_number_and_action(tool, s
     observations, _ = env.reset(seed=0)
     info = env.step(np.zeros(env.action_space.shape))[-1]
     assert set(tool.reward_texts(env.skill)) == {name for name in info["reward_terms"] if not name.startswith("_")}
-    text = tool.skill_section(skill)
-    assert f" {observations.shape[1] - 1} `{env.skill.elements[-1].name}` |" in text
+    text = tool.page()
+    assert f"{observations.shape[1] - 1} `{env.skill.elements[-1].name}`|" in text
     actions = env.single_action_space.shape[0]
-    assert f"| {actions - 1} `{'grip' if actions == 10 else 'turn'}` |" in text
+    assert f"|{actions - 1} `{'grip' if actions == 10 else 'turn'}`|" in text
 
 
 @pytest.mark.parametrize("skill", learned_skills())

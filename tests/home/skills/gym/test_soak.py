@@ -8,7 +8,7 @@ import pytest
 from lanes import make
 
 from perdure.home.skills import learned_skills
-from perdure.home.skills.gym.register import default_task
+from perdure.home.skills.environment import default_task
 
 LANES = 16
 STATUS = Path("/proc/self/statm")

@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 from lanes import LESSONS
 
-from perdure.home.benchmark.episodes import episode_scene, load_episodes
-from perdure.home.benchmark.tasks import get_task
-from perdure.home.errors import HomeError
-from perdure.home.sim.apartments import free_space
-from perdure.home.sim.robot import gripper_pose
-from perdure.home.sim.robot.data import REST_POSITION, TORSO_HEIGHT
-from perdure.home.sim.world import ACTION_SIZE, SceneOptions, VectorSimulator
+from perdure.errors import PerdureError
+from perdure.home.sim.kinematics import gripper_pose
+from perdure.home.sim.occupancy import free_space
+from perdure.home.sim.robot import REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.scene import SceneOptions
+from perdure.home.sim.simulator import ACTION_SIZE
+from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import get_skill, learned_skills
-from perdure.home.skills.gym.options import SkillEnvOptions
-from perdure.home.skills.starts import begin, touching
-from perdure.home.skills.starts.containers import handle
+from perdure.home.skills.environment import SkillEnvOptions
+from perdure.home.skills.starts import begin, handle, touching
+from perdure.home.tasks.episodes import episode_scene, load_episodes
+from perdure.home.tasks.tasks import get_task
 
 DRAWS = 40
 
@@ -101,7 +102,7 @@ def test_half_the_robots_face_any_way_where_that_is_asked():
         turns.append(abs(heading_error(start.base, episode.goals[target].position)))
     past = np.array([np.mean(np.array(turns) > limit) for limit in (0.5, np.pi / 2, 0.9 * np.pi)])
     np.testing.assert_allclose(past, 0.5 * (1.0 - np.array([0.5, np.pi / 2, 0.9 * np.pi]) / np.pi), atol=0.08)
-    with pytest.raises(HomeError, match="any_heading is an option of place, not of pick"):
+    with pytest.raises(PerdureError, match="any_heading is an option of place, not of pick"):
         SkillEnvOptions("pick", "set_table", any_heading=True)
 
 

@@ -5,11 +5,10 @@ import pytest
 from lanes import begin_at, make
 from skill_scripts import action, never, start_within_reach, steps_until, to_rest
 
-from perdure.home.sim.apartments import Pose
-from perdure.home.sim.world import SkillGoal
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.sensors import SkillGoal
 from perdure.home.skills import Aim, region
-from perdure.home.skills.starts import Start
-from perdure.home.skills.starts.containers import handle, link_number
+from perdure.home.skills.starts import Start, handle, link_number
 
 
 def prepared(skill, task, point_of, skill_goal_of, **options):

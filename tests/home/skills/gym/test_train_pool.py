@@ -2,8 +2,9 @@
 
 import pytest
 
-from perdure.home import HomeError
-from perdure.home.skills.starts import cache_folder, pool, train_pool
+from perdure.errors import PerdureError
+from perdure.home.skills import starts
+from perdure.home.skills.starts import cache_folder, train_pool
 
 
 @pytest.fixture(autouse=True)
@@ -14,13 +15,13 @@ def own_cache(tmp_path, monkeypatch):
 @pytest.fixture
 def count_makings(monkeypatch):
     """The indices of episodes as they are made."""
-    made, real = [], pool.generate_episode
+    made, real = [], starts.generate_episode
 
     def generate(task, split, index, *rest):
         made.append(index)
         return real(task, split, index, *rest)
 
-    monkeypatch.setattr(pool, "generate_episode", generate)
+    monkeypatch.setattr(starts, "generate_episode", generate)
     return made
 
 
@@ -44,12 +45,12 @@ def test_a_pool_is_in_training_apartments_of_different_layouts_and_begins_with_a
 
 def test_episodes_of_other_code_are_not_read(monkeypatch, count_makings):
     train_pool("set_table", 1)
-    monkeypatch.setattr(pool, "fingerprint", lambda: "0123456789ab")
+    monkeypatch.setattr(starts, "fingerprint", lambda: "0123456789ab")
     train_pool("set_table", 1)
     assert count_makings == [0, 0]
 
 
 @pytest.mark.parametrize("wrong", [("set_table", 0), ("lay_table", 1)])
 def test_a_pool_that_makes_no_sense_is_refused(wrong):
-    with pytest.raises(HomeError):
+    with pytest.raises(PerdureError):
         train_pool(*wrong)

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perdure.home.agents import Learned
-from perdure.home.errors import HomeError
-from perdure.home.skills import get_skill, learned_skills
-from perdure.home.skills.training import evaluate_skill, skill_config, train, train_skill
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Learned
+from perdure.home.skills import get_skill, learned_skills, train
+from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
 from perdure.policy import TaskInfo, load_policy
 
 
@@ -35,7 +35,7 @@ def test_a_score_counts_every_episode_once(policy):
 def test_a_policy_acts_in_its_own_skill_only(policy):
     agent = Learned(policy)
     agent.begin(None, 0, get_skill("place"))
-    with pytest.raises(HomeError, match="navigate has"):
+    with pytest.raises(PerdureError, match="navigate has"):
         agent.begin(None, 0, get_skill("navigate"))
 
 
@@ -46,7 +46,7 @@ def test_a_policy_of_another_skill_with_the_same_sizes_is_refused():
     task = TaskInfo("perdure/HomeCloseFridge-v0", seen, (-1.0,) * moved, (1.0,) * moved)
     agent = Learned(SimpleNamespace(task=task))
     agent.begin(None, 0, get_skill("close_fridge"))
-    with pytest.raises(HomeError, match="was trained for another skill than open_fridge"):
+    with pytest.raises(PerdureError, match="was trained for another skill than open_fridge"):
         agent.begin(None, 0, get_skill("open_fridge"))
 
 
@@ -61,7 +61,7 @@ def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
 def test_delta_lengthens_the_horizon():
     assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
     assert skill_config("place", "set_table", delta=30, limited_to=200).protocol.horizon.longest == 200
-    with pytest.raises(HomeError, match="reset_arm"):
+    with pytest.raises(PerdureError, match="reset_arm"):
         skill_config("reset_arm", "set_table")
 
 
@@ -92,7 +92,7 @@ def test_a_task_may_need_another_recipe():
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
-        "perdure.home.skills.training.train_skill('place', 'set_table', (0,), OUT, total_steps=8192, split='val', "
+        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=8192, split='val', "
         "episodes=2)"
     )
     command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})

@@ -1,0 +1,391 @@
+"""The commands that train, evaluate, convert and show policies, over the functions of the library."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import tyro
+
+from perdure.cli.clocks import read_clock
+from perdure.cli.flags import Cores, On
+from perdure.cli.parse import call
+from perdure.cli.report import find_table, write_and_show
+from perdure.errors import PerdureError
+
+if TYPE_CHECKING:
+    from perdure.learn import PPOConfig
+    from perdure.policy import Policy
+
+IMPORTED = "imported"
+"""Folder, beside the results, of policies made of other libraries' models."""
+
+
+def run(name: str, args: list[str]) -> None:
+    """Run a command of this module."""
+    if name != "train":
+        call(COMMANDS[name], args, name)
+        return
+    args = _task_first(args)
+    task = None if not args or args[0].startswith("-") else args[0]
+    if task is None and {"-h", "--help"}.isdisjoint(args):
+        raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
+    call(train_command(task, _value(args, "--method", "geometric"), _value(args, "--preset", "zoo")), args, name)
+
+
+def train_command(task: str | None, method: str = "geometric", preset: str = "zoo") -> Callable[..., None]:
+    """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
+    from perdure.learn import PPOConfig, method_config
+
+    config = PPOConfig() if task is None else method_config(method, task, _observation_size(task), preset)
+
+    def train(  # noqa: D417 - flags.py explains cores and on
+        task: tyro.conf.Positional[str],
+        method: str = "geometric",
+        preset: str = "zoo",
+        name: str | None = None,
+        seeds: tuple[int, ...] = (0,),
+        out: Path = Path("runs"),
+        cores: Cores = None,
+        on: On = "local",
+        tensorboard: bool = False,
+        ppo: PPOConfig = config,
+    ) -> None:
+        """Train seeds of one task with one method. An interrupted command resumes when you run it again.
+
+        Args:
+            task: A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first.
+            method: A method as `perdure list methods` names it.
+            preset: Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one
+                set). For Hopper and Walker2d take cleanrl: with zoo most Hopper policies stand still.
+            name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
+            seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
+            out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
+            tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
+            ppo: The learner's settings; the defaults are those of task and method.
+        """
+        from perdure.learn.run import TrainRun, on_report
+        from perdure.learn.run import tensorboard as curves
+        from perdure.learn.run import train as train_run
+        from perdure.runs.progress import show_progress
+
+        run = TrainRun(task, name or method, ppo, seeds, preset=preset, base_method=method)
+        with ExitStack() as stack:
+            observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]
+            if tensorboard:
+                folder = out / "tensorboard" / Path(run.key(0)).parent
+                observers.append(on_report(run, stack.enter_context(curves(folder))))
+
+            def observe(status: Any) -> None:
+                for observer in observers:
+                    observer(status)
+
+            paths = train_run(run, out, cores=cores, on=on, observe=observe)
+        print(*paths, sep="\n")
+
+    train.__annotations__["ppo"] = PPOConfig  # imported in here, where annotations are not looked up
+    return train
+
+
+def _task_first(args: list[str]) -> list[str]:
+    """Return the arguments with the task in front, wherever it was written."""
+    if not args or not args[0].startswith("-"):
+        return args
+    from perdure.envs import is_task
+
+    at = next((k for k, arg in enumerate(args) if not arg.startswith("-") and is_task(arg)), None)
+    return args if at is None else [args[at], *args[:at], *args[at + 1 :]]
+
+
+def _value(args: list[str], flag: str, default: str) -> str:
+    """Return the value of a flag, before the whole line is parsed; a missing one is reported then."""
+    for arg, after in zip(args, [*args[1:], default], strict=True):
+        name, equals, value = arg.partition("=")
+        if name == flag:
+            return value if equals else after
+    return default
+
+
+def _observation_size(task: str) -> int:
+    from perdure.envs import make_world
+
+    world = make_world(task, [0])
+    size = world.spec.observation_size
+    world.close()
+    return size
+
+
+def extrapolate(  # noqa: D417 - flags.py explains cores and on
+    policies: tyro.conf.Positional[tuple[str, ...]],
+    env: str | None = None,
+    normalizer: str | None = None,
+    time_feature: str | None = None,
+    training_horizon: int | None = None,
+    trust: bool = False,
+    steps: int = 100_000,
+    clocks: tuple[str, ...] = ("default",),
+    eval_seeds: int = 20,
+    first_eval_seed: int = 0,
+    out: Path = Path("extrapolation"),
+    cores: Cores = None,
+    on: On = "local",
+    max_lanes: int = 48,
+    modules: tuple[str, ...] = (),
+    command: str = "",
+) -> None:
+    """Run policies far beyond their training horizon, under several clocks, and judge them.
+
+    A lane is one deployed episode: a policy under a clock from a start state. Writes lanes.parquet, report.html and
+    figures. An interrupted command resumes when you run it again.
+
+    Args:
+        policies: Policy files, names of shipped policies (`perdure list policies`), or, with --env, ONNX models
+            (model.onnx) or models of Stable-Baselines3 (model.zip); all for one task.
+        env: For ONNX models and models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is
+            Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is EnvPool's, which is faster.
+        normalizer: For models of Stable-Baselines3: the file that VecNormalize.save() wrote; "none" if only rewards
+            were normalized.
+        time_feature: For models of Stable-Baselines3: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with
+            1000 steps; linear takes the training horizon.
+        training_horizon: For models: steps of a training episode; if left out, what an exported ONNX model says, or the
+            environment's own step limit.
+        trust: For models of Stable-Baselines3: load with Stable-Baselines3 itself, which runs code in the files. Only
+            for files you trust.
+        steps: Steps of each lane, unless it ends earlier.
+        clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
+            the end), default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of
+            100, and countdown).
+        eval_seeds: Start states; the same ones for every policy and clock.
+        first_eval_seed: First start state: choose a policy or a clock on some start states, and report on others.
+        out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
+        max_lanes: Most lanes in one process at a time. Results do not depend on it; a crash costs at most these lanes.
+        modules: Python modules that the policies' tasks may import; a policy file alone never imports anything.
+        command: The command line, stored with the table.
+    """
+    from perdure.envs import module_of, task_of_environment
+    from perdure.evaluate import Extrapolation, evaluate_files
+    from perdure.evaluate.stored import takes_clock
+    from perdure.policy.onnx import is_onnx
+    from perdure.runs.progress import show_progress
+
+    sb3 = {"normalizer": normalizer, "time_feature": time_feature, "trust": trust}
+    files = _policy_files(policies, env, sb3, training_horizon, out / IMPORTED)
+    models = any(map(is_onnx, files))
+    module = None if env is None else module_of(task_of_environment(env))
+    evaluation = Extrapolation(
+        files,
+        steps,
+        clocks,
+        eval_seeds,
+        first_eval_seed=first_eval_seed,
+        max_lanes=max_lanes,
+        modules=modules if module is None else (*modules, module),
+        env=env if models else None,
+        training_horizon=training_horizon if models else None,
+    )
+    if clocks != ("default",) and not any(map(takes_clock, files)):
+        print("perdure: no policy here has a time-to-go input, so --clocks has no effect", file=sys.stderr)
+    with show_progress("extrapolate", "steps") as observe:
+        table = evaluate_files(
+            evaluation,
+            out,
+            cores=cores,
+            on=on,
+            command=command,
+            observe=observe,
+            waiting=lambda: print(f"perdure: waiting for another evaluation into {out}", file=sys.stderr),
+        ).path  # the table itself is not kept: the report needs the memory
+    assert table is not None
+    write_and_show(table, out)
+
+
+def _policy_files(
+    names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, folder: Path
+) -> tuple[Path, ...]:
+    """Return one file for each name; models of Stable-Baselines3 are imported into `folder`, once."""
+    from perdure.policy import find_policy
+    from perdure.policy.onnx import is_onnx
+    from perdure.policy.readers import import_once, is_sb3_zip
+
+    paths = [Path(name) if is_onnx(name) else find_policy(name) for name in names]
+    zips = [path for path in paths if not is_onnx(path) and is_sb3_zip(path)]
+    options = sb3 if any(map(is_onnx, paths)) else {"env": env, "training_horizon": horizon, **sb3}
+    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]
+    if given and not zips:
+        raise PerdureError(f"{', '.join(given)}: only for Stable-Baselines3 models; {names[0]} is none")
+    if zips and env is None:
+        raise PerdureError(f"{zips[0]} does not say in which environment it acts: give it with --env Hopper-v5")
+    files = list[Path]()
+    for path in paths:
+        if path in zips:
+            print(f"perdure: reading {path}", file=sys.stderr)
+            path = import_once(path, folder, str(env), training_horizon=horizon, **sb3)
+        files.append(path)
+    return tuple(files)
+
+
+def import_model(
+    model: tyro.conf.Positional[Path],
+    env: str,
+    out: Path = Path("policy.safetensors"),
+    normalizer: str | None = None,
+    time_feature: str | None = None,
+    training_horizon: int | None = None,
+    trust: bool = False,
+) -> None:
+    """Convert a Stable-Baselines3 or sb3-contrib model to a policy file: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG.
+
+    Args:
+        model: The zip that model.save() wrote.
+        env: The environment it was trained in. Hopper-v5 is Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is
+            EnvPool's, which is faster.
+        out: The file to write.
+        normalizer: The file that VecNormalize.save() wrote; "none" if only rewards were normalized.
+        time_feature: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
+            training horizon.
+        training_horizon: Steps of a training episode; the environment's own step limit if left out.
+        trust: Load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust.
+    """
+    from perdure.policy import Policy, save_policy
+
+    horizon = training_horizon
+    options: dict[str, Any] = {"time_feature": time_feature, "training_horizon": horizon, "trust": trust}
+    print(save_policy(Policy.from_sb3(model, env, normalizer=normalizer, **options), out))
+
+
+def export(
+    policy: tyro.conf.Positional[str],
+    out: tyro.conf.Positional[Path] = Path("policy.onnx"),
+    clock: str | None = None,
+) -> None:
+    """Export a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx].
+
+    Args:
+        policy: A policy file, or the name of a shipped policy.
+        out: The file to write.
+        clock: Clock that is fixed in the model, such as constant:500, or default (the policy's own clock). If left out,
+            the model has the inputs elapsed and horizon.
+    """
+    from perdure.policy import load_policy
+    from perdure.policy.onnx import export_onnx, is_onnx
+
+    if not is_onnx(out):
+        raise PerdureError(f"out must be a file named .onnx, not {out}")
+    loaded = load_policy(policy)
+    print(export_onnx(loaded, out, read_clock("--clock", clock, loaded)))
+
+
+def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None) -> None:
+    """Write a policy's model card in the format of Hugging Face: README.md beside its file.
+
+    Args:
+        policy: A policy file, a folder that holds one, or the name of a shipped policy.
+        table: The table of `perdure extrapolate` that holds the policy's episodes: lanes.parquet, or its folder.
+        out: The file to write; by default README.md in the policy's folder, or STEM.README.md if that holds several
+            policies. Required for shipped and downloaded policies.
+    """
+    from perdure.evaluate.card import write_card
+
+    print(write_card(policy, find_table(table), out))
+
+
+def list_names(
+    what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks", suite: str | None = None
+) -> None:
+    """List tasks, training methods, or the policies that come with perdure.
+
+    Args:
+        what: What to list.
+        suite: Only tasks of this suite.
+    """
+    if suite is not None and what != "tasks":
+        raise PerdureError(f"--suite is for tasks, not for {what}")
+    print({"tasks": lambda: tasks(suite), "methods": methods, "policies": policies}[what]())
+
+
+def inspect(policy: tyro.conf.Positional[str]) -> None:
+    """Show what a policy file contains.
+
+    Args:
+        policy: A policy file, or the name of a shipped policy.
+    """
+    from perdure.policy import load_policy
+
+    print(policy_text(load_policy(policy)))
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "extrapolate": extrapolate,
+    "import": import_model,
+    "export": export,
+    "card": card,
+    "list": list_names,
+    "inspect": inspect,
+}
+
+
+def tasks(suite: str | None = None) -> str:
+    """Return every task by suite, one a line."""
+    from perdure.envs import list_tasks
+
+    lines = []
+    for name, members in groupby(list_tasks(suite), key=lambda task: task.suite):
+        lines += [f"{name}:", *(f"  {task.name}" for task in members)]
+    return "\n".join(lines)
+
+
+def methods() -> str:
+    """Return the table of training methods."""
+    from perdure.learn import presets as module
+
+    rows = [line for line in (module.__doc__ or "").splitlines() if line.startswith("|")]
+    return "\n".join(rows).replace("``", "")
+
+
+def policies() -> str:
+    """Return the shipped policies, one a line, each with its training command and, if known, its outcome."""
+    from perdure.policy import load_policy
+    from perdure.policy.files import LABELS, shipped_policies
+
+    rows = []
+    for name, path in shipped_policies().items():
+        label = f"  # {LABELS[name]}" if name in LABELS else ""
+        rows.append(f"{name:36} {load_policy(path).provenance.get('command', '')}{label}")
+    return "\n".join(rows)
+
+
+def _within(subject: Policy) -> str:
+    """Return what a policy does within its training horizon, in one line."""
+    reference = subject.reference
+    if reference is None:
+        return "not measured"
+    falls, episodes = int(reference.terminated.sum()), len(reference.lengths)
+    return (
+        f"mean return {reference.returns.mean():,.0f} in {episodes} episodes of at most {reference.horizon} steps, "
+        f"{reference.rate:.3g} a step, {falls} ended by the task"
+    )
+
+
+def policy_text(subject: Policy) -> str:
+    """Return the contents of a policy file as text."""
+    weights = sum(array.size for array in subject.weights.values())
+    protocol = subject.protocol
+    phi = "none" if protocol.embedding is None else f"{protocol.embedding}"
+    rows = {
+        "task": f"{subject.task.name}, observations of {subject.task.observation_size}, "
+        f"actions of {subject.task.action_size}",
+        "network": f"{weights:,} weights, {subject.activation}",
+        "time-to-go input": phi + (", normalized (replication)" if protocol.normalize_embedding else ""),
+        "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
+        "gamma": f"{protocol.gamma:g} (reward normalizer {protocol.normalizer_gamma:g})",
+        "clock": "none" if subject.clock is None else subject.clock.label,
+        "within T": _within(subject),
+    }
+    lines = [f"{name:17} {value}" for name, value in rows.items()]
+    provenance = {k: v for k, v in subject.provenance.items() if k != "config"}
+    return "\n".join([*lines, "", json.dumps(provenance, indent=2)])

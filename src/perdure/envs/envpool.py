@@ -1,0 +1,262 @@
+"""Exchange arrays with an EnvPool pool, directly or through its Python wrapper.
+
+EnvPool's public `step` rebuilds dictionaries at every call, which costs 60 to 100 us: more than the physics of a small
+batch. `RawChannel` hands arrays to the compiled pool directly, with positions looked up once from the pool's own key
+lists. Where those lists do not look as expected, `open_channel` falls back to `PublicChannel`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from perdure.envs.gymnasium import LaneTracker, TrackedWorld
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, checked_actions, checked_seeds
+from perdure.errors import PerdureError
+
+ACTION_KEYS = ["env_id", "players.env_id", "action"]
+Int32Array = npt.NDArray[np.int32]
+Outcome = tuple[FloatArray, npt.NDArray[np.float32], BoolArray, BoolArray]
+
+
+class Channel(Protocol):
+    """Moves arrays in and out of one pool. Rows come back in the order of `ids`."""
+
+    def reset(self, ids: Int32Array) -> FloatArray:
+        """Reset these environments; return their first observations, shape (n, observation_size)."""
+
+    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
+        """Step these environments; return observations, rewards, done (any end) and trunc (EnvPool's step limit)."""
+
+
+class RawChannel:
+    """The compiled pool's own send and receive."""
+
+    def __init__(self, pool: Any) -> None:
+        """Find the position of each array.
+
+        Args:
+            pool: An EnvPool pool for which `has_known_layout` is true.
+        """
+        keys = list(pool._state_keys)
+        self._reset, self._send, self._recv = pool._reset, pool._send, pool._recv
+        self._observed = [keys.index(key) for key in observation_keys(pool)]
+        self._reward, self._done, self._trunc = (keys.index(key) for key in ("reward", "done", "trunc"))
+
+    def reset(self, ids: Int32Array) -> FloatArray:
+        """See `Channel.reset`."""
+        self._reset(ids)
+        return self._flat(self._recv())
+
+    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
+        """See `Channel.step`."""
+        self._send([ids, ids, actions])
+        state = self._recv()
+        return self._flat(state), state[self._reward], state[self._done], state[self._trunc]
+
+    def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
+        return flat_observations([state[index] for index in self._observed])
+
+
+class PublicChannel:
+    """EnvPool's documented `reset` and `step`."""
+
+    def __init__(self, pool: Any) -> None:
+        """Wrap a pool.
+
+        Args:
+            pool: An EnvPool pool made with `env_type="gymnasium"`.
+        """
+        self._pool = pool
+        self._names = [key.split(":")[1:] for key in observation_keys(pool)]
+
+    def reset(self, ids: Int32Array) -> FloatArray:
+        """See `Channel.reset`."""
+        observations, _ = self._pool.reset(ids)
+        return self._flat(observations)
+
+    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
+        """See `Channel.step`."""
+        observations, rewards, terminated, trunc, _ = self._pool.step(actions, ids)
+        return self._flat(observations), rewards, terminated | trunc, trunc
+
+    def _flat(self, observations: Any) -> FloatArray:
+        if not isinstance(observations, dict):
+            return flat_observations([observations])
+        return flat_observations([observations[name] for (name,) in self._names])
+
+
+def open_channel(pool: Any) -> Channel:
+    """Return the fastest channel this pool's layout allows.
+
+    Args:
+        pool: An EnvPool pool made with `env_type="gymnasium"`.
+
+    Returns:
+        A `RawChannel` where the layout is known, else a `PublicChannel`.
+    """
+    return RawChannel(pool) if has_known_layout(pool) else PublicChannel(pool)
+
+
+def has_known_layout(pool: Any) -> bool:
+    """Return whether the pool has the array layout that `RawChannel` expects.
+
+    Args:
+        pool: Any pool.
+
+    Returns:
+        True if so.
+    """
+    if not all(hasattr(pool, name) for name in ("_reset", "_send", "_recv", "_state_keys", "_action_keys")):
+        return False
+    flags = {"reward", "done", "trunc"} <= set(pool._state_keys)
+    return flags and list(pool._action_keys) == ACTION_KEYS
+
+
+def observation_keys(pool: Any) -> list[str]:
+    """Return the parts of an observation, in the order in which they are joined: the order the engine lists them in.
+
+    For dm_control that is the order of the task's own observation dictionary, for the Shadow hand
+    `observation, achieved_goal, desired_goal`.
+
+    Args:
+        pool: An EnvPool pool.
+
+    Returns:
+        Keys such as ["obs"] or ["obs:position", "obs:velocity"].
+    """
+    return [key for key in pool._state_keys if key == "obs" or key.startswith("obs:")]
+
+
+def flat_observations(parts: list[npt.NDArray[Any]]) -> FloatArray:
+    """Join the parts of an observation into one vector per row.
+
+    Args:
+        parts: Arrays whose first axis is the lane; a part of shape (n,) is one number per lane.
+
+    Returns:
+        Shape (n, observation_size), float64.
+    """
+    flat = [part if part.ndim == 2 else part.reshape(len(part), -1) for part in parts]
+    joined = flat[0] if len(flat) == 1 else np.concatenate(flat, axis=1)
+    return joined.astype(np.float64, copy=False)
+
+
+OUT_OF_REACH = 10**9
+"""EnvPool's own step limit, which must never be reached: lanes have no horizon."""
+
+
+class EnvPoolWorld(TrackedWorld):
+    """Lanes of one EnvPool task (see `World`).
+
+    EnvPool resets a finished environment when it is stepped again: that step ignores the action and pays 0. It never
+    happens here, because an ended lane is refused until `reset` has reset it inside EnvPool too.
+    """
+
+    def __init__(self, name: str, suite: str, seeds: Sequence[int], threads: int = 1) -> None:
+        """Build the pool; nothing is simulated before the first reset.
+
+        Args:
+            name: EnvPool's name of the task, e.g. "Hopper-v3".
+            suite: Goes into the spec.
+            seeds: One seed per lane, see `checked_seeds`.
+            threads: EnvPool's threads; results do not depend on it.
+
+        Raises:
+            PerdureError: If seeds or threads are not legal or the task's actions are not one box.
+        """
+        seeds = checked_seeds(seeds)
+        if threads < 1:
+            raise PerdureError(f"threads must be at least 1, got {threads}.")
+        self.pool: Any = _make_pool(name, seeds, threads)
+        self._channel: Channel = open_channel(self.pool)
+        self._spec = _spec_of(self.pool, name, suite)
+        self._action_dtype = self.pool.action_space.dtype
+        self._tracker = LaneTracker(len(seeds))
+
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
+        """See `World.reset`."""
+        chosen = self._tracker.lanes_to_reset(lanes)
+        observations = self._channel.reset(chosen.astype(np.int32))
+        self._tracker.begin(chosen)
+        return observations
+
+    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
+        """See `World.step`."""
+        chosen = self._tracker.lanes_to_step(lanes)
+        clipped = checked_actions(actions, chosen, self._spec).astype(self._action_dtype, copy=False)
+        observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
+        elapsed = self._tracker.advance(chosen, done)
+        return Step(
+            observations,
+            rewards.astype(np.float64),
+            done & ~trunc,
+            trunc,
+            elapsed,
+            np.zeros(len(chosen), np.bool_),
+        )
+
+    def close(self) -> None:
+        """See `World.close`."""
+        self._tracker.closed = True
+        self.pool = self._channel = None  # type: ignore[assignment]  # EnvPool frees its threads with the last reference
+
+
+def _make_pool(name: str, seeds: list[int], threads: int) -> Any:
+    import envpool
+
+    return envpool.make(
+        name,
+        env_type="gymnasium",
+        num_envs=len(seeds),
+        num_threads=min(threads, len(seeds)),
+        seed=seeds,
+        max_episode_steps=OUT_OF_REACH,
+    )
+
+
+def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
+    import envpool
+    import gymnasium
+
+    if not isinstance(pool.action_space, gymnasium.spaces.Box) or len(pool.action_space.shape) != 1:
+        raise PerdureError(f"{name}: actions must be one vector in a box, this task has {pool.action_space}.")
+    shapes = pool.spec.state_array_spec
+    return TaskSpec(
+        name=name,
+        suite=suite,
+        engine=_engine_of(pool),
+        observation_size=sum(math.prod(shapes[key].shape) for key in observation_keys(pool)),
+        action_low=pool.action_space.low,
+        action_high=pool.action_space.high,
+        default_horizon=int(envpool.make_spec(name).config.max_episode_steps),
+        hides_divergence=_mujoco_version(pool) is not None,
+    )
+
+
+def _engine_of(pool: Any) -> str:
+    import envpool
+
+    engine = f"EnvPool {envpool.__version__}"
+    mujoco = _mujoco_version(pool)
+    return f"{engine}, MuJoCo {mujoco}" if mujoco else engine
+
+
+def _mujoco_version(pool: Any) -> str | None:
+    """Return the MuJoCo version in EnvPool's extension module; None if it is unknown."""
+    for base in type(pool).__mro__:
+        path = getattr(sys.modules.get(base.__module__), "__file__", None)
+        if base.__module__.endswith("_envpool") and path:
+            try:
+                ask = ctypes.CDLL(path).mj_versionString
+            except (OSError, AttributeError):
+                continue
+            ask.restype = ctypes.c_char_p
+            return str(ask().decode())
+    return None

@@ -1,0 +1,37 @@
+"""Errors and warnings of perdure, and the sentence that offers the nearest name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+
+class PerdureError(ValueError):
+    """An argument or a file is wrong: the message names it, says what is wrong and what is allowed."""
+
+
+class UnitBusyError(PerdureError):
+    """Another process is running the unit."""
+
+
+class PerdureWarning(UserWarning):
+    """Something is unusual and perhaps wrong."""
+
+
+class OtherSourceWarning(PerdureWarning):
+    """Finished units were made by another version of perdure's source code and are reused."""
+
+
+def did_you_mean(name: object, names: Iterable[str], most: int = 1, first: Sequence[str] = ()) -> str:
+    """Return "; did you mean 'a' or 'b'?" with the names nearest to a wrong one, "" if none is near.
+
+    Args:
+        name: What was asked for; case is ignored.
+        names: What there is.
+        most: Names to offer.
+        first: Names to offer before these, however they are spelled.
+    """
+    folded = {each.casefold(): each for each in names}
+    near = difflib.get_close_matches(str(name)[:80].casefold(), folded, n=most, cutoff=0.65)
+    offered = [*first, *(folded[each] for each in near)]
+    return f"; did you mean {' or '.join(map(repr, offered))}?" if offered else ""

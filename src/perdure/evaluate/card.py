@@ -1,0 +1,264 @@
+"""Model cards: what a policy is and whether it holds, as the README.md that Hugging Face shows beside a model.
+
+Format: YAML front matter (huggingface.co/docs/hub/model-cards), read by machines, then Markdown, read by people.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.errors import PerdureError
+from perdure.evaluate.score import HOLDS_FROM
+from perdure.evaluate.table import FILE_NOTE, method_label, train_seed
+from perdure.policy import Policy, load_policy
+from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
+from perdure.report import estimate_table, read_table
+from perdure.report.estimates import Estimate
+from perdure.runs import file_digest, write_atomic
+from perdure.schema import printable
+
+if TYPE_CHECKING:
+    import polars as pl
+
+NAME = "README.md"
+OURS = "library_name: perdure"
+"""Line of the front matter by which a card of ours is known."""
+_PLAIN = re.compile(r"(?!(true|false|null|yes|no|on|off)$)[a-z_]+(-[a-z_]+)*")
+"""Text that YAML reads as text without quotes."""
+UNCHECKED = """
+
+The table of these episodes does not say which policy file they are of. They were found by task, method, training seed
+and label; the file itself was not checked."""
+LIMITS = """- The verdict is about this simulator, these start states and these clocks. It does not carry over to a real
+  robot or to another physics engine.
+- Intervals are over evaluation seeds of one trained policy. They say nothing about other training runs of the method.
+- Actions are deterministic. Exploration noise is not added."""
+
+
+def write_card(policy: str | Path, table: str | Path, out: str | Path | None = None) -> Path:
+    """Write the model card of a policy and return its path.
+
+    Args:
+        policy: As `perdure.policy.find_policy` takes it.
+        table: A table of `perdure extrapolate` with episodes of this policy.
+        out: The file. By default README.md in the policy's folder, or STEM.README.md if that holds several policies.
+
+    Raises:
+        PerdureError: If the table holds no episode of this policy's file, the file to write is there and is no
+            card of ours, or ``out`` is missing for a policy of the package or of Hugging Face's cache.
+        PerdureError: If there is no such policy.
+        PerdureError: If the table cannot be read.
+    """
+    file = find_policy(policy)
+    subject = load_policy(file)
+    frame, notes = read_table(table)
+    path = Path(out) if out is not None else _beside(file)
+    if path.exists() and not _is_ours(path.read_text(errors="replace")):
+        raise PerdureError(f"{path} exists and is no model card of perdure; name another file with --out")
+    files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
+    mine = _rows_of_file(file, frame, files, str(table)) if files else _rows_of(subject, frame, str(table))
+    (estimates,) = estimate_table(mine).values()
+    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", ""), bool(files)))
+    return path
+
+
+def _beside(file: Path) -> Path:
+    """Return where the card of a policy file is written by default."""
+    if SHIPPED in file.absolute().parents or is_downloaded(file):
+        raise PerdureError(
+            f"{file} belongs to perdure or to a Hugging Face cache, where no card is written: name a file with --out"
+        )
+    alone = len(list(file.parent.glob(f"*{SUFFIX}"))) <= 1
+    return file.parent / (NAME if alone else f"{file.stem}.{NAME}")
+
+
+def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str, checked: bool) -> str:
+    """Return a model card.
+
+    Args:
+        policy: Whose.
+        file: Name of its file.
+        estimates: One for each clock, all of this policy.
+        command: What made the table of the estimates.
+        checked: Whether the table says that it is of this file.
+    """
+    task = policy.task
+    parts = [
+        f"---\n{_yaml(_front_matter(policy, estimates))}---",
+        f"# {_title(policy)}",
+        f"A deterministic policy for `{task.name}`: {task.observation_size} observations, {task.action_size} actions, "
+        f"a `{policy.activation}` network. {_time(policy)}",
+        f"## Does it hold?\n\n{_verdicts(estimates)}{'' if checked else UNCHECKED}",
+        f"## Training\n\n{_training(policy)}",
+        f"## Limits\n\n{LIMITS}",
+        f"## How to use it\n\n{_use(file)}",
+    ]
+    if command:
+        parts.append(f"## How the verdict was made\n\n```\n{command}\n```")
+    return "\n\n".join(parts) + "\n"
+
+
+def _is_ours(text: str) -> bool:
+    return text.startswith("---\n") and OURS in text.split("\n---", 1)[0].splitlines()
+
+
+def _rows_of_file(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:
+    import polars as pl
+
+    digest = file_digest(file)
+    note = pl.format(f"{FILE_NOTE}{{}}, training seed {{}}", "policy", "train_seed")
+    mine = frame.filter(note.is_in([name for name, found in files.items() if found == digest]))
+    if mine.is_empty():
+        names = [f"{name.removeprefix(FILE_NOTE)} ({found[:12]})" for name, found in sorted(files.items())]
+        raise PerdureError(
+            f"{table} holds no episode of {file} (SHA-256 {digest[:12]}): evaluate this file; "
+            f"the table is of {printable(', '.join(names))}"
+        )
+    return mine
+
+
+def _rows_of(policy: Policy, frame: pl.DataFrame, table: str) -> pl.DataFrame:
+    import polars as pl
+
+    method, seed = str(policy.provenance.get("method", "unknown")), train_seed(policy)
+    # Policies of equal labels are told apart by their paths, which the table has in brackets.
+    label = re.escape(method_label(policy, method))
+    named = pl.col("policy").str.contains(rf"^{label}( \(.*/.*\))?$")
+    mine = frame.filter(
+        (pl.col("task") == policy.task.name) & (pl.col("method") == method) & (pl.col("train_seed") == seed) & named
+    )
+    if mine["policy"].n_unique() != 1:
+        names = ", ".join(sorted(frame.select(name=pl.col("task") + " " + pl.col("policy"))["name"].unique()))
+        raise PerdureError(
+            f"{table} does not say which episodes are those of this policy ({_title(policy)}); it holds {names}"
+        )
+    return mine
+
+
+def _title(policy: Policy) -> str:
+    return f"{policy.provenance.get('method', 'policy')} on {policy.task.name}"
+
+
+def _time(policy: Policy) -> str:
+    if policy.clock is None:
+        return "It has no time-to-go input."
+    embedding = policy.protocol.embedding
+    return f"It has a time-to-go input ({embedding}); its own clock is `{policy.clock.label}`."
+
+
+def _front_matter(policy: Policy, estimates: Sequence[Estimate]) -> dict[str, Any]:
+    task = policy.task.name
+    metrics = [metric for estimate in estimates for metric in _metrics(estimate)]
+    result = {
+        "task": {"type": "reinforcement-learning", "name": "reinforcement-learning"},
+        "dataset": {"name": task, "type": task},
+        "metrics": metrics,
+    }
+    return {
+        "library_name": "perdure",
+        "pipeline_tag": "reinforcement-learning",
+        "tags": ["reinforcement-learning", "deep-reinforcement-learning", "robotics", "long-horizon", "perdure", task],
+        "model-index": [{"name": _title(policy), "results": [result]}],
+    }
+
+
+def _metrics(estimate: Estimate) -> list[dict[str, Any]]:
+    group, share = estimate.group, estimate.verdict.share
+    where = f"{group.test_horizon:,} steps, clock {group.clock}"
+    holds = {"n": group.lanes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
+    mean = estimate.returns
+    returns = {"n": group.lanes, "interval": _bounds(mean.lower[-1], mean.upper[-1]), "interval_method": mean.method}
+    return [
+        {
+            "type": "share_holds",
+            "name": f"share of episodes that hold, {where}",
+            "value": round(float(share.estimate), 4),
+            "args": holds,
+        },
+        {
+            "type": "mean_return",
+            "name": f"mean return, {where}",
+            "value": round(estimate.final_return, 3),
+            "args": returns,
+        },
+    ]
+
+
+def _bounds(low: Any, high: Any) -> list[float] | None:
+    bounds = [round(float(low), 4), round(float(high), 4)]
+    return bounds if bounds[0] == bounds[0] and bounds[1] == bounds[1] else None
+
+
+def _verdicts(estimates: Sequence[Estimate]) -> str:
+    head = ["clock", "verdict", "episodes that hold", "95 % interval", "n", "mean return", "outcomes"]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for estimate in estimates:
+        group, share = estimate.group, estimate.verdict.share
+        outcomes = ", ".join(f"{name} {count}" for name, count in Counter(group.verdicts).most_common())
+        cells = [
+            group.clock,
+            f"**{estimate.verdict.label}**",
+            f"{float(share.estimate):.0%}",
+            f"{float(share.lower):.0%} to {float(share.upper):.0%}",
+            str(group.lanes),
+            f"{estimate.final_return:,.0f}",
+            outcomes,
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    methods = sorted({estimate.verdict.share.method for estimate in estimates})
+    steps = estimates[0].group.test_horizon
+    note = (
+        f"Each episode has {steps:,} steps, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
+        "seeds. An episode holds if its reward rate at the end, above that of an idle robot, is at least "
+        f"{100 * HOLDS_FROM:.0f} % of the policy's own within its training horizon."
+    )
+    return "\n".join(lines) + f"\n\n{note}"
+
+
+def _training(policy: Policy) -> str:
+    known = policy.provenance
+    rows = {
+        "method": known.get("method"),
+        "preset": known.get("preset"),
+        "seed": known.get("seed"),
+        "training horizon": f"{policy.protocol.horizon}, its end counts as {policy.protocol.end}",
+        "discount factor": f"{policy.protocol.gamma:g}",
+        "engine": known.get("engine"),
+        "command": f"`{known['command']}`" if known.get("command") else None,
+    }
+    if policy.reference is not None:
+        rows["return within the training horizon"] = (
+            f"{policy.reference.returns.mean():,.0f} (mean of {len(policy.reference.lengths)} episodes of at most "
+            f"{policy.reference.horizon} steps)"
+        )
+    return "\n".join(f"- {name}: {value}" for name, value in rows.items() if value is not None)
+
+
+def _use(file: str) -> str:
+    return (
+        "```python\nimport numpy as np\nimport perdure\n\n"
+        f'policy = perdure.load_policy("{file}")  # nothing in the file is executed\n'
+        "observations = np.zeros((1, policy.task.observation_size))\n"
+        "actions = policy.act(observations, elapsed=np.zeros(1))\n```\n\n"
+        f"`perdure extrapolate {file}` evaluates it again. `perdure inspect {file}` shows all settings."
+    )
+
+
+def _yaml(value: Any, indent: int = 0) -> str:
+    """Return mappings and lists as YAML blocks; numbers and text as JSON, which YAML includes."""
+    pad, lines = "  " * indent, []
+    items = value.items() if isinstance(value, dict) else ((None, each) for each in value)
+    for key, each in items:
+        head = f"{pad}- " if key is None else f"{pad}{key}:"
+        if isinstance(each, dict | list) and each:
+            inner = _yaml(each, indent + 1)
+            lines.append(f"{head}\n{inner}" if key is not None else head + inner.lstrip(" "))
+        else:
+            text = each if isinstance(each, str) and _PLAIN.fullmatch(each) else json.dumps(each)
+            lines.append(f"{head} {text}\n" if key is not None else f"{head}{text}\n")
+    return "".join(lines)

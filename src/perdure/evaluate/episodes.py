@@ -1,0 +1,361 @@
+"""Episodes far beyond the training horizon: which ones, how they run, and what is recorded of them.
+
+A lane is one deployed episode: a policy under a clock from a start state. `Extrapolation` says which lanes there are,
+`evaluate_lanes` runs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.envs import World, make_world
+from perdure.envs.world import MAX_SEED
+from perdure.errors import PerdureError
+from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
+from perdure.policy import ClosedLoop, LanePolicy, LaneStep, PolicyLike
+from perdure.policy.divergence import DivergenceDetector
+from perdure.policy.network import one_thread
+
+FIRST_EVAL_SEED = 1_000_000
+"""Evaluation seed k starts a world from seed FIRST_EVAL_SEED + k."""
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """A closed-loop evaluation over lanes = policies x clocks x evaluation seeds.
+
+    Raises:
+        PerdureError: If there is no lane or no step, or a value is of another kind or out of range.
+        PerdureError: If a clock makes no sense.
+    """
+
+    policies: tuple[Path, ...]
+    """Policies for one task, each as `perdure.policy.find_policy` takes it, or ONNX models; texts become paths."""
+    steps: int = 100_000
+    """T_test: steps of each lane."""
+    clocks: tuple[str, ...] = ("default",)
+    """Clocks of policies with a time-to-go input: "constant:500", "periodic:500", "countdown:100000", "countdown"
+    (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C: constant 0 to 1000 and periodic 100 to
+    1000 in steps of 100, and countdown). Policies without that input run once."""
+    eval_seeds: int = 20
+    """Start states. The same seed starts from the same state under every policy and clock."""
+    first_eval_seed: int = field(default=0, kw_only=True)
+    """The first of those seeds: choose a policy or a clock on some seeds, report on others."""
+    modules: tuple[str, ...] = field(default=(), kw_only=True)
+    """Python modules that policies' tasks may import, as `gymnasium:MODULE:Id` does."""
+    env: str | None = field(default=None, kw_only=True)
+    """For ONNX models: the environment, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"."""
+    training_horizon: int | None = field(default=None, kw_only=True)
+    """For ONNX models: steps of a training episode, within which the reference is measured. None: what an exported
+    model says, or the step limit of the environment, 1,000 where it has none."""
+    max_lanes: int = field(default=48, kw_only=True)
+    """Lanes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
+
+    def __post_init__(self) -> None:
+        """Refuse an evaluation of nothing."""
+        for name, least in (("steps", 1), ("eval_seeds", 1), ("max_lanes", 1), ("first_eval_seed", 0)):
+            object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        if self.training_horizon is not None:
+            object.__setattr__(self, "training_horizon", whole("training_horizon", self.training_horizon, 1))
+        seeds = MAX_SEED + 1 - FIRST_EVAL_SEED
+        if self.first_eval_seed + self.eval_seeds > seeds:
+            raise PerdureError(
+                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {self.eval_seeds}"
+            )
+        object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
+        for name in ("clocks", "modules"):
+            object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
+        if not self.policies:
+            raise PerdureError("no policy to evaluate: name at least one policy file")
+        if not self.clocks:
+            raise PerdureError("no clock to evaluate under; leave the option out to use each policy's own")
+        self.deployment_clocks(None)
+
+    @property
+    def seeds(self) -> range:
+        """The evaluation seeds."""
+        return range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
+
+    def deployment_clocks(self, default: Clock | None) -> tuple[Clock, ...]:
+        """Return the clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
+        clocks: list[Clock] = []
+        for text in self.clocks:
+            if text == "default":
+                clocks += [] if default is None else [default]
+            elif text == "countdown":
+                clocks.append(Countdown(float(self.steps)))
+            elif text == "sweep":
+                clocks += self._sweep()
+            else:
+                clocks.append(parse_clock(text))
+        return tuple(dict.fromkeys(clocks))
+
+    def _sweep(self) -> list[Clock]:
+        constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
+        # Periodic(0) is Constant(0), which is there already.
+        return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(self.steps))]
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """Return a whole number, such as 1000 or 1e3, as an int.
+
+    Raises:
+        PerdureError: If it is none, or less than `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
+        raise PerdureError(f"{name} must be a whole number, got {value!r}")
+    if value < least:
+        raise PerdureError(f"{name} must be at least {least}, got {value}")
+    return int(value)
+
+
+def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
+    if isinstance(values, str | Path):
+        raise PerdureError(f"{name} must be a tuple, got {str(values)!r}; write ({str(values)!r},)")
+    what = "strings" if kind is str else "strings or paths"
+    if not isinstance(values, Sequence) or not all(isinstance(each, kind) for each in values):
+        raise PerdureError(f"{name} must be a list or tuple of {what}, got {values!r}")
+    return tuple(values)
+
+
+@dataclass(frozen=True)
+class LaneSpec:
+    """One deployed episode: a policy under a clock from a start state."""
+
+    policy: int
+    """Index into the policies."""
+    clock: Clock | None
+    """None for a policy without phi."""
+    eval_seed: int
+
+
+def split(lanes: Sequence[LaneSpec], size: int, parts: int) -> list[list[LaneSpec]]:
+    """Return groups of at most ``size`` lanes, of even length, as many for each of ``parts`` workers if possible."""
+    rounds = -(-len(lanes) // (size * parts))
+    count = min(rounds * parts, len(lanes))
+    return [list(lanes[len(lanes) * i // count : len(lanes) * (i + 1) // count]) for i in range(count)]
+
+
+PER_DECADE = 10
+"""Recorded steps for each factor of ten, so that a plot on a log axis is smooth."""
+FEWEST_WINDOWS, MOST_WINDOWS = 100, 1000
+"""Evenly spaced recorded steps, so that a plot on a linear axis is smooth. Rewards between two of them are judged."""
+WINDOW = 1000
+"""Steps between two evenly spaced ones, if their number allows it: the length of an ordinary episode."""
+
+
+def window_steps(steps: int) -> NDArray[np.int64]:
+    """Return rising step numbers, evenly spaced, up to ``steps``."""
+    count = min(steps, max(FEWEST_WINDOWS, min(MOST_WINDOWS, steps // WINDOW)))
+    return np.ceil(np.linspace(0, steps, count + 1)[1:]).astype(np.int64)
+
+
+def recorded_steps(steps: int) -> NDArray[np.int64]:
+    """Return rising step numbers from 1 to ``steps``, evenly spaced on a log axis and on a linear axis."""
+    decades = np.log10(steps)
+    log = np.round(np.logspace(0, decades, int(np.ceil(decades * PER_DECADE)) + 1))
+    return np.unique(np.concatenate([log, window_steps(steps), [steps]])).astype(np.int64)
+
+
+EVERY = 10
+"""Steps between two measurements; the events of interest last much longer."""
+MARGIN = 0.5
+"""A component has left its training range if it is outside by more than this share of the range."""
+
+
+class MovementRecorder:
+    """Mean movement per step in the first and the last tenth of the test horizon, and training ranges left.
+
+    Movement of a step: the mean over components of |o_{t+1} - o_t| in training standard deviations.
+    """
+
+    def __init__(self, policies: list[PolicyLike], steps: int) -> None:
+        """Start before the first step, with one policy for each lane."""
+        lanes, size = len(policies), policies[0].task.observation_size
+        std = np.stack([policy.observation_std for policy in policies])
+        self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
+        self._low, self._high = np.full((lanes, size), -np.inf), np.full((lanes, size), np.inf)
+        for lane, policy in enumerate(policies):
+            if policy.reference is not None:
+                low, high = policy.reference.observation_low, policy.reference.observation_high
+                self._low[lane], self._high[lane] = low - MARGIN * (high - low), high + MARGIN * (high - low)
+        self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
+        self._sums, self._counts = np.zeros((2, lanes)), np.zeros((2, lanes))
+        self.left_step = np.zeros(lanes, np.int64)
+        """Step at which a component was first seen outside; 0: never."""
+        self.left_component = np.full(lanes, -1)
+
+    def take(self, lane_step: LaneStep, step: int) -> None:
+        """Record the lanes of this step, if it is a recording step."""
+        if step % EVERY:
+            return
+        lanes, after = lane_step.lanes, lane_step.step.observations
+        part = 0 if step <= self._tenth else 1 if step > self._last_start else None
+        with np.errstate(invalid="ignore", over="ignore"):
+            if part is not None:
+                moved = (np.abs(after - lane_step.before) * self._per_deviation[lanes]).mean(axis=1)
+                known = np.isfinite(moved)
+                self._sums[part, lanes[known]] += moved[known]
+                self._counts[part, lanes[known]] += 1
+            outside = (after < self._low[lanes]) | (after > self._high[lanes])
+        new = outside.any(axis=1) & (self.left_step[lanes] == 0)
+        self.left_step[lanes[new]] = step
+        self.left_component[lanes[new]] = outside[new].argmax(axis=1)
+
+    @property
+    def movement(self) -> NDArray[np.float64]:
+        """Mean movement per step in the first and the last tenth, shape (2, lanes); nan where nothing was seen."""
+        result: NDArray[np.float64] = np.divide(
+            self._sums, self._counts, out=np.full_like(self._sums, np.nan), where=self._counts > 0
+        )
+        return result
+
+
+END_REASONS = ("survived", "terminated", "truncated", "diverged")
+SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class LaneRecords:
+    """Results of n lanes at m recorded steps. Memory hardly depends on the number of steps."""
+
+    steps: NDArray[np.int64]
+    """Recorded steps, shape (m,)."""
+    returns: NDArray[np.float64]
+    """Cumulative return at each recorded step, shape (n, m); an ended lane keeps its last value."""
+    end_step: NDArray[np.int64]
+    """Steps the lane made, its last one included, shape (n,)."""
+    end_reason: NDArray[np.int64]
+    """Index into END_REASONS, shape (n,)."""
+    end_detail: list[str]
+    """Cause of the end, in words; "" if unknown. Length n."""
+    movement: NDArray[np.float64]
+    """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
+
+
+def evaluate_lanes(
+    policies: Sequence[PolicyLike],
+    lanes: Sequence[LaneSpec],
+    steps: int,
+    progress: Callable[[int, int], None] = lambda step, running: None,
+    world: World | None = None,
+) -> LaneRecords:
+    """Run lanes for at most ``steps`` steps each, in this process, on one core.
+
+    Args:
+        policies: All for one task; `LaneSpec.policy` is an index into them.
+        lanes: One or more.
+        steps: The test horizon.
+        progress: Called every 500 steps with (step, running lanes).
+        world: The world to run in, one lane for each of ``lanes``; it stays open. By default the policies' own task.
+
+    Raises:
+        PerdureError: If there is no lane or no step, or a lane names a policy that there is not.
+        PerdureError: If a policy does not fit its clock or the world, or the world has another number of lanes.
+        PerdureError: If the task's world cannot be built.
+    """
+    steps = whole("steps", steps, 1)
+    if not lanes:
+        raise PerdureError("there is no lane to evaluate: give at least one LaneSpec")
+    for lane in lanes:
+        if not 0 <= lane.policy < len(policies):
+            raise PerdureError(
+                f"LaneSpec.policy must be an index into {len(policies)} policies, from 0, got {lane.policy}"
+            )
+    lane_policies = [LanePolicy(policies[lane.policy], lane.clock) for lane in lanes]
+    if world is not None:
+        return _run(world, lane_policies, steps, progress)
+    world = make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
+    try:
+        return _run(world, lane_policies, steps, progress)
+    finally:
+        world.close()
+
+
+def _run(
+    world: World, lane_policies: Sequence[LanePolicy], steps: int, progress: Callable[[int, int], None]
+) -> LaneRecords:
+    loop = ClosedLoop(world, lane_policies)
+    recorder = _Recorder(loop, lane_policies, steps, world.spec.hides_divergence)
+    with one_thread():
+        for step in range(1, steps + 1):
+            recorder.take(step)
+            if step % 500 == 0:
+                progress(step, len(loop.running))
+            if not len(loop.running):
+                break
+    return recorder.records()
+
+
+class _Recorder:
+    """Accumulates the fields of LaneRecords while the loop runs."""
+
+    def __init__(
+        self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int, hides_divergence: bool
+    ) -> None:
+        n = len(lane_policies)
+        self._loop = loop
+        self._steps = recorded_steps(steps)
+        self._next = 0
+        self._returns = np.zeros((n, len(self._steps)))
+        self._total = np.zeros(n)
+        self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
+        self._divergence = DivergenceDetector(
+            loop.observations, np.stack([each.policy.observation_std for each in lane_policies]), hides_divergence
+        )
+        self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
+
+    def take(self, step: int) -> None:
+        """Advance the loop to step ``step`` and record the results."""
+        lane_step = self._loop.advance()
+        lanes, result = lane_step.lanes, lane_step.step
+        rewards = result.rewards
+        diverged = self._divergence.diverged(lane_step)
+        if diverged.any():
+            # The jump back to the start state yields a reward that does not count.
+            rewards = np.where(diverged, 0.0, rewards)
+            self._loop.drop(lanes[diverged])
+        self._total[lanes] += rewards
+        self._movement.take(lane_step, step)
+        ended = result.ended | diverged
+        if ended.any():
+            self._end(lanes[ended], step, result.terminated[ended], diverged[ended])
+        if step == self._steps[self._next]:
+            self._returns[:, self._next] = self._total
+            self._next += 1
+
+    def _end(
+        self,
+        lanes: NDArray[np.int64],
+        step: int,
+        terminated: NDArray[np.bool_],
+        diverged: NDArray[np.bool_],
+    ) -> None:
+        self._end_step[lanes] = step
+        self._reason[lanes] = np.where(diverged, DIVERGED, np.where(terminated, TERMINATED, TRUNCATED))
+
+    def records(self) -> LaneRecords:
+        """Return the records; lanes that all ended early keep their values at the recorded steps not reached."""
+        if self._next < len(self._steps):
+            self._returns[:, self._next :] = self._total[:, None]
+        return LaneRecords(
+            steps=self._steps,
+            returns=self._returns,
+            end_step=self._end_step,
+            end_reason=self._reason,
+            end_detail=[self._detail(lane) for lane in range(len(self._total))],
+            movement=self._movement.movement,
+        )
+
+    def _detail(self, lane: int) -> str:
+        parts = [self._divergence.signs[lane]] if self._reason[lane] == DIVERGED else []
+        if step := int(self._movement.left_step[lane]):
+            component = self._movement.left_component[lane]
+            parts.append(f"observation[{component}] left its training range at step {step:,}")
+        return "; ".join(parts)

@@ -1,0 +1,154 @@
+"""`extrapolate`: evaluate policies of any kind. Functions and policy objects are evaluated in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from perdure.envs import OpenEnv, open_env, refuse_import
+from perdure.errors import PerdureError
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
+from perdure.evaluate.reference import idle_baseline, with_reference
+from perdure.evaluate.score import make_score_scale, task_rate
+from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_lanes
+from perdure.evaluate.table import TABLE, ExtrapolationResult, judge_table, method_label
+from perdure.policy import Policy, PolicyLike
+from perdure.policy.onnx import OnnxModel, is_onnx
+from perdure.runs import Observer, Store, UnitProgress
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+def extrapolate(
+    policy: Callable[..., Any] | Policy | str | Path | Sequence[str | Path],
+    env: Any = None,
+    *,
+    steps: int = 100_000,
+    clocks: Sequence[str] | str | None = None,
+    eval_seeds: int = 20,
+    first_eval_seed: int = 0,
+    training_horizon: int | None = None,
+    recurrent: bool = False,
+    name: str | None = None,
+    out: str | Path | None = None,
+    cores: int | None = None,
+    on: str = "local",
+    modules: Sequence[str] = (),
+    command: str = "",
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
+) -> ExtrapolationResult:
+    """Evaluate policies far beyond their training horizon.
+
+    Files run over the cores, leave their results in ``out`` and resume after an interruption. A function or a `Policy`
+    runs in this process, on one core; nothing is kept for a resumption, because a function has no identity that a later
+    process could check. Table, verdict and report are the same.
+
+    Args:
+        policy: A function of observations (its calls: `perdure.policy.FunctionPolicy`); a `Policy`; or one or several
+            files, as `perdure.policy.find_policy` takes them, or ONNX models, which need an env.
+        env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; for what runs in this process also a
+            factory or a VectorEnv. Step limits of its own are lifted: see `perdure.envs.open_env`. None: the task of
+            the policy.
+        steps: How long each episode is asked to last.
+        clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
+            ``elapsed`` and ``horizon``.
+        eval_seeds: Start states.
+        first_eval_seed: The first of them.
+        training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
+            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
+            that perdure exported.
+        recurrent: The function has a memory.
+        name: Of the function, in the table; by default its own.
+        out: Folder for the results; made if it is missing. None keeps nothing.
+        cores: Cores for files; all of them by default.
+        on: Where files are evaluated: see `evaluate_files`.
+        modules: Python modules that the tasks of policy files may import.
+        command: Stored with the table.
+        observe: Called with the progress.
+        waiting: Called once before waiting, if another evaluation into ``out`` is running.
+
+    Returns:
+        The table of all lanes; as text, the verdicts.
+
+    Raises:
+        PerdureError: If there is nothing to evaluate, a number makes no sense, an argument does not fit this
+            kind of policy, or ``out`` holds a table that would be lost.
+        PerdureError: If a policy does not fit its environment, or returns what is no action.
+        PerdureError: If an environment cannot be built or breaks its contract.
+    """
+    files = (policy,) if isinstance(policy, str | Path) else policy if isinstance(policy, list | tuple) else ()
+    named: Any = (clocks,) if isinstance(clocks, str) else clocks
+    if named is None or (isinstance(named, list | tuple) and not named):
+        named = ("default",)
+    evaluation = Extrapolation(
+        tuple(files) or (Path(),),
+        steps,
+        named,
+        eval_seeds,
+        first_eval_seed=first_eval_seed,
+        modules=tuple(modules),
+        env=env if isinstance(env, str) else None,
+        training_horizon=training_horizon,
+    )
+    if (recurrent and files) or (name is not None and files):
+        raise PerdureError("recurrent and name are for functions, not for files")
+    if files and (env is None or (isinstance(env, str) and all(map(is_onnx, files)))):
+        return evaluate_files(evaluation, out, cores=cores, on=on, command=command, observe=observe, waiting=waiting)
+    if len(files) > 1:
+        raise PerdureError("several policy files are evaluated in their own task: leave env out")
+    subject: Any = load(evaluation.policies[0]) if files else policy
+    if env is None:
+        if not isinstance(subject, Policy):
+            raise PerdureError("env is missing: name the task, or give a factory or a VectorEnv")
+        refuse_import(subject.task.name, (), "the policy")
+        env = subject.task.name
+    with ExitStack() as stack:
+        if out is not None:
+            store = Store(out)
+            stack.enter_context(store.exclusive("extrapolate", waiting))
+            if (store.root / TABLE).exists() or store.keys(GROUPS):
+                raise PerdureError(REPLACED.format(store.root))
+        source = stack.enter_context(open_env(env))
+        if not isinstance(subject, Policy):
+            timed = bool(subject.times) if isinstance(subject, OnnxModel) else clocks is not None
+            subject = function_policy(subject, source, timed, training_horizon, recurrent, name)
+        elif recurrent or training_horizon is not None:
+            raise PerdureError("recurrent and training_horizon are for functions; a Policy knows its own")
+        label = method_label(subject, "policy") if name is None else name
+        result = ExtrapolationResult(_evaluate_here(evaluation, subject, source, label, observe), None)
+        if out is None:
+            return result
+        result.write(out, command)
+        return replace(result, path=Path(out) / TABLE)
+
+
+def _evaluate_here(
+    evaluation: Extrapolation, policy: PolicyLike, source: OpenEnv, label: str, observe: Observer
+) -> pl.DataFrame:
+    """Return the table of one policy, evaluated in this process."""
+    import polars as pl
+
+    lanes, steps = plan(evaluation, [policy]), evaluation.steps
+    policy, idle = with_reference(policy, source), idle_baseline(source)
+    assert policy.reference is not None
+    frames = list[pl.DataFrame]()
+    for group in source.groups(len(lanes)):
+        specs, first = [lanes[k] for k in group], group[0] * steps
+
+        def report(done: float, total: float, first: int = first) -> None:
+            observe({"lanes": UnitProgress("running", first + done, steps * len(lanes))})
+
+        world = source.make([FIRST_EVAL_SEED + lane.eval_seed for lane in specs])
+        try:
+            rows = run_lanes([label], [policy], specs, steps, report, world)
+        finally:
+            world.close()
+        # The last lane is repeated where a VectorEnv fixes their number.
+        frames.append(rows.head(len(rows) // len(group) * len(set(group))))
+    scale = make_score_scale(policy.reference, idle, task_rate(policy.task.name))
+    return judge_table(pl.concat(frames), [scale] * len(lanes))

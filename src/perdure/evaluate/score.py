@@ -1,0 +1,206 @@
+"""Score scale of a policy: its reward rate within the training horizon, and that of an idle robot.
+
+Two normalized scores of a stretch of steps, similar to D4RL's (Fu et al., 2020). They do not depend on the unit or the
+offset of the reward:
+
+    hold  = (rate - idle) / (reference - idle)    1: as within the training horizon; 0: no better than doing nothing
+    level = (rate - idle) / (task - idle)         1: as a published policy of the task; compares policies and methods
+
+`rate` is the mean reward per step before a fall. Falls are counted separately, because a robot that dives forward has a
+high rate until it falls.
+
+Scores of short stretches are noisy if rewards are rare or periodic. The windows are therefore so long that windows of
+the reference rarely score as idle.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.evaluate.reference import Idle
+from perdure.policy.reference import BIN_STEPS, Reference
+
+IDLE_BELOW = 0.25
+"""A window with a lower hold score counts as idle."""
+HOLDS_FROM = 0.75
+"""Least mean hold score of an episode that holds; between IDLE_BELOW and this it decays."""
+FALSE_ALARMS = 0.05
+"""Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
+SETTLING = 0.1
+"""Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
+LEAST_LEVEL = 0.05
+"""If the task's level is known: a policy below this level has never worked."""
+LEAST_GAIN = 0.25
+"""A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
+and random actions. If no level is known, this is the only criterion."""
+LEAST_SURVIVAL = 0.5
+"""Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
+FEWEST_WINDOWS = 4
+"""An evaluation must hold as many windows after settling, or none of it can be judged."""
+_DRAWS = 400
+
+State = Literal["worked", "never worked", "cannot tell"]
+
+TASK_RATES = {
+    "Ant": 4.079,
+    "HalfCheetah": 7.337,
+    "Hopper": 3.128,
+    "Humanoid": 10.339,
+    "Swimmer": 0.367,
+    "Walker2d": 4.896,
+}
+"""Reward per step of level 1: returns of 1,000 steps / 1,000."""
+_ROBOTS = re.compile(rf"(?:gymnasium:|envpool:)?({'|'.join(TASK_RATES)})-v[2-5]")
+"""Names of these tasks in EnvPool and Gymnasium. A name with a module, such as "gymnasium:my_env:Hopper-v0", is a
+different environment, whose level is unknown."""
+TASK_RATE_SOURCES = {
+    **dict.fromkeys(
+        ("Ant", "HalfCheetah", "Hopper", "Walker2d"),
+        "PPO after 3,000,000 steps in Tianshou's benchmark (10 seeds, v3, deterministic)",
+    ),
+    "Swimmer": "croumegous/ppo-Swimmer-v3 on Hugging Face",
+    "Humanoid": "ATRPO in nnabla-rl (3 seeds, v3)",
+}
+"""Robot to the policy that its rate is of."""
+
+
+def task_rate(task: str) -> float:
+    """Return the rate of level 1 of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5"; nan where none is known."""
+    found = _ROBOTS.fullmatch(task)
+    return TASK_RATES[found[1]] if found else math.nan
+
+
+@dataclass(frozen=True)
+class ScoreScale:
+    """The rates that a policy's rewards are compared with, in reward per step."""
+
+    idle: float
+    reference: float
+    task: float
+    """Rate of level 1; nan where none is known."""
+    window: int
+    """Steps of the shortest window that passes its test; 0 where the policy has never worked."""
+    state: State
+    """"worked": within its own training horizon it earns more than an idle robot."""
+    note: str
+    """The evidence in a sentence."""
+    survival: bool = False
+    """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
+    settling: int = 0
+    """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
+
+    def hold(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hold score of rates; nan for a policy that never worked."""
+        if self.state != "worked":
+            return np.full_like(rate, np.nan)
+        if self.survival:
+            return rate / self.reference
+        return (rate - self.idle) / (self.reference - self.idle)
+
+
+def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
+    """Compare reference episodes with an idle robot.
+
+    Args:
+        reference: Episodes within the training horizon.
+        idle: What an idle robot earns.
+        task: Rate of level 1, or nan.
+    """
+    if _pays_for_survival(reference, idle):
+        return _survival_scale(reference, idle, task)
+    earned, lived, settling = _settled(reference)
+    rate = float(earned.sum() / lived.sum())
+    gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
+    least = LEAST_GAIN * abs(idle.zero - idle.random)
+    if task > idle.rate:
+        least = max(least, LEAST_LEVEL * (task - idle.rate))
+    note = (
+        f"within its training horizon it earns {rate:.3g} a step (± {error:.2g}, {len(lived)} episodes), "
+        f"an idle robot {idle.rate:.3g} ({idle.kind})"
+    )
+    if not gain - error > least:
+        state: State = "never worked" if gain <= least else "cannot tell"
+        return ScoreScale(idle.rate, rate, task, 0, state, f"{note}; a gain above {least:.3g} would count")
+    window = _window(reference, idle.rate, gain)
+    return ScoreScale(idle.rate, rate, task, window, "worked", note, settling=settling)
+
+
+def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
+    """Return whether every step pays the same, to the policy and to an idle robot, as in CartPole."""
+    rates = reference.rewards.sum(axis=1) / reference.lengths
+    same = np.isclose([idle.random, *rates], idle.zero, rtol=1e-9, atol=0.0)
+    return bool(idle.zero > 0.0 and same.all())
+
+
+def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
+    """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
+    share = float(reference.lengths.mean()) / reference.horizon
+    note = (
+        f"every step pays {idle.zero:.3g}, whatever the robot does, so only survival is judged: its episodes last "
+        f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
+    )
+    worked = share >= LEAST_SURVIVAL
+    state: State = "worked" if worked else "never worked"
+    return ScoreScale(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, state, note, survival=True)
+
+
+def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return reward and steps of each episode after settling, and the steps left out: none where most end before."""
+    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
+    lived = np.maximum(reference.lengths - skip * BIN_STEPS, 0)
+    if lived.sum() < 0.5 * reference.lengths.sum():
+        return reference.rewards.sum(axis=1), reference.lengths.astype(np.float64), 0
+    kept = lived > 0
+    return reference.rewards[kept, skip:].sum(axis=1), lived[kept].astype(np.float64), skip * BIN_STEPS
+
+
+def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: float) -> float:
+    """Return half the width of Student's 95 % interval of a rate, episodes as units (linearized ratio)."""
+    if len(lived) < 2:
+        return math.inf
+    from scipy.special import stdtrit
+
+    residual = (earned - rate * lived) / lived.mean()
+    return float(stdtrit(len(lived) - 1, 0.975) * residual.std(ddof=1) / math.sqrt(len(lived)))
+
+
+def _window(reference: Reference, idle: float, gain: float) -> int:
+    """Return the shortest window, in steps, whose scores within the reference hardly ever look idle."""
+    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
+    bins = 1
+    while True:
+        scores = _window_scores(reference, skip, bins, idle, gain)
+        if len(scores) < FEWEST_WINDOWS:
+            break
+        if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
+            return bins * BIN_STEPS
+        bins *= 2
+    return _window_of_episodes(reference, idle, gain)
+
+
+def _window_scores(reference: Reference, skip: int, bins: int, idle: float, gain: float) -> NDArray[np.float64]:
+    scores = []
+    for rewards, length in zip(reference.rewards, reference.lengths, strict=True):
+        lived = rewards[skip : length // BIN_STEPS]
+        count = len(lived) // bins
+        scores.append(lived[: count * bins].reshape(count, bins).sum(axis=1) / (bins * BIN_STEPS))
+    return (np.concatenate(scores) - idle) / gain
+
+
+def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
+    """Return the shortest window for windows longer than an episode, joined from random episodes."""
+    earned, lived, _ = _settled(reference)
+    rng = np.random.default_rng(0)
+    episodes = 1
+    while True:
+        drawn = rng.integers(len(lived), size=(_DRAWS, episodes))
+        scores = (earned[drawn].sum(axis=1) / lived[drawn].sum(axis=1) - idle) / gain
+        if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
+            return math.ceil(episodes * float(lived.mean()) / BIN_STEPS) * BIN_STEPS
+        episodes *= 2

@@ -1,0 +1,193 @@
+"""The table ``perdure.extrapolation`` of an evaluation (columns: ``perdure.report.schema``), and the result around it.
+
+`lane_table` makes the table of lanes. `judge_table` adds verdicts once the idle rate is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from perdure.evaluate.episodes import END_REASONS, SURVIVED, LaneRecords, LaneSpec, window_steps
+from perdure.evaluate.score import ScoreScale
+from perdure.evaluate.verdict import judge_lane
+from perdure.policy import PolicyLike
+
+if TYPE_CHECKING:
+    import polars as pl
+
+TABLE = "lanes.parquet"
+"""Name of the table's file."""
+FILE_NOTE = "sha256 of "
+"""How the names of the notes begin that say which policy files a table is of."""
+
+
+def file_note(policy: str, train_seed: int) -> str:
+    """Return the name of the note with the SHA-256 of the file of a policy of a table."""
+    return f"{FILE_NOTE}{policy}, training seed {train_seed}"
+
+
+@dataclass(frozen=True, eq=False)
+class ExtrapolationResult:
+    """The table of all lanes, and where it was written. As text: the verdicts and the summary table."""
+
+    frame: pl.DataFrame
+    """One row for each lane and recorded step; columns as in ``perdure.report.schema``."""
+    path: Path | None
+    """The Parquet file; None where nothing was written."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each policy file by `file_note`: stored with the table, so that a card can check its policy."""
+
+    def __str__(self) -> str:
+        """Return the verdict on each policy and clock, and the summary table."""
+        from perdure.report import summary_text
+
+        return summary_text(self.frame)
+
+    def write(self, out: str | Path, command: str = "") -> Path:
+        """Write the table and its report into a folder; return the page.
+
+        Args:
+            out: A folder; made if it is missing.
+            command: What made the table, for a reader who wants to repeat it.
+        """
+        from perdure.report import write_report, write_table
+
+        Path(out).mkdir(parents=True, exist_ok=True)
+        write_table(Path(out) / TABLE, self.frame, {"command": command, **self.files})
+        return write_report(self.frame, out, command)
+
+    def final(self) -> pl.DataFrame:
+        """Return one row for each lane: its values at the last recorded step."""
+        import polars as pl
+
+        return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
+
+    def summary(self, by_training_run: bool = False) -> pl.DataFrame:
+        """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure.
+
+        The median is that of the Kaplan-Meier curve; null where less than half of the lanes failed. `policy_state`
+        names every state of the policies in the row, such as "never worked, worked".
+
+        Args:
+            by_training_run: One row for each training run instead of one for all runs of a method; adds `train_seed`.
+        """
+        import polars as pl
+
+        from perdure.report.estimates import VERDICT, half_failed_by
+
+        outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
+        keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock"]
+        lanes = self.final().with_columns(verdict=VERDICT)
+        medians = [
+            half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
+            for part in lanes.partition_by(keys, maintain_order=True)
+        ]
+        return (
+            lanes.group_by(keys, maintain_order=True)
+            .agg(
+                lanes=pl.len(),
+                mean_return=pl.col("return").mean(),
+                policy_state=pl.col("policy_state").unique().sort().str.join(", "),
+                **{outcome.replace(" ", "_"): (pl.col("outcome") == outcome).mean() for outcome in outcomes},
+            )
+            .with_columns(median_failed_step=pl.Series(medians, dtype=pl.Float64).fill_nan(None))
+        )
+
+
+def method_label(policy: PolicyLike, default: str) -> str:
+    """Return how tables call a policy: its method, and its preset if that is not the usual one; "ppo (cleanrl)"."""
+    method, preset = str(policy.provenance.get("method", default)), policy.provenance.get("preset")
+    return f"{method} ({preset})" if preset else method
+
+
+def train_seed(policy: PolicyLike) -> int:
+    """Return the training seed of a policy as tables have it; 0 where it is unknown."""
+    return int(policy.provenance.get("seed", 0))
+
+
+def lane_table(
+    labels: Sequence[str], policies: Sequence[PolicyLike], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
+) -> pl.DataFrame:
+    """Return one row for each lane and recorded step.
+
+    Args:
+        labels: Name of each policy.
+        policies: `LaneSpec.policy` is an index into them.
+        lanes: The lanes of ``records``, in their order.
+        records: Their results.
+        steps: The test horizon.
+    """
+    import polars as pl
+
+    n, m = records.returns.shape
+    rows = [_lane_row(labels[lane.policy], policies[lane.policy], lane) for lane in lanes]
+    reached = records.steps[None, :] <= records.end_step[:, None]
+    survived = (records.end_reason == SURVIVED)[:, None]
+    columns: dict[str, object] = {name: [row[name] for row in rows for _ in range(m)] for name in rows[0]}
+    columns |= {
+        "test_horizon": np.full(n * m, steps),
+        "step": np.tile(records.steps, n),
+        "return": records.returns.ravel(),
+        # A lane that ended with step s has completed s - 1 steps without ending.
+        "alive": (reached & (survived | (records.steps[None, :] < records.end_step[:, None]))).ravel(),
+        "end_reason": [END_REASONS[reason] for reason in records.end_reason for _ in range(m)],
+        "end_step": np.repeat(records.end_step, m),
+        "end_detail": [detail for detail in records.end_detail for _ in range(m)],
+        "movement_first": np.repeat(records.movement[0], m),
+        "movement_last": np.repeat(records.movement[1], m),
+    }
+    return pl.DataFrame(columns)
+
+
+def _lane_row(label: str, policy: PolicyLike, lane: LaneSpec) -> dict[str, object]:
+    clock = lane.clock
+    return {
+        "policy": label,
+        "method": str(policy.provenance.get("method", "unknown")),
+        "task": policy.task.name,
+        "train_seed": train_seed(policy),
+        "train_horizon": float(policy.training_horizon),
+        "clock": "none" if clock is None else clock.label,
+        "clock_kind": "none" if clock is None else clock.name,
+        "clock_steps": math.nan if clock is None else float(clock.steps),
+        "eval_seed": lane.eval_seed,
+    }
+
+
+def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.DataFrame:
+    """Add the score scale of each lane's policy, and the verdict on each lane.
+
+    Args:
+        frame: As `lane_table` makes it, lane after lane.
+        score_scales: The measure of each lane's policy, in the order of the lanes.
+    """
+    import polars as pl
+
+    each = frame["step"].n_unique()
+    lanes = frame.select("end_step", "end_reason").gather_every(each, each - 1)
+    grid = frame["step"][:each].to_numpy()
+    steps = window_steps(int(frame["test_horizon"][0]))
+    returns = frame["return"].to_numpy().reshape(-1, each)[:, np.isin(grid, steps)]
+    rows = []
+    for earned, (end_step, end_reason), scale in zip(returns, lanes.iter_rows(), score_scales, strict=True):
+        verdict = judge_lane(steps, earned, end_step, end_reason, scale)
+        rows.append({name: getattr(scale, field) for name, field in YARDSTICK.items()} | asdict(verdict))
+    added = pl.DataFrame(rows)
+    return frame.hstack(added[np.repeat(np.arange(len(rows)), each)])
+
+
+YARDSTICK = {
+    "idle_rate": "idle",
+    "reference_rate": "reference",
+    "level_rate": "task",
+    "window": "window",
+    "policy_state": "state",
+    "policy_note": "note",
+}
+"""Columns of the table that hold fields of `ScoreScale`."""

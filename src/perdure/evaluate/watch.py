@@ -1,0 +1,394 @@
+"""Films of a locomotion policy, at its failure or from its first step.
+
+EnvPool cannot render, so a film shows the Gymnasium environment of the same name. Robots of one name move alike in
+both, up to rounding (`tests/envs/test_gymnasium_parity.py`): the two use different builds of MuJoCo. After some hundred
+steps with contacts the trajectories differ. The failure is therefore searched for in the Gymnasium environment.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from copy import copy
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.envs import GymnasiumWorld, OpenEnv, refuse_import
+from perdure.envs.suites import GYMNASIUM_PREFIX
+from perdure.errors import PerdureError
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, LaneSpec, evaluate_lanes
+from perdure.evaluate.reference import idle_baseline, with_reference
+from perdure.evaluate.score import ScoreScale, make_score_scale, task_rate
+from perdure.evaluate.table import judge_table, lane_table
+from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, Row, annotate, check_film, tile, write_film
+from perdure.horizon import Clock
+from perdure.policy import ClosedLoop, LanePolicy, Policy
+from perdure.policy.network import one_thread
+from perdure.report import wording
+
+FAILURES = ("falls", "fails silently", "decays", "diverges")
+BEFORE, AFTER = 5.0, 1.0
+"""Seconds shown before a failure and after it."""
+MOST_WINDOW = 10.0
+"""Most seconds shown of the window of rewards in which a silent failure begins."""
+RATE = 25.0
+"""Pictures per second, at most."""
+SCORE_STEPS = 100
+"""Steps over which the score in the picture is taken."""
+SIZE = (480, 360)
+TITLE, SUBTITLE, BELOW = 20, 14, 15
+"""Font sizes of the lines above and below a picture."""
+BODY = 1
+"""The camera follows the first body after the world, the robot's torso, unless the environment says otherwise."""
+AZIMUTH, ELEVATION = 90.0, -15.0
+"""From the side on which Gymnasium's robots run to the right, in degrees."""
+
+ROBOTS = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum",
+          "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip
+"""EnvPool's tasks that Gymnasium has under the same name."""
+VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
+"""EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
+CONTACT_FORCES = 84
+ZERO_FORCES = {("Ant", "v3"), ("Ant", "v2"), ("Humanoid", "v2"), ("Humanoid", "v3"), ("Humanoid", "v4")}
+"""Tasks whose last CONTACT_FORCES observation components are zeros in EnvPool, as they were with MuJoCo 2."""
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedLane:
+    """One episode and its outcome."""
+
+    clock: Clock | None
+    eval_seed: int
+    outcome: str
+    """As in the table: "holds", "falls", ..."""
+    failed_step: int
+    """Steps completed before the failure began; without a failure, all steps of the episode."""
+    end_step: int
+    total: float
+    """Its return."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it falls, diverges, decays or fails silently."""
+        return self.outcome in FAILURES
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """Clock and outcome in words."""
+        clock = self.clock and wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")
+        outcome = self.outcome
+        if outcome in ("falls", "diverges"):
+            outcome += f" at step {self.end_step:,}"
+        elif self.failed:
+            outcome += f" from step {self.failed_step:,}"
+        elif outcome == "holds":
+            outcome += f" for {self.end_step:,} steps"
+        return clock or "no time-to-go input", outcome
+
+
+@dataclass(frozen=True)
+class Film:
+    """A finished video and its facts."""
+
+    path: Path
+    lanes: tuple[JudgedLane, ...]
+    """The panels from left to right."""
+    world: str
+    """Environment and engine that were filmed."""
+    pictures: int
+
+    @property
+    def sentences(self) -> list[str]:
+        """Description of the video."""
+        words = [(*lane.words, lane.eval_seed) for lane in self.lanes]
+        return [f"{clock}, start state {seed}: {outcome}" for clock, outcome, seed in words]
+
+
+def watch(
+    policy: Policy,
+    out: str | Path,
+    *,
+    clock: Clock | None = None,
+    beside: Clock | None = None,
+    until_failure: bool = False,
+    steps: int = 10_000,
+    eval_seeds: int = 10,
+    first_eval_seed: int = 0,
+    size: tuple[int, int] = SIZE,
+) -> Film:
+    """Film a policy; the left panel shows an episode that holds, if there is one.
+
+    Args:
+        policy: The policy.
+        out: The film, .mp4 or .gif.
+        clock: Clock of the policy; None: its own clock.
+        beside: A second clock, from the same start state, over the same steps.
+        until_failure: Search for the first start state from which the policy fails under ``clock``, and film 5 s before
+            the failure and 1 s after it. Otherwise film the first 6 s from the first start state.
+        steps: Steps of each episode, unless it ends earlier.
+        eval_seeds: Start states among which a failure is searched for.
+        first_eval_seed: The first of them.
+        size: Width and height of a panel's picture in pixels, even.
+
+    Raises:
+        PerdureError: If Gymnasium lacks the environment, no episode fails, rendering fails, the policy takes no clock,
+            or the file cannot be written.
+    """
+    out = Path(out)
+    check_film(out)
+    if steps < 1 or eval_seeds < 1:
+        raise PerdureError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
+    if first_eval_seed < 0:
+        raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
+    clock = clock or policy.clock
+    if not policy.has_clock and (clock or beside) is not None:
+        raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
+    refuse_import(policy.task.name, (), "the policy")
+    render_env = find_render_env(policy.task.name, policy.task.observation_size)
+    judge = Judge(policy, render_env.open(), steps)
+    seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
+    lane = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
+    lanes = [lane] if beside is None else [lane, *judge.judge(beside, [lane.eval_seed])]
+    lanes.sort(key=lambda each: each.outcome != "holds")
+    shown, rate = _shown_steps(render_env, judge.scale, lane if until_failure else None)
+    world = f"{render_env.env_id}, Gymnasium {gymnasium.__version__}, MuJoCo {version('mujoco')}"
+
+    panels = [_panel(judge, each, render_env, shown, size, world) for each in lanes]
+    pictures = (tile(row, len(row)) for row in zip(*panels, strict=True))
+    return Film(out, tuple(lanes), world, write_film(pictures, out, rate))
+
+
+class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
+    """Replaces the contact forces by zeros, or appends zeros if there are none."""
+
+    def __init__(self, env: Any, size: int) -> None:
+        super().__init__(env)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        self._size = size
+
+    def observation(self, observation: Any) -> NDArray[np.float64]:
+        rows = np.zeros(self._size)
+        rows[:-CONTACT_FORCES] = observation[: len(rows) - CONTACT_FORCES]
+        return rows
+
+
+@dataclass(frozen=True)
+class RenderEnv:
+    """A MuJoCo environment of Gymnasium."""
+
+    env_id: str
+    forces: int | None = None
+    """Length of an observation whose contact forces are zeros; None: as the environment gives it."""
+
+    def build(self) -> Any:
+        """Return a new environment without a step limit."""
+        try:
+            mujoco = import_module("mujoco")
+        except Exception as error:  # it loads the driver that MUJOCO_GL names, and every driver fails in its own way
+            reason = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}): {' '.join(str(error).split())}"
+            raise PerdureError(f"MuJoCo cannot be loaded ({reason}") from None
+        mujoco.set_mju_user_warning(lambda message: None)  # advice for the author of the robot file
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about outdated versions
+            env = gymnasium.make(self.env_id, max_episode_steps=-1, disable_env_checker=True)
+        if not hasattr(env.unwrapped, "mujoco_renderer"):
+            raise PerdureError(f"{self.env_id} is not a MuJoCo environment of Gymnasium; only those can be filmed")
+        return env if self.forces is None else _ZeroForces(env, self.forces)
+
+    def open(self) -> OpenEnv:
+        """Return a source of worlds of this environment."""
+        limit = gymnasium.spec(self.env_id).max_episode_steps
+        return OpenEnv(
+            lambda seeds: GymnasiumWorld(
+                [self.build] * len(seeds), seeds, f"{GYMNASIUM_PREFIX}{self.env_id}", default_horizon=limit
+            )
+        )
+
+
+def find_render_env(task: str, observation_size: int) -> RenderEnv:
+    """Return the environment that is rendered instead of a task.
+
+    Args:
+        task: Its name, such as "Hopper-v3" or "gymnasium:Hopper-v5".
+        observation_size: Of its policies.
+
+    Raises:
+        PerdureError: If there is none.
+    """
+    if task.startswith(GYMNASIUM_PREFIX):
+        return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
+    robot, _, version = task.partition("-")
+    if robot not in ROBOTS or version not in VERSIONS:
+        raise PerdureError(
+            f"{task} cannot be filmed; films exist for {', '.join(ROBOTS)}, and for MuJoCo environments of Gymnasium "
+            "(gymnasium:ID); for the home benchmark, see perdure home video"
+        )
+    return RenderEnv(f"{robot}-{VERSIONS[version]}", observation_size if (robot, version) in ZERO_FORCES else None)
+
+
+class Judge:
+    """Judges episodes of one policy; also measures its episodes within the training horizon."""
+
+    def __init__(self, policy: Policy, source: OpenEnv, steps: int) -> None:
+        """Measure idle robots and the policy itself.
+
+        Args:
+            policy: The policy.
+            source: The environment.
+            steps: Length of each episode in steps, if nothing ends it earlier.
+        """
+        # The stored reference may have been measured with another engine.
+        measured = with_reference(replace(policy, reference=None), source)
+        assert isinstance(measured, Policy)
+        assert measured.reference is not None
+        self.policy, self._source, self._steps = measured, source, steps
+        self.scale: ScoreScale = make_score_scale(
+            measured.reference, idle_baseline(source), task_rate(policy.task.name)
+        )
+
+    def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedLane]:
+        """Run one episode from each start state."""
+        lanes = [LaneSpec(0, clock, seed) for seed in eval_seeds]
+        world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
+        try:
+            records = evaluate_lanes([self.policy], lanes, self._steps, world=world)
+        finally:
+            world.close()
+        frame = judge_table(
+            lane_table(["policy"], [self.policy], lanes, records, self._steps), [self.scale] * len(lanes)
+        )
+        return [
+            JudgedLane(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
+            for row in frame.filter(frame["step"] == self._steps).iter_rows(named=True)
+        ]
+
+    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int]) -> JudgedLane:
+        """Return the first of these episodes that fails; PerdureError if none does."""
+        for lane in self.judge(clock, eval_seeds):
+            if lane.failed:
+                return lane
+        raise PerdureError(
+            f"none of {len(eval_seeds)} episodes of {self._steps:,} steps fails under "
+            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, or another --clock"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The episode after a step."""
+
+    step: int
+    reward: float
+    total: float
+    """Return so far; steps after the end do not count."""
+    env: Any
+    """The environment in the state after this step."""
+
+
+def replay(policy: Policy, lane: JudgedLane, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
+    """Yield each step of a judged episode, and of what the robot does after its end, up to step ``stop``.
+
+    Raises:
+        PerdureError: If the episode is not the one that was judged.
+    """
+    env = render_env.build()
+    world = GymnasiumWorld([lambda: env], [FIRST_EVAL_SEED + lane.eval_seed])
+    try:
+        with one_thread():
+            loop = ClosedLoop(world, [LanePolicy(policy, lane.clock)])
+            total = 0.0
+            for step in range(1, min(stop, lane.end_step) + 1):
+                result = loop.advance().step
+                total += float(result.rewards[0])
+                if bool(result.terminated[0]) != (step == lane.end_step and lane.outcome == "falls"):
+                    raise PerdureError(f"the episode of start state {lane.eval_seed} is not the one that was judged")
+                yield Instant(step, float(result.rewards[0]), total, env)
+            if stop >= lane.end_step and lane.outcome != "diverges" and not math.isclose(total, lane.total):
+                raise PerdureError(
+                    f"the episode returned {total:.6g} when it was filmed and {lane.total:.6g} when judged"
+                )
+            observations, space = result.observations, env.action_space
+            for step in range(lane.end_step + 1, stop + 1):
+                action = policy.act(observations, np.array([step - 1.0]), lane.clock)[0]
+                observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
+                observations = np.asarray(observation, np.float64)[None]
+                yield Instant(step, float(reward), total, env)
+    finally:
+        world.close()
+
+
+class RobotCamera(Renderer):
+    """A camera that follows the robot of one environment."""
+
+    def __init__(self, env: Any, size: tuple[int, int]) -> None:
+        """See `Renderer`; `env` is a MuJoCo environment of Gymnasium."""
+        import mujoco
+
+        model, self._data = copy(env.unwrapped.model), env.unwrapped.data
+        # Floors are drawn without an edge, as in the simulation: robots run far. Their texture repeats every meter.
+        floors = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
+        model.geom_size[floors, :2] = 0.0
+        materials = model.geom_matid[floors]
+        model.mat_texuniform[materials[materials >= 0]] = 1
+        model.mat_texrepeat[materials[materials >= 0]] = 1.0
+        super().__init__(model, size)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION.value] = 0  # half of the time on a processor
+        config = getattr(env.unwrapped.mujoco_renderer, "default_cam_config", None) or {}
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING.value
+        self._camera.trackbodyid = int(config.get("trackbodyid", BODY))
+        self._camera.distance = float(config.get("distance", 1.5 * model.stat.extent))
+        self._camera.azimuth, self._camera.elevation = AZIMUTH, ELEVATION
+
+    def take(self) -> Picture:
+        """Return a picture of the simulation as it is now."""
+        return self.draw(self._data, self._camera)
+
+
+def _shown_steps(render_env: RenderEnv, scale: ScoreScale, failing: JudgedLane | None) -> tuple[range, float]:
+    """Return the steps to show, around a failure or from the first one, and the pictures per second."""
+    env = render_env.build()
+    seconds_per_step = float(env.unwrapped.dt)
+    env.close()
+    stride = max(1, round(1.0 / (RATE * seconds_per_step)))
+    before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
+    middle = before if failing is None else failing.failed_step
+    if failing is not None and failing.outcome in ("fails silently", "decays"):
+        after += min(scale.window, round(MOST_WINDOW / seconds_per_step))
+    return range(max(1, middle - before), middle + after + 1, stride), 1.0 / (stride * seconds_per_step)
+
+
+def _panel(
+    judge: Judge, lane: JudgedLane, render_env: RenderEnv, shown: range, size: tuple[int, int], world: str
+) -> Iterator[Picture]:
+    """Yield the pictures of one episode at some steps."""
+    recent: deque[float] = deque(maxlen=SCORE_STEPS)
+    clock, outcome = lane.words
+    color = GREEN if lane.outcome == "holds" else RED if lane.failed else INK
+    above: list[Row] = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
+    with ExitStack() as stack:
+        camera: RobotCamera | None = None
+        for instant in replay(judge.policy, lane, render_env, shown.stop - 1):
+            recent.append(instant.reward)
+            if instant.step not in shown:
+                continue
+            now = f"step {instant.step:,}"
+            if instant.step > lane.end_step:
+                now += f"   ended at step {lane.end_step:,}"
+            elif judge.scale.state == "worked":
+                score = (sum(recent) / len(recent) - judge.scale.idle) / (judge.scale.reference - judge.scale.idle)
+                now += f"   hold score {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
+            camera = camera or stack.enter_context(RobotCamera(instant.env, size))
+            failed = lane.failed and instant.step >= lane.failed_step
+            yield annotate(camera.take(), above, [(BELOW, [(now, INK)])], RED if failed else None)

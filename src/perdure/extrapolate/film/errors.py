@@ -1,5 +1,0 @@
-"""Errors of videos."""
-
-
-class FilmError(ValueError):
-    """A film cannot be made here, or there is nothing to show."""

@@ -1,0 +1,317 @@
+"""Release strategies: what the robot does between the command to open the hand and the opening.
+
+A release strategy wraps the agent of place. When that agent commands the hand to open, it is frozen. The strategy's own
+motion runs, one action per step. Then the hand opens and the agent continues. When place times out with the target
+still in the hand, the executor gives the strategy time to do the same.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import LaneView, SkillAgent
+from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.kinematics import gripper_pose, reach, toward
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import TORSO_HEIGHT
+from perdure.home.sim.scene import CONTROL_HZ
+from perdure.home.sim.sensors import PrivilegedState, norm
+from perdure.home.sim.simulator import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, RELEASE, TURN
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
+from perdure.home.tasks.tasks import AT
+
+__all__ = ["STRATEGIES", "HandOver", "Ik", "IkPlus", "Stop", "make_strategy"]
+
+Motion = Generator[FloatArray, None, None]
+
+STILL = 0.02
+"""Speed of the gripper point in [m/s] below which the hand is at rest."""
+BASE_TOLERANCE = 0.01
+"""Tolerance of the base pose after a stop in [m] and [rad] (OURS)."""
+RETURN_RATE, RETURN_SPEED = 10.0, 0.3
+"""The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
+STOP_STEPS = 45
+"""Step limit of a stop; then the object is released even if base and hand still move."""
+NOT_ABOVE = "not above the goal"
+"""Outcome without a descent: the object was released at rest, beside its goal region."""
+
+
+@dataclass
+class Held(LaneView):
+    """One lane during its hand-over."""
+
+    outcome: str = "done"
+    """Outcome: "done", or the reason for a fall-back."""
+    frozen: Pose = field(init=False)
+    """Base pose when the policy was frozen."""
+
+    def __post_init__(self) -> None:
+        self.frozen = self.base
+
+    @property
+    def base_error(self) -> tuple[float, float]:
+        """Displacement back to the base pose at the freeze: forward in [m], turn to the left in [rad]."""
+        base, frozen = self.base, self.frozen
+        forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
+        return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
+
+    @property
+    def above_goal(self) -> bool:
+        """Whether the held object's middle is within the goal's radius of 0.15 m, seen from above."""
+        offset = self.state.object[0, :2] - self.state.goal[0, :2]
+        return bool(np.hypot(*offset) <= AT)
+
+    @property
+    def speed(self) -> float:
+        """Speed of the gripper point in the room in [m/s]."""
+        return float(norm(self.state.gripper_velocity)[0])
+
+
+@dataclass
+class HandOver(ABC):
+    """An agent for `place` that adds a motion before the release."""
+
+    inner: SkillAgent
+    name: ClassVar[str]
+    outcomes: list[str] = field(default_factory=list)
+    """Outcome of each hand-over, in the order in which they ended."""
+    _motions: dict[int, Motion] = field(default_factory=dict)
+    _held: dict[int, Held] = field(default_factory=dict)
+
+    @property
+    def sees(self) -> bool:
+        """See `SkillAgent.sees`."""
+        return self.inner.sees
+
+    @abstractmethod
+    def motion(self, held: Held) -> Motion:
+        """Return actions until the hand may open; the opening itself is not one of them."""
+
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
+        """See `SkillAgent.begin`."""
+        self._motions.pop(lane, None)
+        self.inner.begin(world, lane, skill)
+
+    def act(
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
+    ) -> FloatArray:
+        """See `SkillAgent.act`."""
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        running = np.array([int(lane) in self._motions for lane in lanes])
+        if not running.all():
+            free = np.flatnonzero(~running)
+            wanted = self.inner.act(world, lanes[free], skill, state[free], progress[free])
+            for row, action in zip(map(int, free), wanted, strict=True):
+                out_of_time = progress.elapsed[row] >= skill.limit
+                if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
+                    self._freeze(int(lanes[row]), state[row : row + 1])
+                else:
+                    actions[row] = action
+        for row, lane in enumerate(map(int, lanes)):
+            if lane in self._motions:
+                actions[row] = self._continue(lane, state[row : row + 1])
+        return actions
+
+    def overtime(self, lane: int) -> bool:
+        """Return whether a lane needs more time than its limit: always, to finish its hand-over."""
+        return True
+
+    def _freeze(self, lane: int, state: PrivilegedState) -> None:
+        self._held[lane] = Held(state)
+        self._motions[lane] = self.motion(self._held[lane])
+
+    def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
+        """Return the next action of a lane's motion; the opening of the hand when it has ended."""
+        held = self._held[lane]
+        held.state = state
+        if state.holds_target[0]:
+            try:
+                return next(self._motions[lane])
+            except StopIteration:
+                pass
+        else:
+            held.outcome = "lost on the way"
+        del self._motions[lane]
+        self.outcomes.append(held.outcome)
+        return release()
+
+
+def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
+    """Return an action that holds the base at its pose of the freeze and moves the arm by joint steps in [rad].
+
+    The base needs about 0.2 s to stop from full speed, in which it rolls up to 0.17 m; M3's stops at once. So it
+    drives back.
+    """
+    action = np.zeros(ACTION_SIZE)
+    for part, error in zip((FORWARD, TURN), held.base_error, strict=True):
+        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
+    if arm is not None:
+        action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
+    return action
+
+
+def release() -> FloatArray:
+    """Return an action that opens the hand and does nothing else."""
+    action = np.zeros(ACTION_SIZE)
+    action[GRIP] = RELEASE
+    return action
+
+
+def stop(held: Held) -> Motion:
+    """Bring the base back to its pose of the freeze, the arm unmoved, until the hand is at rest."""
+    for _ in range(STOP_STEPS):
+        yield hold_base(held)
+        if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
+            return
+
+
+def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
+    """Run `stop` and return whether a descent may begin; beside the goal region the outcome records why not."""
+    yield from stop(held)
+    if not held.above_goal:
+        held.outcome = NOT_ABOVE
+    return held.above_goal
+
+
+EPSILON = 0.05
+"""Depth of the descent in [m]; `docs/home/world.md` compares other values."""
+SPEED = 0.15
+"""Speed of the descent in [m/s]."""
+OUT_OF_REACH = 0.02
+"""Largest error in [m] of a reached end point; beyond it the point counts as out of reach."""
+
+
+@dataclass
+class Ik(HandOver):
+    """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
+
+    The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
+    "not above the goal"), or (x, y, z - epsilon) is out of reach ("out of reach"), the object is released where the
+    stop ended. When an obstacle ends the descent early (the servos lag), it is released there ("blocked").
+    """
+
+    name = "ik"
+    epsilon: float = EPSILON
+    speed: float = SPEED
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        if not (yield from stop_above_goal(held)):
+            return
+        start = held.state.gripper_in_base[0].copy()
+        rotation = held.state.gripper_rotation[0].copy()
+        end = start - (0.0, 0.0, self.epsilon)
+        if reach(end, held.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
+            held.outcome = "out of reach"
+            return
+        step, steps = self.speed / CONTROL_HZ, int(np.ceil(self.epsilon * CONTROL_HZ / self.speed))
+        wanted = start.copy()
+        for _ in range(steps):
+            wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
+            # From where the servos' targets would put the gripper: what the arm lags behind is not made up for.
+            yield hold_base(held, toward(held.arm, wanted - gripper_pose(TORSO_HEIGHT, held.arm)[0], rotation=rotation))
+        yield from stop(held)
+        if np.linalg.norm(held.state.gripper_in_base[0] - end) > OUT_OF_REACH:
+            held.outcome = "blocked"
+
+
+DEEPEST = 0.25
+"""Largest depth of the descent in [m]."""
+TURN_STEPS = 60
+"""Steps in which the object is brought upright."""
+UPRIGHT = float(np.cos(np.radians(20.0)))
+"""Cosine of the tilt up to which an object stands rather than tips or rolls."""
+BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
+"""Trace of a rotation by 6 degrees: the tolerance of turning back."""
+CONTACT = 3.0
+"""Normal force at the held object in [N] that counts as a contact."""
+
+
+@dataclass
+class IkPlus(HandOver):
+    """Descent until contact, with the object upright (OURS, not in the thesis).
+
+    The object's own z axis is turned to the vertical. Where joint limits or a contact leave a tilt of more than 20
+    degrees, it is turned back, because an object released at such a tilt would tip over or roll. Then it descends until
+    the held object (or the hand) feels a contact or has reached the largest depth (outcome "no contact").
+    """
+
+    name = "ik+"
+    speed: float = SPEED
+    deepest: float = DEEPEST
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        if not (yield from stop_above_goal(held)):
+            return
+        place, now = gripper_pose(TORSO_HEIGHT, held.arm)
+        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
+        if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
+            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK))
+        held.outcome = "no contact"
+        wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
+            if touches(held):
+                held.outcome = "done"
+                break
+            wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
+            position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
+            yield hold_base(held, toward(held.arm, wanted - position, rotation=rotation))
+        yield from stop(held)
+
+
+def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
+    """Turn the held object about a fixed gripper point until the rotation is reached or the steps are used up."""
+    for _ in range(TURN_STEPS):
+        position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        if there(rotation):
+            return
+        yield hold_base(held, toward(held.arm, place - position, rotation=wanted))
+
+
+def touches(held: Held) -> bool:
+    """Return whether the object (or the hand) feels a contact."""
+    return bool(held.state.contact_force[0] > CONTACT)
+
+
+def upright(rotation: FloatArray) -> FloatArray:
+    """Return the rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
+    z = rotation[:, 2]
+    axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
+    if cosine < -0.999:  # upside down: about its own x axis
+        return rotation @ np.diag([1.0, -1.0, -1.0])
+    skew = np.cross(np.eye(3), axis)
+    return (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
+
+
+@dataclass
+class Stop(HandOver):
+    """The base returns to its pose of the freeze; when the hand is at rest it opens."""
+
+    name = "stop"
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)
+
+
+_HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
+STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
+"""Names of all, the values of `--place`."""
+
+
+def make_strategy(name: str, inner: SkillAgent) -> SkillAgent:
+    """Return the strategy of that name around an agent; `rl` is the agent itself."""
+    if name == "rl":
+        return inner
+    if name not in _HAND_OVERS:
+        raise PerdureError(f"no release strategy is named {name!r}; there are {', '.join(STRATEGIES)}")
+    return _HAND_OVERS[name](inner)

@@ -1,0 +1,491 @@
+"""Candidate gripper poses for picking, placing and holding a handle.
+
+The arm keeps the gripper on the handle's way (damped least squares); the base drives to keep that way within reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from perdure.home.agents.learned import SkillAgent
+from perdure.home.agents.motions import (
+    FARTHER_AHEAD,
+    STANDS_AHEAD,
+    TURNS,
+    CollisionQuery,
+    GripperGoal,
+    Motion,
+    ReachPlan,
+    View,
+    ahead,
+    around,
+    follow,
+    move_arm,
+    plan_from_here,
+    plan_reach,
+    reach_for,
+    rest_arm,
+    settled,
+    together,
+    turn_and_go,
+    turn_to,
+    unjam,
+    unwound,
+)
+from perdure.home.sim import occupancy
+from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.objects import YcbObjects
+from perdure.home.sim.occupancy import apartment_footprints, free_space
+from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.scene import CONTROL_HZ, Handles
+from perdure.home.sim.sensors import PrivilegedState, SkillGoal
+from perdure.home.sim.simulator import ACTION_SIZE, GRASP, GRASP_RADIUS, RELEASE, STOP
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills import Skill, SkillProgress
+from perdure.home.skills.starts import open_links
+
+STANDOFFS = (0.11, 0.08, 0.05)
+"""Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
+NEIGHBOR_GAP = 0.02
+"""Margin in [m] by which other objects and handles must be farther from the gripper point than the target."""
+SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
+"""Downward angles of the gripper on open surfaces, in [rad]."""
+INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
+"""The same in a fridge."""
+LIFT, HIGH_LIFT = 0.08, 0.25
+"""Heights of the pre-grasp point above the grasp point in [m]."""
+ASIDE = 0.11
+"""Distance beside or above an object from which it is grasped when another one is in front of it, in [m]."""
+GRASP_BACK = 0.4
+"""Distance behind the standing place at which the arm is raised in front of a fridge, in [m]."""
+GRASP_TURNS = (0.0, 0.5, -0.5)
+"""Turns of the approach about the vertical, in [rad]."""
+INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
+"""The same in a fridge, where one object may stand in front of another."""
+
+
+def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool) -> list[GripperGoal]:
+    """Return poses in which the magic grasp takes the object at a point (3,) and nothing else.
+
+    The robot comes from `origin` on the floor, shape (2,). `neighbors` are the middles of other objects, and handles,
+    shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
+    """
+    gripper_goals = []
+    for slope in INSIDE_SLOPES if inside else SLOPES:
+        for turn in INSIDE_TURNS if inside else GRASP_TURNS:
+            approach = _direction(point, origin, slope, turn)
+            for standoff in STANDOFFS:
+                spot = point - standoff * approach
+                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < standoff + NEIGHBOR_GAP:
+                    continue
+                before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
+                gripper_goals.append(GripperGoal(spot, approach, False, before, GRASP_BACK if inside else 0.0))
+    return gripper_goals
+
+
+def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
+    """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
+    gripper_goals = []
+    for slope in INSIDE_SLOPES[:3]:
+        for turn in INSIDE_TURNS:
+            approach = _direction(point, origin, slope, turn)
+            left = np.array([-approach[1], approach[0], 0.0]) / np.hypot(approach[0], approach[1])
+            for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
+                spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
+                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < ASIDE + NEIGHBOR_GAP:
+                    continue
+                gripper_goals.append(GripperGoal(spot, approach, False, np.zeros(3), GRASP_BACK))
+    return gripper_goals
+
+
+def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
+    """Return poses in which the magic grasp takes a handle at a point (3,), approached from a place on the floor (2,).
+
+    The gripper waits in one of the directions `sides` from the handle, each of length 1 and shape (3,).
+    """
+    gripper_goals = []
+    for side in sides:
+        for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0)):
+            for turn in GRASP_TURNS:
+                approach = _direction(point, origin, slope, turn)
+                gripper_goals.append(GripperGoal(point + 0.09 * side, approach, False, 0.05 * side))
+    return gripper_goals
+
+
+def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
+    """Return level poses that hold the object upright, `height` in [m] above the goal of its middle, shape (3,).
+
+    The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is in a fridge.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    gripper_goals = []
+    for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8):
+        approach = _direction(point, origin, 0.0, turn)
+        for back in (GRASP_BACK, 0.6) if inside else (0.0, GRASP_BACK):
+            for more in (0.0, 0.03) if inside else (0.0,):
+                spot = point + (height + more) * up
+                for lift in (0.02,) if inside else (LIFT, HIGH_LIFT):
+                    gripper_goals.append(GripperGoal(spot, approach, True, lift * up, back))
+    return gripper_goals
+
+
+def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float) -> FloatArray:
+    heading = np.arctan2(point[1] - origin[1], point[0] - origin[0]) + turn
+    return np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), -np.sin(slope)])
+
+
+ATTEMPTS = 3
+SAFE = 0.002
+"""Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
+
+
+def pick(view: View) -> Motion:
+    """Pick the target."""
+    target = int(view.state.target[0])
+    for _ in range(ATTEMPTS):
+        yield from unjam(view)
+        plan = plan_pick(CollisionQuery(view.simulator), view.state.object[0].copy(), target, view.base)
+        if plan is None:
+            return
+        yield from approach(view, plan, lambda: _can_grasp(view, target))
+        if _can_grasp(view, target):
+            yield view.action(grip=GRASP)
+        yield from retreat(view, plan)
+        if view.simulator.held >= 0:
+            return
+
+
+def _can_grasp(view: View, target: int) -> bool:
+    """Return whether a grasp now would take the target."""
+    simulator, gripper = view.simulator, view.state.gripper[0]
+    middles = simulator.qpos[simulator.scene.middles]
+    distance = np.linalg.norm(middles - gripper, axis=1)
+    handles = Handles.of(simulator.scene.apartment).at(simulator.qpos[simulator.scene.link_qpos])
+    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE
+    return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - SAFE and not handle_near)
+
+
+def plan_pick(
+    query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
+) -> ReachPlan | None:
+    """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
+    simulator = query.simulator
+    addresses = simulator.scene.object_qpos
+    others = [simulator.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
+    handles = query.handles()
+    neighbors = np.concatenate([np.array(others).reshape(-1, 3), handles])
+    neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
+    inside = query.in_fridge(point)
+    gripper_goals = pick_gripper_goals(point, np.array([base.x, base.y]), neighbors, inside)
+    firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
+    if stands is not None:
+        return plan_reach(query, stands, gripper_goals, firm)
+    origin = np.array([base.x, base.y])
+    return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
+
+
+def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = lambda: False) -> Motion:
+    """Drive to the entry of a plan, move the arm to its poses, drive on to the plan's base pose.
+
+    Ends early as soon as `until` holds.
+    """
+    drive = turn_and_go(view, plan.entry.yaw, _along(view, plan.entry))
+    arm = move_arm(view, list(plan.poses[:1]), 0, until)
+    if _clear_on_the_way(view, plan):
+        yield from together(drive, arm)
+    else:
+        yield from drive
+        yield from arm
+    if plan.entry != plan.base:  # in over a shelf, then down
+        yield from settled(view)
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.base), until)
+    yield from move_arm(view, list(plan.poses[1:]), until=until)
+
+
+def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
+    """Return whether the arm may already move while the base drives."""
+    query, now, end = CollisionQuery(view.simulator), view.base, plan.entry
+    for share in (0.0, 0.5):
+        stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
+        if query.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
+            return False
+    return True
+
+
+def retreat(view: View, plan: ReachPlan) -> Motion:
+    """Retreat: lift, drive out, and move the arm to rest."""
+    yield from move_arm(view, [plan.poses[0]], settle=0)
+    if plan.entry != plan.base:
+        yield from turn_and_go(view, plan.base.yaw, _along(view, plan.entry))
+    yield from rest_arm(view)
+
+
+def _along(view: View, stand: Pose) -> float:
+    """Return the distance to a standing place along the heading."""
+    away = np.array([stand.x - view.base.x, stand.y - view.base.y])
+    return float(away @ (np.cos(stand.yaw), np.sin(stand.yaw)))
+
+
+SPEED = 0.40
+"""Of the handle in [m/s]."""
+NEAREST, FARTHEST = 0.62, 0.85
+"""Distances along the floor between which the base keeps the gripper in [m]."""
+HANDLE_BACK = 0.15
+"""Distance the robot backs off from a released handle, in [m]."""
+
+
+def articulate(view: View, goal: float, enough: float) -> Motion:
+    """Move the skill goal's drawer or door to within `enough` of `goal`. In [m] or [rad]."""
+    link = int(view.state.link[0])
+    for _ in range(ATTEMPTS):
+        yield from unjam(view)
+        plan = plan_handle(CollisionQuery(view.simulator), link, view.base)
+        if plan is None:
+            return
+        yield from approach(view, plan, lambda: _near(view))
+        yield view.action(grip=GRASP)
+        if view.simulator.held_link == link:
+            break
+        if not view.state.empty_hand[0]:
+            yield view.action(grip=RELEASE)
+        yield from rest_arm(view)
+    else:
+        return
+    yield from _carry(view, link, goal, enough)
+    yield view.action(grip=RELEASE)
+    yield from together(turn_and_go(view, view.base.yaw, -HANDLE_BACK), rest_arm(view))
+
+
+def _near(view: View) -> bool:
+    """Return whether the handle can be grasped."""
+    return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - SAFE
+
+
+def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
+    """Return where to stand and how to reach a handle."""
+    point, origin = query.handles()[link], np.array([base.x, base.y])
+    gripper_goals = handle_grabs(point, origin, _sides(query, link, point, origin))
+    if stands is not None:
+        return plan_reach(query, stands, gripper_goals)
+    plan = plan_reach(query, ahead(base, point, STANDS_AHEAD, TURNS), gripper_goals)
+    if plan is not None and plan.free:
+        return plan
+    farther = plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals)
+    return min((each for each in (plan, farther) if each is not None), key=lambda each: each.cost, default=None)
+
+
+def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
+    """Return directions from a handle in which the hand may wait: in front of a drawer; at a door's face or edge."""
+    scene = query.simulator.scene
+    handles = Handles.of(scene.apartment)
+    if handles.sign[link] == 0.0:
+        return [handles.slide[link]]
+    q = query.position(link)
+    out = handles.one(link, q + 0.01) - point
+    radial = point - handles.origin[link]
+    toward = np.array([*(origin - point[:2]), 0.0])
+    face, edge, robot = (each / np.linalg.norm(each) for each in (out, radial * (1.0, 1.0, 0.0), toward))
+    corner = (face + edge) / np.sqrt(2.0)
+    return [robot, corner, edge, face]
+
+
+def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
+    """Move the held handle: a target point moves along the handle's path, gripper and base follow it."""
+    handles = Handles.of(view.simulator.scene.apartment)
+    lever = float(np.hypot(*handles.lever[link])) or 1.0
+    wanted = float(view.state.link_position[0])
+    tool = view.state.turned_to_gripper(view.state.handle - view.state.gripper)[0]
+    direction = float(np.sign(goal - wanted))
+    for _ in range(150):
+        now = float(view.state.link_position[0])
+        if abs(goal - now) <= enough:
+            break
+        # The wanted place waits for the handle when it falls behind by more than a hand's breadth.
+        if abs(wanted - now) * lever < 0.08:
+            wanted += direction * min(SPEED / CONTROL_HZ / lever, abs(goal - wanted))
+        ahead_of_it = handles.one(link, wanted + 0.02 * direction) - handles.one(link, wanted)
+        along = view.base.to_local(ahead_of_it + np.array([view.base.x, view.base.y, 0.0]))
+        local = view.base.to_local(handles.one(link, wanted))
+        far, bearing = float(np.hypot(local[0], local[1])), float(np.arctan2(local[1], local[0]))
+        forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)
+        forward += 3.0 * (far - FARTHEST) if far > FARTHEST else 3.0 * (far - NEAREST) if far < NEAREST else 0.0
+        turn = float(np.clip(bearing, -0.3, 0.3)) if abs(bearing) > 0.6 else 0.0
+        arm = reach_for(view, handles.one(link, wanted), 0.7, tool)
+        yield view.action(float(np.clip(forward, -0.7, 0.7)), turn, arm)
+
+
+HEIGHT = 0.015
+"""Height above the goal at which the object is released in [m]."""
+PALM = 0.058
+"""Smallest height of a level hand above a surface in [m]: its wrist extends 5.2 cm down. Flat objects drop the rest."""
+STILL = 0.03
+"""Speed of the gripper in [m/s] below which it counts as still."""
+
+
+def place(view: View) -> Motion:
+    """Place the target."""
+    target = int(view.state.target[0])
+    if view.simulator.held != target:
+        yield from rest_arm(view)
+        return
+    goal = view.state.goal[0].copy()
+    yield from unjam(view)
+    plan = plan_place(CollisionQuery(view.simulator), goal, view.base)
+    if plan is None:
+        return
+    yield from approach(view, plan)
+    for _ in range(20):
+        if np.linalg.norm(view.state.gripper_velocity[0]) < STILL:
+            break
+        yield view.action()
+    yield view.action(grip=RELEASE)
+    yield from retreat(view, plan)
+
+
+def plan_place(
+    query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
+) -> ReachPlan | None:
+    """Return where to stand and how to bring the held object to its goal."""
+    held = query.simulator.held
+    half = YcbObjects().box(query.simulator.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    gripper_goals = place_gripper_goals(
+        goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), query.in_fridge(goal)
+    )
+    return (
+        plan_from_here(query, base, gripper_goals, goal) if stands is None else plan_reach(query, stands, gripper_goals)
+    )
+
+
+BEST_DISTANCE = {
+    "pick": 0.72,
+    "place": 0.72,
+    "open_drawer": 0.85,
+    "close_drawer": 0.5,
+    "open_fridge": 0.95,
+    "close_fridge": 0.9,
+}
+"""Best distance from the aim for each skill, along the floor in [m]."""
+ARM_LOW, ARM_REACH = 0.7, 0.75
+"""Height below which furniture cannot touch the resting arm, and reach of the arm with a held object, in [m]."""
+CLOSENESS = 0.06
+"""Meters of distance per unit of `arm_cost` in the choice of a standing place."""
+ELSEWHERE = 0.3
+"""Smallest distance of the next standing place from one that could not be reached, in [m]."""
+PLACES = 10
+"""Largest number of standing places tried."""
+STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
+"""Distances that the next skill may drive on from a standing place, in [m]."""
+
+
+def navigate(view: View) -> Motion:
+    """Drive to a place from which the next skill works."""
+    skill_goal = view.world.skill_goal(view.number)
+    route, toward = skill_goal.route, skill_goal.toward
+    assert route is not None
+    goals = np.nonzero(route.values == 0.0)[0]
+    aim = np.array(skill_goal.aim)
+    cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
+    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
+    while stands:
+        plan = _plan(view, skill_goal, stands)
+        stand = stands[0] if plan is None else plan.base
+        cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
+        way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
+        yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
+        if _apart(view.base, stand) < ELSEWHERE:
+            break
+        stands = [other for other in stands if _apart(other, stand) > ELSEWHERE]  # it cannot be reached
+    yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return float(np.hypot(one.x - other.x, one.y - other.y))
+
+
+@lru_cache(maxsize=64)
+def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
+    """Return the cost of a meter at each free cell: higher where the resting arm may touch tall furniture."""
+    space = free_space(apartment, dict(opened))
+    tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
+    near = occupancy.clearance(space.centers, tall)
+    return 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
+
+
+def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | None:
+    """Return the skill's own plan from the first standing place that works, each with a step ahead or back."""
+    best: ReachPlan | None = None
+    query = CollisionQuery(view.simulator)
+    aim = np.array(skill_goal.aim)
+    for stand in stands:
+        places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
+        if skill_goal.toward == "pick":
+            plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places)
+        elif skill_goal.toward == "place":
+            plan = plan_place(query, aim, stand, places)
+        else:
+            plan = plan_handle(query, skill_goal.link, stand, places)
+        if plan is not None:
+            plan = replace(plan, base=stand)
+        if plan is not None and (best is None or plan.depth < best.depth):
+            best = plan
+        if best is not None and best.free:
+            break
+    return best
+
+
+MOVES = {
+    "open_drawer": (0.45, 0.02),
+    "close_drawer": (0.0, 0.02),
+    "open_fridge": (1.55, 0.05),
+    "close_fridge": (0.0, 0.05),
+}
+"""Goal position of drawers and doors, and its tolerance, in [m] or [rad]."""
+
+
+class Oracle(SkillAgent):
+    """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
+
+    sees = False
+
+    def __init__(self) -> None:
+        """Start without plans; a plan is made when a skill begins."""
+        self._motions: dict[int, Motion | None] = {}
+        self._views: dict[int, View] = {}
+
+    def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
+        """See `SkillAgent.begin`."""
+        view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
+        self._views[lane] = view
+        self._motions[lane] = self._motion(view, skill)
+
+    def act(
+        self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
+    ) -> FloatArray:
+        """See `SkillAgent.act`. After the end of a motion the robot stands still, or signals "stop"."""
+        actions = np.zeros((len(lanes), ACTION_SIZE))
+        for row, lane in enumerate(lanes):
+            number = int(lane)
+            self._views[number].state = state[row : row + 1]
+            motion = self._motions[number]
+            if motion is not None:
+                try:
+                    actions[row] = next(motion)
+                    actions[row, STOP] = -1.0  # it knows better than the map where to stop
+                    continue
+                except StopIteration:
+                    self._motions[number] = None
+            actions[row, STOP] = float(skill.name == "navigate")
+        return actions
+
+    def _motion(self, view: View, skill: Skill) -> Motion:
+        if skill.name == "pick":
+            return pick(view)
+        if skill.name == "place":
+            return place(view)
+        if skill.name == "navigate":
+            return navigate(view)
+        return articulate(view, *MOVES[skill.name])

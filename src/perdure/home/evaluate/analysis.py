@@ -1,0 +1,432 @@
+"""Tables of many logs: episodes, placements and failures, then counts and success by release strategy.
+
+A run is one training seed with one evaluation seed over all episodes of a split: the benchmark's 3 x 3 runs of 100
+episodes. Mean and standard error are those over the runs (as M3 and the thesis report them). Runs that share a training
+seed are not independent, so training seeds are the units of the interval where there are several (Student's t below
+ten of them). Where there is one, the interval is Wilson's over episodes, which keeps a width when all succeed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.errors import PerdureError
+from perdure.home.evaluate.files import check_distinct
+from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
+from perdure.home.evaluate.outcomes import (
+    COUNTINGS,
+    DID_NOT_LAST,
+    FAILURE_CAUSES,
+    OTHER,
+    SUCCESS,
+    handled,
+    label,
+    latched,
+    outcome,
+    placement,
+    placement_cause,
+    release_offset,
+    stabilizing,
+    stages_stabilizing,
+    tilt,
+)
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.tasks.tasks import get_task
+from perdure.stats import Interval, estimate_interval, make_units, survival_interval
+
+if TYPE_CHECKING:
+    import polars as pl
+
+STAYED = "stayed"
+"""Value of `cause` where a placement is goal-stabilizing."""
+GROUP = ("task", "split", "strategy")
+SAME_EPISODE = ("train_seed", "eval_seed", "index", "episode_hash")
+SAME_PLACEMENT = (*SAME_EPISODE, "target")
+AT_RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A placement: a target's last release while the plan handled it."""
+
+    log: EpisodeLog
+    target: int
+    release: Release
+
+    @property
+    def run(self) -> SkillRun | None:
+        """The skill in which it was released."""
+        return next((run for run in self.log.runs if run.begin <= self.release.step < run.end), None)
+
+    @property
+    def way(self) -> FloatArray:
+        """From the release to the end of its track in [m]. Shape (3,)."""
+        return np.asarray(self.release.track.position[-1] - self.release.track.position[0])
+
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Of the release from the rest position in the goal in [m]: in the plane, upward."""
+        return release_offset(self.log, self.release)
+
+    @property
+    def skill_end(self) -> int:
+        """Last step in which the plan handled the target."""
+        span = handled(self.log, self.target)
+        assert span is not None
+        return span[1] - 1
+
+    @property
+    def stays(self) -> bool:
+        """Whether it is goal-stabilizing."""
+        return stabilizing(self.log)[self.target]
+
+    def inside(self, step: int) -> bool:
+        """Return whether the object is in its goal at a step."""
+        return self.log.at(step).in_goal[self.target]
+
+
+Columns = Mapping[str, tuple[type, str, Callable[[Any], Any]]]
+"""Column to its type, what it holds with the unit, and how it is computed."""
+IDENTITY: Columns = {
+    "task": (str, "task", lambda log: log.task),
+    "split": (str, "split", lambda log: log.split),
+    "strategy": (str, "release strategy and world", lambda log: log.strategy),
+    "train_seed": (int, "training seed", lambda log: log.train_seed),
+    "eval_seed": (int, "evaluation seed", lambda log: log.eval_seed),
+    "index": (int, "number of the episode in its split", lambda log: log.index),
+    "episode_hash": (str, "equal hashes: equal starts and goals", lambda log: log.episode_hash),
+}
+EPISODES: Columns = {
+    "success": (bool, "whether the whole task succeeded, latched", lambda log: latched(log)[-1]),
+    "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: stages_stabilizing(log)[-1]),
+    "outcome": (str, "see `outcomes.outcome`", outcome),
+    "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
+    "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),
+    "force": (float, "largest contact force [N]; nan: unknown", lambda log: _largest_force(log)),
+    "diverged": (bool, "whether the simulation diverged", lambda log: log.diverged),
+}
+FAILURES: Columns = {
+    "counting": (str, "latched or stabilizing", lambda found: found[0]),
+    "stage": (str, "first unmet stage", lambda found: found[1].stage),
+    "cause": (str, "failure cause", lambda found: found[1].cause),
+    "target": (int, "number of the object", lambda found: found[1].target),
+}
+PLACEMENTS: Columns = {
+    "target": (int, "number of the object", lambda at: at.target),
+    "kind": (str, "kind of the object", lambda at: at.log.targets[at.target].kind),
+    "cylinder": (bool, "whether it is a can", lambda at: at.log.targets[at.target].cylinder),
+    "skill": (str, "skill in which it was released", lambda at: at.run.skill if at.run else ""),
+    "forced": (bool, "whether the hand was opened by force", lambda at: _forced(at)),
+    "release_height": (float, "height at the release above rest [m]", lambda at: at.offset[1]),
+    "release_offset": (
+        float,
+        "offset from its goal in the plane [m]",
+        lambda at: release_offset(at.log, at.release)[0],
+    ),
+    "tilt": (
+        float,
+        "angle of its z axis from upright at the release [deg]",
+        lambda at: float(tilt(at.release.track.up[0])),
+    ),
+    "object_speed": (float, "at the release [m/s]", lambda at: at.release.object_speed),
+    "gripper_speed": (float, "at the release [m/s]", lambda at: at.release.gripper_speed),
+    "base_speed": (float, "at the release [m/s]", lambda at: at.release.base_speed),
+    "in_goal_release": (bool, "in its goal at the release", lambda at: at.inside(at.release.step)),
+    "in_goal_skill_end": (bool, "... when its place skill ended", lambda at: at.inside(at.skill_end)),
+    "in_goal_end": (bool, "... at the last step of the episode", lambda at: at.inside(at.log.steps - 1)),
+    "in_goal_settled": (bool, "... at the last step of the settling time", lambda at: at.inside(at.log.length - 1)),
+    "stabilizing": (bool, "whether it is goal-stabilizing", lambda at: at.stays),
+    "displacement": (float, "way to the end of its track, in the plane [m]", lambda at: float(np.hypot(*at.way[:2]))),
+    "fall": (float, "the same, downwards [m]", lambda at: -float(at.way[2])),
+    "cause": (str, "failure cause, or stayed", lambda at: STAYED if at.stays else placement_cause(at.log, at.target)),
+}
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Tables made of logs. All of them are ordered by task, split and strategy."""
+
+    episodes: pl.DataFrame
+    """One row per episode, see `EPISODES`."""
+    placements: pl.DataFrame
+    """One row per placement, see `PLACEMENTS`."""
+    failures: pl.DataFrame
+    """One row per failed episode and way of counting, see `FAILURES`."""
+    stages: pl.DataFrame
+    """Success per stage over runs, both ways of counting (figure 2-2); see `stage_table`."""
+    success: pl.DataFrame
+    """Success of the whole task, one row per strategy; see `success_table`."""
+    seeds: pl.DataFrame
+    """Success of the whole task for each training seed, both ways of counting."""
+    outcomes: pl.DataFrame
+    """Successes, those that did not last, failures by placement (figures 2-1, 2-3); see `outcome_table`."""
+    modes: pl.DataFrame
+    """How often each stage and cause came; see `mode_table`."""
+    kinds: pl.DataFrame
+    """Placements by object kind; see `kind_table`."""
+    shapes: pl.DataFrame
+    """Placements of cylinders and others (figure 2-5); see `shape_table`."""
+
+
+def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
+    """Analyze logs of any tasks, splits, strategies and seeds together; `seed` is the bootstrap's.
+
+    Raises:
+        PerdureError: If there are no logs, or one episode of one strategy and its seeds is there twice.
+    """
+    check_distinct(logs, "the logs")
+    logs = sorted(logs, key=lambda log: log.key)
+    episodes = _frame(EPISODES, ((log, log) for log in logs))
+    labels = ((log, (way, label(log, way))) for way in COUNTINGS for log in logs)
+    failures = _frame(FAILURES, ((log, found) for log, found in labels if found[1] is not None))
+    released = ((log, target, placement(log, target)) for log in logs for target in range(len(log.targets)))
+    placements = _frame(PLACEMENTS, ((log, Placed(log, k, each)) for log, k, each in released if each is not None))
+    stages = stage_table(logs, np.random.default_rng(seed))
+    kinds = kind_table(placements)
+    return Analysis(
+        episodes,
+        placements,
+        failures,
+        stages,
+        success_table(episodes, stages, placements),
+        seed_table(episodes),
+        outcome_table(episodes),
+        mode_table(failures, episodes),
+        kinds,
+        shape_table(kinds),
+    )
+
+
+def _frame(columns: Columns, rows: Iterable[tuple[EpisodeLog, Any]]) -> pl.DataFrame:
+    """Return a table with a row for each (log, what the columns are computed from)."""
+    import polars as pl
+
+    dtypes = {bool: pl.Boolean, int: pl.Int64, float: pl.Float64, str: pl.String}
+    cells = [
+        {name: of(each) for part, each in ((IDENTITY, log), (columns, about)) for name, (_, _, of) in part.items()}
+        for log, about in rows
+    ]
+    return pl.DataFrame(cells, schema={name: dtypes[kind] for name, (kind, _, _) in {**IDENTITY, **columns}.items()})
+
+
+def _largest_force(log: EpisodeLog) -> float:
+    known = [run.force for run in log.runs if not math.isnan(run.force)]
+    return max(known, default=math.nan if log.runs else 0.0)
+
+
+def _forced(at: Placed) -> bool:
+    return at.run is not None and at.run.forced_release and at.release.step == at.run.end - 1
+
+
+def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
+    """Return one row per task, split, strategy, way of counting and stage; the last stage is the task's success.
+
+    Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
+    `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
+
+    Args:
+        logs: The episodes.
+        rng: The bootstrap's only source of randomness.
+    """
+    import polars as pl
+
+    groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
+    for log in logs:
+        groups.setdefault((log.task, log.split, log.strategy), []).append(log)
+    rows: list[dict[str, Any]] = []
+    for group, part in groups.items():
+        seeds = np.array([log.train_seed for log in part])
+        runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in part])
+        for counting in COUNTINGS:
+            count = latched if counting == "latched" else stages_stabilizing
+            reached = np.array([count(log) for log in part], dtype=np.float64)
+            mean, error = over_runs(reached, runs)
+            found = survival_interval(reached, seeds, rng)
+            for k, stage in enumerate(part[0].home_task.stages):
+                rows.append(
+                    {
+                        **dict(zip(GROUP, group, strict=True)),
+                        "counting": counting,
+                        "stage": stage.name,
+                        "episodes": len(part),
+                        "runs": len(set(runs)),
+                        "mean": float(mean[k]),
+                        "standard_error": float(error[k]),
+                        "lower": float(found.lower[k]),
+                        "upper": float(found.upper[k]),
+                        "units": found.label,
+                        "method": found.method,
+                    }
+                )
+    return pl.DataFrame(rows)
+
+
+def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
+    """Return the mean of the runs' means and its standard error s / sqrt(n), n - 1 degrees of freedom; nan for one run.
+
+    Args:
+        values: One row per episode. Shape (episodes, *).
+        runs: Which run each episode belongs to. Shape (episodes,).
+    """
+    means = np.stack([values[runs == run].mean(axis=0) for run in np.unique(runs)])
+    n = len(means)
+    error = means.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.full(means.shape[1:], np.nan)
+    return means.mean(axis=0), error
+
+
+def success_table(episodes: pl.DataFrame, stages: pl.DataFrame, placements: pl.DataFrame) -> pl.DataFrame:
+    """Return one row per task, split and strategy: how much was run, and the success of the whole task.
+
+    `train_seeds`, `eval_seeds`, `episodes`; mean, standard error and bounds of the 95 % interval by both ways of
+    counting (`latched mean`), `method` of the interval; `did_not_last`: latched successes that did not last,
+    `last_left`: those of which the last placed object left its goal; `diverged`.
+    """
+    import polars as pl
+
+    last = {task: len(get_task(task).targets) - 1 for task in episodes["task"].unique()}
+    of_last = pl.col("target") == pl.col("task").replace_strict(last, return_dtype=pl.Int64)
+    left = placements.filter(of_last & ~pl.col("stabilizing")).select(*GROUP, *SAME_EPISODE, last_left=True)
+    counted = (
+        episodes.join(left, on=(*GROUP, *SAME_EPISODE), how="left")
+        .group_by(GROUP, maintain_order=True)
+        .agg(
+            pl.col("train_seed").n_unique().cast(pl.Int64).alias("train_seeds"),
+            pl.col("eval_seed").n_unique().cast(pl.Int64).alias("eval_seeds"),
+            pl.len().cast(pl.Int64).alias("episodes"),
+            did_not_last=(pl.col("outcome") == DID_NOT_LAST).sum().cast(pl.Int64),
+            last_left=(pl.col("last_left").fill_null(False) & pl.col("success")).sum().cast(pl.Int64),
+            diverged=pl.col("diverged").sum().cast(pl.Int64),
+        )
+    )
+    for counting in COUNTINGS:
+        final = stages.filter(counting=counting).group_by(GROUP).last()
+        named = {f"{counting} {name}": pl.col(name) for name in ("mean", "standard_error", "lower", "upper")}
+        how = ("method",) if counting == COUNTINGS[0] else ()
+        counted = counted.join(final.select(*GROUP, *how, **named), on=GROUP, how="left", maintain_order="left")
+    return counted
+
+
+def seed_table(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return the success of the whole task for each training seed: `latched` and `stabilizing`."""
+    import polars as pl
+
+    return episodes.group_by(*GROUP, "train_seed", maintain_order=True).agg(
+        latched=pl.col("success").mean(), stabilizing=pl.col("stabilizing").mean()
+    )
+
+
+def outcome_table(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return the `count` of each outcome, its share `of_all` episodes, and `of_failed` ones (null for successes)."""
+    import polars as pl
+
+    rows = []
+    for group, part in episodes.group_by(GROUP, maintain_order=True):
+        found = part["outcome"].to_list()
+        places = [stage.name for stage in get_task(str(group[0])).stages if stage.placed is not None]
+        rows += [(*group, name, found.count(name)) for name in (SUCCESS, DID_NOT_LAST, *places, OTHER)]
+    counted = pl.DataFrame(rows, schema=[*GROUP, "outcome", "count"], orient="row")
+    return outcome_shares(counted)
+
+
+def outcome_shares(counted: pl.DataFrame) -> pl.DataFrame:
+    """Return a table of outcomes with the shares `of_all` and `of_failed`."""
+    import polars as pl
+
+    failed = ~pl.col("outcome").is_in([SUCCESS, DID_NOT_LAST])
+    total = pl.col("count").filter(failed).sum().over(GROUP)
+    return counted.with_columns(
+        of_all=pl.col("count") / pl.col("count").sum().over(GROUP),
+        of_failed=pl.when(failed & (total > 0)).then(pl.col("count") / total),
+    )
+
+
+def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return the `count` of each stage and cause, its share `of_all` episodes and `of_failed` ones."""
+    import polars as pl
+
+    counted = failures.group_by(*GROUP, "counting", "stage", "cause").agg(count=pl.len().cast(pl.Int64))
+    return mode_shares(counted, episodes.group_by(GROUP).agg(episodes=pl.len().cast(pl.Int64)))
+
+
+def mode_shares(counted: pl.DataFrame, totals: pl.DataFrame) -> pl.DataFrame:
+    """Return a table of stages and causes, in order, with the shares `of_all` and `of_failed`.
+
+    `totals` has the number of `episodes` of each task, split and strategy.
+    """
+    import polars as pl
+
+    keys = [*GROUP, "counting"]
+    shares = counted.join(totals.select(*GROUP, "episodes"), on=GROUP).with_columns(
+        of_all=pl.col("count") / pl.col("episodes"), of_failed=pl.col("count") / pl.col("count").sum().over(keys)
+    )
+    names = {task: [stage.name for stage in get_task(task).stages] for task in shares["task"].unique()}
+    place = [names[task].index(stage) for task, stage in shares.select("task", "stage").iter_rows()]
+    word = [FAILURE_CAUSES.index(cause) for cause in shares["cause"]]
+    order = [pl.Series("_stage", place, pl.Int64), pl.Series("_word", word, pl.Int64)]
+    return shares.with_columns(order).sort([*keys, "_stage", "_word"]).drop("_stage", "_word", "episodes")
+
+
+def kind_table(placements: pl.DataFrame) -> pl.DataFrame:
+    """Return placements by object kind: their number, how many did not stay, the rate, medians at the release."""
+    import polars as pl
+
+    counted = placements.group_by(*GROUP, "kind", "cylinder").agg(
+        pl.col(AT_RELEASE).median(),
+        placements=pl.len().cast(pl.Int64),
+        failures=(~pl.col("stabilizing")).sum().cast(pl.Int64),
+    )
+    return counted.with_columns(rate=pl.col("failures") / pl.col("placements")).sort(*GROUP, "kind", "cylinder")
+
+
+def shape_table(kinds: pl.DataFrame) -> pl.DataFrame:
+    """Return placements of cylinders and of other objects (thesis, figure 2-5), from those by kind.
+
+    Beside counts and rates, what share of all placements they are, and what share of those that did not stay: a share
+    of failures alone would not say whether cylinders fail more often or are only placed more often.
+    """
+    import polars as pl
+
+    counted = kinds.group_by(*GROUP, "cylinder").agg(pl.col("placements", "failures").sum()).sort(*GROUP, "cylinder")
+    whole = pl.col("failures").sum().over(GROUP)
+    return counted.with_columns(
+        rate=pl.col("failures") / pl.col("placements"),
+        of_placements=pl.col("placements") / pl.col("placements").sum().over(GROUP),
+        of_failures=pl.when(whole > 0).then(pl.col("failures") / whole),
+    )
+
+
+def paired_difference(
+    first: pl.DataFrame, second: pl.DataFrame, column: str = "stabilizing", keys: tuple[str, ...] = SAME_EPISODE
+) -> Interval:
+    """Return the mean difference in success, second minus first, over the episodes that both ran.
+
+    Episodes are paired by training seed, evaluation seed, number and hash: the same start and goals. The differences
+    are averaged within a training seed; training seeds are the units of the 95 % interval. With one training seed the
+    episodes are, and the interval says nothing about training again.
+
+    Args:
+        first: Rows of `Analysis.episodes` of one release strategy, or of `Analysis.placements`.
+        second: Of the other, in the same task and split.
+        column: `stabilizing`, or `success` (latched) of episodes.
+        keys: What makes a pair: `SAME_EPISODE`, or `SAME_PLACEMENT` for placements of the same object.
+
+    Raises:
+        PerdureError: If the two have no pair.
+    """
+    import polars as pl
+
+    both = first.select(*keys, pl.col(column).alias("first")).join(
+        second.select(*keys, pl.col(column).alias("second")), on=keys
+    )
+    if both.is_empty():
+        raise PerdureError("the two release strategies have no episode of equal training and evaluation seed in common")
+    change = both["second"].cast(pl.Float64) - both["first"].cast(pl.Float64)
+    units = make_units(change.to_numpy(), both["train_seed"].to_numpy())
+    found = estimate_interval(units, np.random.default_rng(0))
+    return replace(found, lower=np.clip(found.lower, -1.0, 1.0), upper=np.clip(found.upper, -1.0, 1.0))

@@ -1,0 +1,463 @@
+"""Release strategies side by side: the tables of one task and split in words, from the tables of `analysis`.
+
+Everything here is a function of frames, whether logs were analyzed just now or the frames were read from CSV files.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+from perdure.home.agents.release import STRATEGIES
+from perdure.home.evaluate.analysis import SAME_EPISODE, paired_difference
+from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.evaluate.outcomes import (
+    COUNTINGS,
+    DID_NOT_LAST,
+    DROPPED_HEIGHT,
+    FAILURE_CAUSES,
+    OTHER,
+    SUCCESS,
+    THROWN_SPEED,
+    Counting,
+)
+from perdure.home.sim.objects import short_name
+from perdure.home.tasks.tasks import Stage, get_task
+from perdure.report import charts
+from perdure.report.charts import Marker, slug
+from perdure.stats import FEWEST_FOR_INTERVAL
+
+if TYPE_CHECKING:
+    import polars as pl
+
+WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
+LASTING = ("counted, did not last", "of these the last object")
+RELEASES = {
+    "rl": "policy alone",
+    "stop": "stop",
+    "ik": "stop, lower 5 cm",
+    "ik+": "stop, lower to contact",
+}
+WORLDS = {
+    "drag": "drag only",
+    "hull-apple": "apple a convex hull",
+    "base-velocity-removed": "base velocity removed",
+    "released-at-zero-velocity": "released at zero velocity",
+    "jaws-apart": "released objects touch the robot again",
+}
+"""Word in the name of a strategy to what a reader sees."""
+OUTCOMES = {
+    SUCCESS: "every object stayed",
+    DID_NOT_LAST: "counted as success, but an object left later",
+    OTHER: "failed in another stage",
+}
+
+
+def describe(strategy: str, with_world: bool = True) -> str:
+    """Return what a release strategy does: "ik" -> "stop, lower 5 cm"; the name itself where it is not ours.
+
+    `with_world` adds what differs from the usual world.
+    """
+    place = strategy.partition(" ")[0]
+    trained = re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", place)
+    if trained:
+        words = f"trained to stay {trained[1]} steps" + (f" of {trained[2]}" if trained[2] else "")
+    elif place in RELEASES:
+        words = RELEASES[place]
+    else:
+        return strategy
+    return ", ".join(filter(None, (words, describe_world(strategy) if with_world else "")))
+
+
+def describe_world(strategy: str) -> str:
+    """Return options that differ from the usual world: "ik drag" -> "drag only"; "" where unknown."""
+    place, _, world = strategy.partition(" ")
+    if place not in RELEASES and not place.startswith("delta-"):
+        return ""
+    return ", ".join(WORLDS.get(word, word.replace("-", " ")) for word in world.split())
+
+
+def describe_stage(each: Stage, unmet: bool = False) -> str:
+    """Return the state in which a stage is reached, "pick_0" -> "object 1 picked"; unmet: "object 1 not picked"."""
+    verb, _, number = each.name.partition("_")
+    past = {"pick": "picked", "place": "placed", "open": "opened", "close": "closed"}[verb]
+    doors = [found.name.removeprefix(f"{past}_") for found in each.conditions if found.name.startswith(f"{past}_")]
+    return f"{doors[-1] if doors else f'object {int(number) + 1}'} {'not ' if unmet else ''}{past}"
+
+
+def describe_outcome(name: str) -> str:
+    """Return what became of an episode, see `outcomes.outcome`: "place_1" -> "object 2 did not stay"."""
+    return OUTCOMES.get(name) or f"object {int(name.partition('_')[2]) + 1} did not stay"
+
+
+def describe_kind(name: str, cylinder: bool) -> str:
+    """Return the name of an object: "013_apple" -> "apple", with "(cylinder)" for cans."""
+    return f"{short_name(name)} (cylinder)" if cylinder else short_name(name)
+
+
+def describe_task(name: str) -> str:
+    """Return a task as the benchmark writes it: "set_table" -> "SetTable"."""
+    return name.title().replace("_", "")
+
+
+def percent(share: float | None, digits: int = 1) -> str:
+    """Return a share in percent: 0.917 -> "91.7 %"; nothing for None."""
+    return "" if share is None else f"{100 * share:.{digits}f} %"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Return words as a list: "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text with its title and note."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+    @property
+    def text(self) -> str:
+        """For a terminal."""
+        rows = [self.headings, *self.rows]
+        widths = [max(len(row[k]) for row in rows) for k in range(len(self.headings))]
+        lines = ["  ".join((row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:]))).rstrip() for row in rows]
+        return "\n".join([self.title, *(f"  {line}" for line in lines)])
+
+    @property
+    def markdown(self) -> str:
+        """For a page in Markdown, without title and note."""
+        rows = [self.headings, ["---"] * len(self.headings), *self.rows]
+        return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+@dataclass(frozen=True)
+class View:
+    """The tables of one task and split, and how its release strategies are shown."""
+
+    task: str
+    split: str
+    strategies: tuple[str, ...]
+    """Names in logs, in the order in which they are shown."""
+    styles: tuple[charts.Style, ...]
+    tables: Mapping[str, pl.DataFrame]
+    """Tables of `Analysis` and others by name, with the rows of this task and split."""
+
+    @property
+    def name(self) -> str:
+        """Such as `set-table-val`, for files and anchors."""
+        return slug(self.task, self.split)
+
+    @property
+    def title(self) -> str:
+        """Such as "SetTable, val, drag only"."""
+        return ", ".join(filter(None, (describe_task(self.task), self.split, self.world)))
+
+    @property
+    def world(self) -> str:
+        """Options that differ from the default for all strategies alike, in words; "" for none."""
+        worlds = {describe_world(strategy) for strategy in self.strategies}
+        return worlds.pop() if len(worlds) == 1 else ""
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Their words in figures; options that all share are in `world`."""
+        return tuple(describe(strategy, with_world=not self.world) for strategy in self.strategies)
+
+    @property
+    def shown(self) -> Iterator[tuple[str, str, charts.Style]]:
+        """Name, label and style of every strategy."""
+        return zip(self.strategies, self.labels, self.styles, strict=True)
+
+    def rows(self, table: str, strategy: str, **equal: Any) -> pl.DataFrame:
+        """Return the rows of a strategy in a table; none where there is no such table."""
+        if table not in self.tables:
+            return next(iter(self.tables.values())).clear()
+        return self.tables[table].filter(strategy=strategy, **equal)
+
+    def success(self, strategy: str) -> dict[str, Any]:
+        """Return the row of a strategy in `Analysis.success`."""
+        return self.rows("success", strategy).row(0, named=True)
+
+    def units(self, strategy: str) -> tuple[bool, int]:
+        """Return whether training seeds (else episodes) are the units of the intervals, and their number."""
+        row = self.success(strategy)
+        return row["train_seeds"] > 1, row["train_seeds"] if row["train_seeds"] > 1 else row["episodes"]
+
+    def has_interval(self, strategy: str) -> bool:
+        """Return whether a strategy has enough units to draw intervals."""
+        return self.units(strategy)[1] >= FEWEST_FOR_INTERVAL
+
+
+def make_views(tables: Mapping[str, pl.DataFrame]) -> tuple[View, ...]:
+    """Return a view of each task and split in the table `success`. A strategy has the same style in all of them."""
+    rows = tables["success"].select("task", "split", "strategy").unique(maintain_order=True).rows()
+    order = ordered({strategy for _, _, strategy in rows})
+    views = []
+    for task, split in dict.fromkeys((task, split) for task, split, _ in rows):
+        strategies = tuple(strategy for strategy in order if (task, split, strategy) in rows)
+        styles = tuple(charts.style(order.index(strategy)) for strategy in strategies)
+        here = {name: table.filter(task=task, split=split) for name, table in tables.items()}
+        views.append(View(task, split, strategies, styles, here))
+    return tuple(views)
+
+
+def ordered(strategies: set[str]) -> list[str]:
+    """Return strategies in order: the policy alone, policies trained to make objects stay, hand-overs, others.
+
+    Strategies in other worlds, such as `ik drag`, come after all in the default world.
+    """
+
+    def place(strategy: str) -> tuple[str, int, int, str]:
+        name, _, world = strategy.partition(" ")
+        if delta := re.match(r"delta-(\d+)", name):
+            return world, 1, int(delta[1]), name
+        return world, 2 * (STRATEGIES.index(name) if name in STRATEGIES else len(STRATEGIES)), 0, name
+
+    return sorted(strategies, key=place)
+
+
+def make_tables(view: View) -> list[Table]:
+    """Return all tables of one task and split; those with nothing to show are left out."""
+    makers = (success_table, paired_table, mode_table, placement_table, release_table, hand_over_table, policy_table)
+    return [table for make in makers if (table := make(view)) is not None]
+
+
+def verdict(view: View) -> str:
+    """Return one sentence: how often the whole task succeeded and stayed so, and what the benchmark counts."""
+    rows = [view.success(strategy) for strategy in view.strategies]
+    pairs = zip(view.labels, rows, strict=True)
+    stayed = "; ".join(f"{label} {percent(row['stabilizing mean'])}" for label, row in pairs)
+    counted = listed([percent(row["latched mean"]) for row in rows])
+    return f"Episodes in which every object stayed: {stayed}. The benchmark counts {counted}."
+
+
+def mode_labels(view: View, counting: Counting) -> list[tuple[str, str]]:
+    """Return every (stage, cause) that any strategy has, in the task's order."""
+    import polars as pl
+
+    table = view.tables["modes"].filter(pl.col("strategy").is_in(view.strategies), counting=counting)
+    stages = [stage.name for stage in get_task(view.task).stages]
+    found = set(table.select("stage", "cause").rows())
+    return sorted(found, key=lambda each: (stages.index(each[0]), FAILURE_CAUSES.index(each[1])))
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Something measured at the release, a column of `Analysis.placements`."""
+
+    name: str
+    title: str
+    axis: str
+    heading: str
+    """In the table."""
+    scale: float = 1.0
+    """From the column's unit to the table's."""
+    digits: int = 3
+    log: bool = False
+    marker: Marker | None = None
+    """A threshold of the failure causes."""
+
+
+MEASURES = {
+    "release_height": Measure(
+        "release-height",
+        "Height of the object at the release",
+        "middle of the object above where it would rest [m]",
+        "height above rest [mm]",
+        1000.0,
+        0,
+        marker=Marker(DROPPED_HEIGHT, "dropped from here on"),
+    ),
+    "object_speed": Measure(
+        "release-object-speed",
+        "Speed of the object at the release",
+        "speed of the object [m/s]",
+        "speed of the object [m/s]",
+        log=True,
+        marker=Marker(THROWN_SPEED, "limit for thrown"),
+    ),
+    "tilt": Measure(
+        "release-tilt", "Tilt of the object at the release", "angle from upright [deg]", "tilt [deg]", 1.0, 0
+    ),
+    "base_speed": Measure(
+        "release-base-speed",
+        "Speed of the base at the release",
+        "speed of the base [m/s]",
+        "of the base [m/s]",
+        log=True,
+    ),
+}
+
+
+def success_table(view: View) -> Table:
+    """Return the success of every strategy, and its successes that did not last."""
+    rows, units = [], set()
+    for strategy, label, _ in view.shown:
+        row = view.success(strategy)
+        outcomes = dict(view.rows("outcomes", strategy).select("outcome", "count").iter_rows())
+        latched = outcomes[SUCCESS] + outcomes[DID_NOT_LAST]
+        trained = "untrained" if set(view.rows("seeds", strategy)["train_seed"]) == {UNTRAINED} else row["train_seeds"]
+        rows.append(
+            (
+                *(strategy, label, f"{row['episodes']:,}", f"{trained} x {row['eval_seeds']}"),
+                *(interval_text(row, counting) for counting in COUNTINGS),
+                *(f"{row['did_not_last']} of {latched}", str(row["last_left"]), str(row["diverged"])),
+            )
+        )
+        units.add((view.units(strategy)[0], row["method"]))
+    words = (
+        "over episodes where there is one training seed: it says nothing about training again",
+        "over training seeds",
+    )
+    over = ", ".join(f"{words[seeds]} ({method})" for seeds, method in sorted(units, reverse=True))
+    seeds = "training x evaluation seeds"
+    headings = ("release strategy", "in the figures", "episodes", seeds, *WORDS.values(), *LASTING, "diverged")
+    note = (
+        f"Mean +- standard error over runs (none for one run) [95 % interval {over}]. Counted, did not last: the "
+        "benchmark counts the episode as a success, yet an object left its goal after its place had ended."
+    )
+    return Table("Success", headings, rows, note)
+
+
+def interval_text(row: Mapping[str, Any], counting: Counting, digits: int = 1) -> str:
+    """Return a success with standard error and 95 % interval: "50.0 +- 14.4 % [12.3, 87.7]"."""
+    found = (row[f"{counting} {name}"] for name in ("mean", "standard_error", "lower", "upper"))
+    mean, error, low, high = (math.nan if value is None else 100 * value for value in found)
+    spread = "" if math.isnan(error) else f" +- {error:.1f}"
+    return f"{mean:.1f}{spread} %" + ("" if math.isnan(low) else f" [{low:.{digits}f}, {high:.{digits}f}]")
+
+
+def paired_table(view: View) -> Table | None:
+    """Return pairwise comparisons on the episodes that both strategies ran; nothing for a single strategy."""
+    rows = []
+    for first, second in combinations(view.strategies, 2):
+        left, right = (view.rows("episodes", strategy) for strategy in (first, second))
+        both = left.join(right, on=SAME_EPISODE)
+        if both.is_empty():
+            continue
+        before, after = both["stabilizing"], both["stabilizing_right"]
+        found = paired_difference(left, right)
+        change, low, high = (100 * float(each) for each in (found.estimate, found.lower, found.upper))
+        points = f"{change:+.1f} points" + ("" if math.isnan(low) else f" [{low:+.1f}, {high:+.1f}]")
+        counts = (len(both), (after & ~before).sum(), (before & ~after).sum())
+        rows.append((f"{second} against {first}", *(f"{count:,}" for count in counts), points))
+    if not rows:
+        return None
+    note = (
+        "Goal-stabilizing success of the same training seed from the same start. Mean difference [95 % interval over "
+        "training seeds, Student t; over episodes where there is one training seed]. Not corrected for the number of "
+        "comparisons."
+    )
+    headings = ("release strategies", "same episodes", "better", "worse", "mean difference")
+    return Table("The same episodes under two release strategies", headings, rows, note)
+
+
+def mode_table(view: View) -> Table | None:
+    """Return the count and both shares of every failure mode, for every strategy and way of counting."""
+    rows = []
+    for counting in COUNTINGS:
+        for stage, cause in mode_labels(view, counting):
+            cells = []
+            for strategy in view.strategies:
+                found = view.rows("modes", strategy, counting=counting, stage=stage, cause=cause)
+                cells += ["0"] if found.is_empty() else [_shares(*found.select("count", "of_all", "of_failed").row(0))]
+            rows.append((WORDS[counting], stage, cause, *cells))
+    headings = ("counting", "first unmet stage", "failure cause", *view.strategies)
+    note = "Count (share of all episodes, share of the failed ones)."
+    return Table("Failure modes", headings, rows, note) if rows else None
+
+
+def _shares(count: int, *shares: float | None) -> str:
+    return f"{count} ({', '.join(percent(share) for share in shares if share is not None)})"
+
+
+def placement_table(view: View) -> Table:
+    """Return placements that did not stay by strategy: of all objects, of cylinders and of the others."""
+    rows = []
+    for strategy in view.strategies:
+        shapes = {row["cylinder"]: row for row in view.rows("shapes", strategy).iter_rows(named=True)}
+        cells = [
+            _failed(shapes[c]["failures"], shapes[c]["placements"]) if c in shapes else "none" for c in (True, False)
+        ]
+        everything = [sum(row[name] for row in shapes.values()) for name in ("failures", "placements")]
+        shares = [shapes[True][name] if True in shapes else 0.0 for name in ("of_placements", "of_failures")]
+        rows.append((strategy, _failed(*everything), *cells, *map(percent, shares)))
+    headings = (
+        "strategy",
+        "did not stay",
+        "cylinders",
+        "other objects",
+        "cylinders of all placed",
+        "of those that left",
+    )
+    return Table("Placements", headings, rows, "Did not stay: not goal-stabilizing, of so many placements.")
+
+
+def _failed(failures: int, placements: int) -> str:
+    return f"{failures} of {placements} ({percent(failures / placements)})" if placements else "0"
+
+
+def release_table(view: View) -> Table:
+    """Return median and 10 to 90 % range of height, speeds and tilt at the release."""
+    gripper = Measure("", "", "", "of the gripper point [m/s]")
+    columns = {name: MEASURES[name] for name in ("release_height", "object_speed")}
+    columns |= {"gripper_speed": gripper, **{name: MEASURES[name] for name in ("base_speed", "tilt")}}
+    rows = []
+    for strategy in view.strategies:
+        placements, cells = view.rows("placements", strategy), []
+        for column, measure in columns.items():
+            found = [placements[column].quantile(level, "linear") for level in (0.5, 0.1, 0.9)]
+            middle, low, high = (
+                "" if value is None else f"{measure.scale * value:.{measure.digits}f}" for value in found
+            )
+            cells.append(f"{middle} ({low} to {high})" if middle else "")
+        rows.append((strategy, str(len(placements)), *cells))
+    headings = ("release strategy", "placements", *(measure.heading for measure in columns.values()))
+    return Table("At the release", headings, rows, "Median (10 % to 90 %).")
+
+
+def hand_over_table(view: View) -> Table | None:
+    """Return the counts of hand-over outcomes; nothing where no logs record them."""
+    table = view.tables["hand_overs"]
+    outcomes, rows = sorted(set(table["outcome"])), []
+    for strategy in view.strategies:
+        counts = dict(view.rows("hand_overs", strategy).select("outcome", "count").iter_rows())
+        rows += [(strategy, *(str(counts.get(each, 0)) for each in outcomes))] if counts else []
+    note = "Done: the whole motion ran. Anything else is a fall-back: the object was let go at rest, where it was."
+    title = "Release strategies: how the motion went"
+    return Table(title, ("release strategy", *outcomes), rows, note) if outcomes else None
+
+
+def policy_table(view: View) -> Table:
+    """Return which policy acted in which skill."""
+    table = view.tables["policies"]
+    rows = []
+    for skill in dict.fromkeys(table["skill"]) or ["every skill"]:
+        names = [view.rows("policies", strategy, skill=skill)["policy"].to_list() for strategy in view.strategies]
+        words = [["scripted oracle" if name == "oracle" else name for name in each] for each in names]
+        rows.append((skill, *(", ".join(each) or "not recorded" for each in words)))
+    note = "The scripted oracle knows the whole world; a learned policy sees what the skill's table says."
+    return Table("Policies", ("skill", *view.strategies), rows, note)
+
+
+def summary(view: View) -> str:
+    """Return the main tables as text for a terminal."""
+    stages, parts = [], [f"{view.title}\n{verdict(view)}"]
+    for stage in get_task(view.task).stages:
+        cells = [view.rows("stages", strategy, stage=stage.name)["mean"] for strategy in view.strategies]
+        stages.append((stage.name, *(", ".join(map(percent, each)) for each in cells)))
+    tables = [Table(f"Success per stage ({', '.join(COUNTINGS)})", ("stage", *view.strategies), stages)]
+    success = success_table(view)
+    sides = list(zip(success.headings[1:], *(row[1:] for row in success.rows), strict=True))
+    tables.append(replace(success, headings=("", *view.strategies), rows=sides))
+    tables += [*filter(None, [mode_table(view)]), placement_table(view)]
+    return "\n\n".join([*parts, *(table.text for table in tables)])

@@ -1,0 +1,374 @@
+"""Execute task plans over many episodes at once, open loop: the next skill begins whether or not the last succeeded.
+
+As in TP+SRL: a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
+hand is opened by force. The episode ends with the plan or at the task's step limit. Then the simulation runs on for a
+settling time in which the robot stands still, so that the log shows which objects stay at their goals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import SkillAgent
+from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.objects import KINDS
+from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
+from perdure.home.sim.sensors import PrivilegedState, norm
+from perdure.home.sim.simulator import ACTION_SIZE
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills import Skill, SkillProgress, make_skill_goal
+from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
+from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
+
+OVERTIME = 150
+"""Steps that a release strategy may take beyond the step limit of place."""
+
+
+@dataclass(frozen=True)
+class ExecutorOptions:
+    """Settings of an execution."""
+
+    eval_seed: int = 0
+    """Draws the robot's start pose."""
+    lanes: int = 50
+    """Episodes that run at the same time. Logs do not depend on it; more lanes cost less per episode."""
+    threads: int | None = None
+    """Threads that step them; the cores this process may use when None."""
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    settle_steps: int = SETTLE_STEPS
+    """Control steps of the settling time, 1 or more."""
+
+    def __post_init__(self) -> None:
+        """Refuse too few lanes, threads or settling steps, a low physics rate, and a choice of targets."""
+        least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
+        for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
+            if value is not None and value < low:
+                raise PerdureError(f"{name} must be {low} or more, not {value}")
+        if self.scene.targets is not None:
+            raise PerdureError(f"targets must be None where plans are executed, not {self.scene.targets}")
+
+
+@dataclass
+class Recorder:
+    """Collects the state of one episode; the columns of a step are kept as one row."""
+
+    episode: Episode
+    ended: list[SkillRun] = field(default_factory=list)
+    """Skills that have ended, without force and reach."""
+    rows: list[FloatArray] = field(default_factory=list)
+    diverged: bool = False
+    """Whether the simulation diverged; nothing after that counts."""
+
+    def log(self, steps: int, final_objects: tuple[FinalObject, ...], **run: str | int) -> EpisodeLog:
+        """Return the log of the episode.
+
+        Args:
+            steps: Control steps until the plan or the task's limit ended; the rows after them are the settling time.
+            final_objects: All objects after the last step.
+            run: `strategy`, `train_seed` and `eval_seed` of the log.
+        """
+        # A diverged world is reset to its start: the last row no longer belongs to this episode.
+        length = max(1, len(self.rows) - 1) if self.diverged else len(self.rows)
+        steps, episode, history = min(steps, length), self.episode, self._history(length)
+        return EpisodeLog(
+            task=episode.task,
+            split=episode.split,
+            index=episode.index,
+            episode_hash=episode_hash(episode),
+            control_hz=history.control_hz,
+            steps=steps,
+            length=length,
+            diverged=self.diverged,
+            targets=tuple(_target(episode, k) for k in range(len(episode.goals))),
+            runs=tuple(
+                history.measured(replace(run, begin=min(run.begin, steps), end=min(run.end, steps)))
+                for run in self.ended
+            ),
+            events=history.events,
+            releases=history.releases,
+            final_objects=final_objects,
+            history=history,
+            **run,  # type: ignore[arg-type]
+        )
+
+    def _history(self, length: int) -> History:
+        targets = len(self.episode.goals)
+        shapes = ((targets, 3), (), (), (), (3,), (3,), (targets,), (targets,), ())
+        ends = np.cumsum([np.prod(shape, dtype=np.int64) for shape in shapes])
+        columns = np.split(np.array(self.rows[:length]), ends[:-1], axis=1)
+        objects, held, drawer, fridge, base, gripper, up, speed, force = (
+            each.reshape(len(each), *shape) for each, shape in zip(columns, shapes, strict=True)
+        )
+        facts = WorldFacts(objects, self.episode.goal_positions, held.astype(np.int64), drawer, fridge)
+        return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
+
+
+def record_table(
+    world: VectorSimulator, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
+) -> FloatArray:
+    """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
+
+    `state` is that of these lanes, `targets` the task's number of targets, `doors` the `door_links` of each lane.
+    """
+    poses, velocities = world.objects(lanes, targets)
+    up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
+    speed = np.sqrt((velocities**2).sum(axis=2))
+    columns = (
+        *(poses[:, :, :3], held_target(state, targets), opened(world, lanes, doors)),
+        *(state.base, state.gripper, up, speed, state.contact_force),
+    )
+    return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
+
+
+def final_objects(world: VectorSimulator, lane: int) -> tuple[FinalObject, ...]:
+    """Return pose and speed of every object in the scene of a lane, targets first."""
+    simulator = world.simulator(lane)
+    placements, held = simulator.scene.placements, simulator.held
+    poses, velocities = world.objects(np.array([lane]), len(placements))
+    kinds = (placement.kind for placement in placements)
+    rows = zip(kinds, poses[0].tolist(), norm(velocities[0]).tolist(), strict=True)
+    return tuple(
+        FinalObject(kind, (x, y, z), (qw, qx, qy, qz), speed, k == held)
+        for k, (kind, (x, y, z, qw, qx, qy, qz), speed) in enumerate(rows)
+    )
+
+
+def held_target(state: PrivilegedState, targets: int) -> IntArray:
+    """Return the number of the target in the hand, NOTHING, or SOMETHING_ELSE. Shape (lanes,)."""
+    held = np.where((state.held >= 0) & (state.held < targets), state.held, NOTHING)
+    return np.where((held == NOTHING) & ~state.empty_hand, SOMETHING_ELSE, held)
+
+
+def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
+    """Return the numbers of the task's drawer (-1 for none) and of the fridge's upper door in `Scene.links`."""
+    containers = [episode.container(target) for target in range(len(episode.goals))]
+    drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
+    return drawer, scene.links.index(FRIDGE_DOOR)
+
+
+def opened(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
+    """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
+    rows = []
+    for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
+        links = world.simulator(lane).links.tolist()
+        rows.append((links[drawer] if drawer >= 0 else 0.0, links[fridge]))
+    return np.array(rows)
+
+
+def _target(episode: Episode, number: int) -> Target:
+    goal, link = episode.goals[number], episode.container(number)
+    container = "" if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
+    return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)
+
+
+@dataclass
+class Running:
+    """An episode while it runs in a lane."""
+
+    episode: Episode
+    plan: tuple[SkillStep, ...]
+    recorder: Recorder
+    doors: tuple[int, int]
+    """Numbers of the task's drawer (-1 for none) and of the fridge's upper door among the scene's links."""
+    step: int = 0
+    began: int = 0
+    """Step at which the current skill began."""
+    settling: int | None = None
+    """Steps of the settling time so far, None before it."""
+
+    @property
+    def begun(self) -> int:
+        """Number of steps of the plan that have begun."""
+        return len(self.recorder.ended) + (self.settling is None)
+
+    @property
+    def current(self) -> SkillStep | None:
+        """The running step of the plan, None in the settling time."""
+        return self.plan[self.begun - 1] if self.settling is None else None
+
+
+StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
+"""Called after every control step with the world and the running episode of each lane."""
+
+
+class Executor:
+    """Executes episodes of one task.
+
+    A lane starts the next episode as soon as it is free. An episode does not depend on the other lanes.
+    """
+
+    def __init__(
+        self,
+        skills: Mapping[str, Skill],
+        agents: Mapping[str, SkillAgent],
+        options: ExecutorOptions | None = None,
+        *,
+        strategy: str = "unnamed",
+        train_seed: int = UNTRAINED,
+    ) -> None:
+        """Check that every skill has an agent.
+
+        Args:
+            skills: The skill for each name in the plan.
+            agents: The agent of each of them.
+            options: Settings.
+            strategy: Name of the release strategy, written into the logs.
+            train_seed: Training seed of the policies, written into the logs.
+
+        Raises:
+            PerdureError: If skills and agents have different names.
+        """
+        self._skills, self._agents = dict(skills), dict(agents)
+        self._options = options or ExecutorOptions()
+        self._named = {"strategy": strategy, "train_seed": train_seed, "eval_seed": self._options.eval_seed}
+        missing = self._skills.keys() ^ self._agents.keys()
+        if missing:
+            raise PerdureError(f"skills and agents must have the same names; {', '.join(sorted(missing))} do not")
+
+    def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
+        """Yield the log of each episode as soon as it has ended, so not always in order."""
+        options = self._options
+        world = VectorSimulator(min(options.lanes, len(episodes)), options.threads)
+        waiting = list(reversed(episodes))
+        running: list[Running | None] = [None] * world.num_lanes
+        self._progress: SkillProgress | None = None
+        try:
+            for lane in range(world.num_lanes):
+                running[lane] = self._start(world, lane, waiting.pop())
+            self._begin_skills(world, list(range(world.num_lanes)), running)
+            while any(running):
+                lanes = np.array([k for k, each in enumerate(running) if each is not None])
+                self._step(world, lanes, running)
+                if observe is not None:
+                    observe(world, {k: each for k, each in enumerate(running) if each is not None})
+                for lane in lanes.tolist():
+                    each = running[lane]
+                    assert each is not None
+                    if (each.settling is None or each.settling < options.settle_steps) and not each.recorder.diverged:
+                        continue
+                    yield each.recorder.log(each.step, final_objects(world, lane), **self._named)
+                    running[lane] = self._start(world, lane, waiting.pop()) if waiting else None
+                    if running[lane] is not None:
+                        self._begin_skills(world, [lane], running)
+        finally:
+            world.close()
+
+    def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
+        scene = episode_scene(episode, self._options.scene)
+        world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
+        return Running(episode, episode.home_task.skills, Recorder(episode), door_links(episode, scene))
+
+    def _begin_skills(self, world: VectorSimulator, lanes: Sequence[int], running: list[Running | None]) -> None:
+        """Begin the next skill of these lanes' plans; all of them run and have one."""
+        for lane in lanes:
+            each = running[lane]
+            assert each is not None
+            assert each.current is not None
+            world.assign(lane, make_skill_goal(each.episode, each.current, world.simulator(lane)))
+            each.began = each.step
+        for name, group in self._groups(np.array(lanes, dtype=np.int64), running).items():
+            if name not in self._skills:
+                raise PerdureError(f"the plan needs {name}, but only {', '.join(self._skills)} are given")
+            skill = self._skills[name]
+            fresh = skill.begin(world.sense(group))
+            if self._progress is None or len(self._progress) != world.num_lanes:
+                self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
+            self._progress = self._progress.put(group, fresh)
+            for lane in group.tolist():
+                self._agents[name].begin(world, lane, skill)
+
+    def _step(self, world: VectorSimulator, lanes: IntArray, running: list[Running | None]) -> None:
+        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
+        groups = self._groups(lanes, running)
+        # Lanes at the same skill lie side by side, so that a group's part of a record is a view.
+        settling = [int(lane) for lane in lanes if running[lane].current is None]
+        lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
+        ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
+        rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
+        scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
+        for name in groups:
+            if self._agents[name].sees:
+                skill = self._skills[name]
+                scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
+        known = world.sense(lanes, scan_reach, neighbors)
+        for name, group in groups.items():
+            skill, agent, state = self._skills[name], self._agents[name], known[rows[name]]
+            assert self._progress is not None
+            acted = agent.act(world, group, skill, state, self._progress[group])
+            actions[group] = skill.mask(acted, state)
+            speed[group], arm_step[group] = skill.base_speed, skill.arm_step
+        world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
+        after = world.sense(lanes)
+        self._record(world, lanes, running, after)
+        for name, group in groups.items():
+            self._end_skills(world, name, group, after[rows[name]], running)
+
+    def _groups(self, lanes: IntArray, running: list[Running | None]) -> dict[str, IntArray]:
+        """Return the lanes at each skill; lanes in their settling time are in no group."""
+        groups: dict[str, list[int]] = {}
+        for lane in lanes:
+            step = running[lane].current
+            if step is not None:
+                groups.setdefault(step.skill, []).append(int(lane))
+        return {name: np.array(group) for name, group in groups.items()}
+
+    def _end_skills(
+        self, world: VectorSimulator, name: str, group: IntArray, state: PrivilegedState, running: list[Running | None]
+    ) -> None:
+        """End skills that stop or run out of time, and begin the next ones."""
+        skill = self._skills[name]
+        assert self._progress is not None
+        progress = skill.advance(self._progress[group], state)
+        self._progress = self._progress.put(group, progress)
+        stop, success = skill.stop(state, progress), skill.success(state, progress)
+        going_on = []
+        for row, (lane, stopped, elapsed) in enumerate(
+            zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
+        ):
+            each = running[lane]
+            assert each is not None
+            out_of_time = elapsed >= skill.limit
+            if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
+                out_of_time = not self._agents[name].overtime(lane)
+            at_limit = each.step >= each.episode.home_task.max_steps
+            if stopped or out_of_time or at_limit:
+                ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
+                forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
+                if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
+                    going_on.append(lane)
+        if going_on:
+            self._begin_skills(world, going_on, running)
+
+    @staticmethod
+    def _end_skill(
+        world: VectorSimulator, lane: int, each: Running, how: tuple[Ending, bool, bool], at_limit: bool
+    ) -> bool:
+        """Record how a lane's skill ended, and return whether the plan goes on."""
+        step, ended = each.current, each.recorder.ended
+        assert step is not None
+        if how[2]:
+            world.simulator(lane).release()
+        ended.append(SkillRun(len(ended), step.skill, step.target, each.began, each.step, *how))
+        if at_limit or len(ended) == len(each.plan):
+            each.settling = 0
+        return each.settling is None
+
+    @staticmethod
+    def _record(world: VectorSimulator, lanes: IntArray, running: list[Running | None], state: PrivilegedState) -> None:
+        everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
+        doors = [each.doors for each in everyone]
+        table = record_table(world, lanes, state, len(everyone[0].episode.goals), doors)
+        for row, (each, diverged) in enumerate(zip(everyone, state.diverged.tolist(), strict=True)):
+            if each.settling is None:
+                each.step += 1
+            else:
+                each.settling += 1
+            each.recorder.diverged |= diverged
+            each.recorder.rows.append(table[row])

@@ -1,0 +1,281 @@
+"""Log files: a table of episodes as Parquet, which any simulator can write.
+
+The columns are the fields of the classes in `log`, nested as they are: name, type, unit and what is allowed come from
+there (`describe_columns` lists them). The file holds what happened; successes, causes and placements follow from it
+when it is read. Its key-value metadata holds `schema`, `version`, a SHA-256 of notes and rows, and the writer's notes.
+A damaged, foreign or contradictory file is refused by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.evaluate.log import Column, EpisodeLog
+from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.runs import write_result
+from perdure.schema import Items, Kind, Parquet, Table, Text, Whole, read_json
+
+if TYPE_CHECKING:
+    import polars as pl
+
+SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "3"
+_RESERVED = ("schema", "version", "sha256")
+NOTES = Table({}, others=Text(100_000, lines=True))
+"""A file's metadata."""
+POLICIES = Table({}, others=Text(5000, lines=True))
+"""The note `policies`: skill to the name of its policy, which may hold a path."""
+HAND_OVERS = Table({}, others=Whole(0))
+"""The note `hand_overs`: outcome of a release strategy to how often it came."""
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A field of a class of `log`, as the table has it."""
+
+    name: str
+    column: Column
+    part: Any
+    """The class of its parts, if it is made of some."""
+    many: bool
+    """Whether a row holds a list of them."""
+    scalar: type
+    """bool, int, float or str."""
+    array: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        return self.column.names or (self.name,)
+
+    @property
+    def kind(self) -> Kind:
+        """What a cell may hold."""
+        one = row_kind(self.part) if self.part else self.column.kind
+        assert one is not None
+        return Items(one, self.column.shortest, self.column.longest) if self.many else one
+
+    @property
+    def dtype(self) -> pl.DataType:
+        """Type of its columns."""
+        import polars as pl
+
+        wide = {bool: pl.Boolean(), int: pl.Int64(), float: pl.Float64(), str: pl.String()}
+        narrow = {int: pl.Int32(), float: pl.Float32()}
+        one = pl.Struct(columns(self.part)) if self.part else ({**wide, **narrow} if self.column.narrow else wide)
+        found = one if isinstance(one, pl.DataType) else one[self.scalar]
+        return pl.List(found) if self.many else found
+
+    def to_cells(self, value: Any) -> dict[str, Any]:
+        """Return the cells of a value of this field."""
+        if self.part is not None:
+            return {self.name: [to_row(each) for each in value] if self.many else to_row(value)}
+        if self.array:
+            value = value.T.tolist()
+        if self.column.names:
+            return dict(zip(self.names, value, strict=True))
+        return {self.name: list(value) if self.many else value}
+
+    def from_cells(self, row: Mapping[str, Any]) -> Any:
+        """Return the value of this field from a row's cells."""
+        cells = [row[name] for name in self.names]
+        if self.part is not None:
+            return tuple(from_row(self.part, each) for each in cells[0]) if self.many else from_row(self.part, cells[0])
+        if self.array:
+            if len({len(cell) for cell in cells}) != 1:
+                raise PerdureError(f"the lists of {self.name} have different lengths: {[len(cell) for cell in cells]}")
+            array = np.array(cells, dtype=np.int64 if self.scalar is int else np.float64).T
+            return array if self.column.names else array[:, 0]
+        if self.column.names:
+            return tuple(cells)
+        return tuple(cells[0]) if self.many else cells[0]
+
+
+@cache
+def _fields(part: type) -> tuple[_Field, ...]:
+    """Return the fields of a class of `log` that are columns."""
+    found = []
+    for name, hint in get_type_hints(part, include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            inner, column = get_args(hint)
+            array = {FloatArray: float, IntArray: int}.get(inner)
+            one = get_args(inner)[0] if get_origin(inner) is tuple else inner
+            many = array is not None or (get_origin(inner) is tuple and not column.names)
+            scalar = array or (one if one in (bool, int, float) else str)
+            nested: Any = one if is_dataclass(one) else None
+            found.append(_Field(name, column, nested, many, scalar, array is not None))
+    return tuple(found)
+
+
+@cache
+def row_kind(part: type) -> Table:
+    """Return what a row of a class of `log` may hold."""
+    return Table({name: each.kind for each in _fields(part) for name in each.names})
+
+
+def columns(part: type = EpisodeLog) -> dict[str, pl.DataType]:
+    """Return the columns of a class of `log` and their types."""
+    return {name: each.dtype for each in _fields(part) for name in each.names}
+
+
+def describe_columns(part: type = EpisodeLog, before: str = "") -> list[tuple[str, str, str]]:
+    """Return name, unit and meaning of every column, those of nested tables below theirs (`runs.skill`)."""
+    found = []
+    for each in _fields(part):
+        found.append((", ".join(before + name for name in each.names), each.column.unit, each.column.about))
+        found += describe_columns(each.part, f"{before}{each.name}.") if each.part else []
+    return found
+
+
+def to_row(record: Any) -> dict[str, Any]:
+    """Return a log, or a part of one, as a row."""
+    cells: dict[str, Any] = {}
+    part: Any = type(record)
+    for each in _fields(part):
+        cells.update(each.to_cells(getattr(record, each.name)))
+    return cells
+
+
+def from_row(part: type, row: Mapping[str, Any]) -> Any:
+    """Return the log, or its part, of a row."""
+    return part(**{each.name: each.from_cells(row) for each in _fields(part)})
+
+
+def to_frame(records: Sequence[EpisodeLog]) -> pl.DataFrame:
+    """Return logs as a table."""
+    import polars as pl
+
+    return pl.DataFrame([to_row(record) for record in records], schema=columns())
+
+
+def from_frame(frame: pl.DataFrame) -> list[EpisodeLog]:
+    """Return the logs of a table.
+
+    Raises:
+        PerdureError: A value is out of its range.
+        PerdureError: A log contradicts itself.
+    """
+    records = []
+    for row in frame.iter_rows(named=True):
+        row_kind(EpisodeLog).check(row)
+        records.append(from_row(EpisodeLog, row))
+    return records
+
+
+def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: Mapping[str, str]) -> Path:
+    """Write logs as one file, whole.
+
+    Args:
+        path: Where to.
+        logs: Logs of an executor or of another simulator.
+        notes: Goes into the file's metadata, such as `policies` and `command`.
+
+    Raises:
+        PerdureError: If there are no logs, an episode is there twice, a value is out of range, or a note is no text or
+            has a reserved name.
+        PerdureError: If the file cannot be written; an old one is untouched, the message says where the logs are kept.
+    """
+    check_distinct(logs, f"the logs for {os.fspath(path)}")
+    reserved = [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]
+    if reserved:
+        raise PerdureError(f"notes say {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
+    frame = to_frame(logs)
+    try:
+        for row in frame.iter_rows(named=True):
+            row_kind(EpisodeLog).check(row)
+    except PerdureError as error:
+        raise PerdureError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **notes}
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, metadata={**notes, "sha256": digest(frame, notes)}, compression_level=12)
+    return write_result(Path(path), buffer.getvalue())
+
+
+def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
+    """Read a file of logs.
+
+    Raises:
+        PerdureError: If it is missing, no Parquet file, of another schema or version, damaged, or contradicts itself.
+    """
+    file, notes = _open(Path(path))
+    if notes.get("schema") != SCHEMA_NAME:
+        raise PerdureError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
+    if (version := notes.get("version", "")) != SCHEMA_VERSION:
+        raise PerdureError(f"{path} has version {version or 'unknown'}; this package reads version {SCHEMA_VERSION}")
+    try:
+        frame, expected = file.read(), columns()
+        if dict(frame.schema) != expected:
+            names = {**frame.schema, **expected}
+            wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
+            raise PerdureError(f"wrong, missing or unknown columns {wrong}")
+        if notes.pop("sha256", None) != digest(frame, notes):
+            raise PerdureError("it is damaged, its content does not fit its SHA-256")
+        records = from_frame(frame)
+        check_distinct(records, "it")
+    except PerdureError as error:
+        raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
+    return records
+
+
+def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Return the notes that the writer added to a log file, such as `command`.
+
+    Raises:
+        PerdureError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
+    """
+    return _open(Path(path))[1]
+
+
+def read_note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any] | None:
+    """Return a note that is a JSON object; None where it is missing.
+
+    Raises:
+        PerdureError: If it is something else, or holds what `table` does not allow.
+    """
+    if name not in notes:
+        return None
+    try:
+        value = read_json(notes[name])
+        table.check(value)
+    except PerdureError as error:
+        raise PerdureError(f"the note {name} of logs must be a JSON object: {error}") from None
+    return dict(value)
+
+
+def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
+    """PerdureError when there is no record, or one episode of one strategy and its seeds is there twice."""
+    if not records:
+        raise PerdureError(f"{name} must hold at least one episode")
+    seen: set[Any] = set()
+    for record in records:
+        if record.key in seen:
+            raise PerdureError(f"{name} must not hold an episode twice: {record.name}")
+        seen.add(record.key)
+
+
+def digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
+    """Return the SHA-256 of notes and rows: Parquet's own checks let most flipped bits through."""
+    return hashlib.sha256(repr((sorted(notes.items()), frame.columns, frame.rows())).encode()).hexdigest()
+
+
+def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
+    if not path.is_file():
+        raise PerdureError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
+    content = path.read_bytes()
+    if content[:4] != b"PAR1":
+        raise PerdureError(f"{path} is not a Parquet file")
+    try:
+        file = Parquet(content)
+        NOTES.check(file.notes)
+        return file, dict(file.notes)
+    except PerdureError as error:
+        raise PerdureError(f"{path} is a damaged Parquet file: {error}") from None

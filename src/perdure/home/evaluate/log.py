@@ -1,0 +1,378 @@
+"""The log of an episode: what was run, what happened when, and where objects went after their release.
+
+The executor's recorder makes it, `files` writes and reads it, `outcomes` judges it. Step 0 is the state after the first
+control step. A skill run that begins at 10 and ends at 25 has acted in steps 10 to 24. The state at a release is that
+of the last step in which the object was held.
+
+Each class is a part of the file's table: a field with a `Column` is a column of it. A new column is a new field.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Annotated, Literal, get_args
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
+from perdure.home.tasks.tasks import PREDICATES, TASKS, HomeTask, WorldFacts, at, get_task, predicate
+from perdure.schema import Choice, Flag, Kind, Real, Text, Whole
+
+UNTRAINED = -1
+"""Training seed where no policy was trained."""
+Ending = Literal["stopped", "timed out", "task limit"]
+"""Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
+ENDINGS: tuple[Ending, ...] = get_args(Ending)
+CONTAINERS = ("", "drawer", "fridge")
+"""Container of a target at the start: none, a drawer, the fridge."""
+MOVED, TURNED = 0.002, 0.01
+"""Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
+GRID = 2.0**-13
+"""Poses of tracks are rounded to multiples of this (0.12 mm), which lets a file shrink."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the file's table: what it holds, and what its values may be."""
+
+    about: str
+    kind: Kind | None = None
+    """Of one value; None: a part with columns of its own."""
+    unit: str = ""
+    names: tuple[str, ...] = ()
+    """Of the columns, where a vector has one for each component; else the column is named as the field."""
+    narrow: bool = False
+    """Whether 32 bits are enough."""
+    shortest: int = 0
+    """Of a list."""
+    longest: int = 10_000_000
+
+
+_XYZ, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+_NAME, _FLAG, _SEED = Text(200, shortest=1), Flag(), Whole(-1)
+_STEP, _TARGET = Whole(0, 1_000_000), Whole(0, 100)
+_PLACE = Real(-1e9, 1e9)
+"""A simulation that blows up throws objects far."""
+_UNIT, _MEASURED = Real(-1.001, 1.001), Real(0.0, unknown=True)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target object and its goal."""
+
+    kind: Annotated[str, Column("YCB name", _NAME)]
+    cylinder: Annotated[bool, Column("whether it is an upright cylinder (a can)", _FLAG)]
+    container: Annotated[str, Column('where it starts: "drawer", "fridge" or ""', Choice(CONTAINERS))]
+    goal: Annotated[
+        Vec3,
+        Column("goal of its middle, at rest and upright", _PLACE, "m", tuple(f"goal_{name}" for name in _XYZ)),
+    ]
+
+
+@dataclass(frozen=True)
+class SkillRun:
+    """One skill of the plan, as it was executed."""
+
+    number: Annotated[int, Column("position in the plan, from 0", Whole(0, 10_000))]
+    skill: Annotated[str, Column("name of the skill", _NAME)]
+    target: Annotated[int, Column("number of its target", _TARGET)]
+    begin: Annotated[int, Column("control steps of the episode before it", _STEP)]
+    end: Annotated[int, Column("control steps of the episode at its end", _STEP)]
+    ending: Annotated[Ending, Column('"stopped", "timed out" or "task limit"', Choice(ENDINGS))]
+    success: Annotated[bool, Column("whether its own success condition held in its last step", _FLAG)]
+    forced_release: Annotated[bool, Column("whether the executor opened the hand after a time-out", _FLAG)]
+    force: Annotated[
+        float,
+        Column("largest normal contact force at arm, hand and held object, not the base; nan: unknown", _MEASURED, "N"),
+    ] = math.nan
+    reach: Annotated[
+        float,
+        Column("smallest distance of the gripper point from the target's middle; nan: unknown", _MEASURED, "m"),
+    ] = math.nan
+
+
+@dataclass(frozen=True)
+class Event:
+    """The inputs of the stages' conditions, from this step to the next event.
+
+    An event is due at step 0 and whenever `held`, a member of `in_goal`, or one of these changes: drawer at or above
+    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad. A grasp is an event at which `held`
+    becomes a target, a release one at which it ceases to be it.
+    """
+
+    step: Annotated[int, Column("first step of this state", _STEP)]
+    held: Annotated[int, Column("target in the hand; -1: nothing; -2: clutter or a handle", Whole(-2, 100))]
+    in_goal: Annotated[tuple[bool, ...], Column("which targets are within 0.15 m of their goals", _FLAG, longest=100)]
+    drawer: Annotated[float, Column("how far the drawer of target 0 is out", Real(-10.0, 10.0), "m")]
+    fridge: Annotated[float, Column("how far the fridge's upper door is open", Real(-10.0, 10.0), "rad")]
+
+
+@dataclass(frozen=True)
+class Track:
+    """The path of an object. Steps at which it had hardly moved since the step before are left out."""
+
+    step: Annotated[IntArray, Column("steps", _STEP, narrow=True, shortest=1)]
+    """Shape (n,)."""
+    position: Annotated[FloatArray, Column("middle of the object", _PLACE, "m", _XYZ, narrow=True)]
+    """Shape (n, 3)."""
+    up: Annotated[FloatArray, Column("height of its own z axis: 1 upright, 0 lying", _UNIT, narrow=True)]
+    """Shape (n,)."""
+    gripper: Annotated[
+        FloatArray, Column("gripper point", _PLACE, "m", tuple(f"gripper_{name}" for name in _XYZ), narrow=True)
+    ]
+    """Shape (n, 3)."""
+    base: Annotated[
+        FloatArray, Column("base, heading in [rad]", _PLACE, "m", ("base_x", "base_y", "base_yaw"), narrow=True)
+    ]
+    """Shape (n, 3)."""
+
+    def __post_init__(self) -> None:
+        """Lengths that differ, no steps, or steps out of order raise PerdureError."""
+        n = len(self.step)
+        lengths = {len(each) for each in (self.position, self.up, self.gripper, self.base)}
+        if n == 0 or lengths != {n} or (np.diff(self.step) <= 0).any():
+            raise PerdureError(
+                f"a track needs rising steps and as many poses; it has {n} steps, {sorted(lengths)} poses"
+            )
+
+    @cached_property
+    def thin(self) -> Track:
+        """Without the steps at which the object had hardly moved.
+
+        Causes look at nothing else, so that logs which keep every step are judged alike.
+        """
+        rows = kept_steps(self.position, self.up)
+        return Track(self.step[rows], self.position[rows], self.up[rows], self.gripper[rows], self.base[rows])
+
+    def rows(self, first: int, last: int) -> IntArray:
+        """Return the row of the track for each step from `first` to `last`, both included."""
+        return np.searchsorted(self.step, np.arange(first, last + 1), side="right") - 1
+
+
+@dataclass(frozen=True)
+class Release:
+    """The release of a target, with the speeds at that step."""
+
+    target: Annotated[int, Column("number of the target", _TARGET)]
+    object_speed: Annotated[float, Column("speed of the object in the hand", _MEASURED, "m/s")]
+    """A world that removes release velocity changes it afterwards."""
+    gripper_speed: Annotated[float, Column("speed of the gripper point", _MEASURED, "m/s")]
+    base_speed: Annotated[float, Column("speed of the base's middle, turning left out", _MEASURED, "m/s")]
+    track: Annotated[
+        Track, Column("from the last step in the hand to the end, or to the step before the hand takes it again")
+    ]
+
+    @property
+    def step(self) -> int:
+        """Last step in the hand."""
+        return int(self.track.step[0])
+
+
+@dataclass(frozen=True)
+class FinalObject:
+    """An object after the last step, target or clutter."""
+
+    kind: Annotated[str, Column("YCB name", _NAME)]
+    position: Annotated[Vec3, Column("its middle in the room", _PLACE, "m", _XYZ, narrow=True)]
+    quaternion: Annotated[
+        tuple[float, float, float, float],
+        Column("attitude of its frame in the room", _UNIT, names=_QUATERNION, narrow=True),
+    ]
+    speed: Annotated[float, Column("speed", Real(0.0), "m/s", narrow=True)]
+    held: Annotated[bool, Column("whether it is in the hand", _FLAG)]
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeLog:
+    """The log of one executed episode; any simulator can make one.
+
+    Two logs are equal only if they are the same object, so that counts can be cached with a log.
+    """
+
+    task: Annotated[str, Column("name of the task", Choice(tuple(TASKS)))]
+    split: Annotated[str, Column("such as val", Text(50, shortest=1))]
+    index: Annotated[int, Column("number of the episode in its split", Whole(0, 1_000_000))]
+    episode_hash: Annotated[str, Column("equal hashes: equal starts and goals (elsewhere: any name)", _NAME)]
+    strategy: Annotated[str, Column('what was run: release strategy and world, or any text such as "TP+SRL"', _NAME)]
+    train_seed: Annotated[int, Column("training seed; -1: nothing was trained", _SEED)]
+    eval_seed: Annotated[int, Column("evaluation seed", _SEED)]
+    control_hz: Annotated[float, Column("control steps per second", Real(0.0, 1e5, above=True), "1/s")]
+    steps: Annotated[int, Column("control steps of the episode", Whole(1, 1_000_000))]
+    length: Annotated[int, Column("control steps with the settling time after it", Whole(1, 1_000_000))]
+    diverged: Annotated[bool, Column("whether the simulation diverged; nothing after the last step counts", _FLAG)]
+    targets: Annotated[tuple[Target, ...], Column("target objects", longest=100)]
+    runs: Annotated[tuple[SkillRun, ...], Column("skills in the order in which they ran")]
+    events: Annotated[tuple[Event, ...], Column("of rising steps, the first at step 0", shortest=1)]
+    releases: Annotated[tuple[Release, ...], Column("releases of targets")] = ()
+    final_objects: Annotated[
+        tuple[FinalObject, ...],
+        Column("every object after the last step, targets first; empty: unknown", longest=10_000),
+    ] = ()
+    history: History | None = field(default=None, repr=False)
+    """Every pose at every step; files do not keep it."""
+
+    def __post_init__(self) -> None:
+        """A log that contradicts itself raises PerdureError with its name."""
+        about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
+        for wrong, sentence in (
+            (not self.strategy, "no strategy: it must name what was run"),
+            (len(self.targets) != len(get_task(self.task).targets), f"{len(self.targets)} targets"),
+            (self.steps < 1 or self.length < self.steps, f"{self.steps} steps of {self.length}"),
+            (not self.diverged and self.length == self.steps, "no settling time after its last step"),
+            (not self.control_hz > 0.0, f"a control rate of {self.control_hz} Hz"),
+            (not self.events or self.events[0].step != 0, "no event at step 0"),
+            (_not_rising([e.step for e in self.events], self.length), "events out of order"),
+            (any(len(e.in_goal) != len(self.targets) for e in self.events), "events about other targets"),
+            (any(not 0 <= k < len(self.targets) for k in about), "a run or release of an unknown target"),
+            (any(e.held >= len(self.targets) for e in self.events), "a held target that is not there"),
+            (any(r.ending not in ENDINGS for r in self.runs), f"a run's ending that is none of {ENDINGS}"),
+            (any(not 0 <= r.begin <= r.end <= self.steps for r in self.runs), "runs outside its steps"),
+            (any(t.container not in CONTAINERS for t in self.targets), f"a container that is none of {CONTAINERS}"),
+            (any(r.track.step[-1] >= self.length for r in self.releases), "a track beyond its end"),
+        ):
+            if wrong:
+                raise PerdureError(f"{self.name} does not fit together: it has {sentence}")
+
+    @property
+    def name(self) -> str:
+        """Such as `TP+SRL, training seed 100, set_table/val/003, evaluation seed 0`."""
+        episode = f"{self.task}/{self.split}/{self.index:03d}"
+        return f"{self.strategy}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
+
+    @property
+    def key(self) -> tuple[str, str, str, int, int, int]:
+        """What no two episodes of one analysis may share."""
+        return self.task, self.split, self.strategy, self.train_seed, self.eval_seed, self.index
+
+    @property
+    def home_task(self) -> HomeTask:
+        """The task it belongs to."""
+        return get_task(self.task)
+
+    @property
+    def active(self) -> IntArray:
+        """Number of the plan's step that acted at each step; the plan's length while settling. Shape (length,)."""
+        active = np.zeros(self.length, dtype=np.int64)
+        for run in self.runs:
+            active[run.begin : run.end], active[run.end :] = run.number, run.number + 1
+        active[self.steps :] = len(self.home_task.skills)
+        return active
+
+    @cached_property
+    def _event_steps(self) -> IntArray:
+        return np.array([event.step for event in self.events])
+
+    def at(self, step: int) -> Event:
+        """Return the state at a step."""
+        return self.events[int(np.searchsorted(self._event_steps, step, side="right")) - 1]
+
+    def run(self, skill: str, target: int) -> SkillRun | None:
+        """Return the first run of a skill (or of any whose name begins so) for a target, None if it never ended."""
+        return next((r for r in self.runs if r.skill.startswith(skill) and r.target == target), None)
+
+
+def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
+    """Return the steps a track keeps: first, last, and each at which the object has moved since the step kept before.
+
+    `position` has shape (n, 3), `up` shape (n,).
+    """
+    points, heights = position.tolist(), up.tolist()
+    kept = [0]
+    for step in range(1, len(points)):
+        last = kept[-1]
+        if math.dist(points[step], points[last]) > MOVED or abs(heights[step] - heights[last]) > TURNED:
+            kept.append(step)
+    if kept[-1] != len(points) - 1:
+        kept.append(len(points) - 1)
+    return np.array(kept)
+
+
+def _not_rising(steps: list[int], length: int) -> bool:
+    return any(b <= a for a, b in pairwise(steps)) or steps[-1:] > [length - 1]
+
+
+_DOORS = [predicate(f"{name}()") for name in PREDICATES if name.endswith(("drawer", "fridge"))]
+
+
+@dataclass(frozen=True)
+class History:
+    """An episode and the settling time after it, step by step."""
+
+    facts: WorldFacts
+    """Targets, goals, held, drawer, fridge. Leading axis (steps,)."""
+    up: FloatArray
+    """Height of the targets' own z axes: 1 upright, 0 lying. Shape (steps, targets)."""
+    speed: FloatArray
+    """Speed of the targets in [m/s]. Shape (steps, targets)."""
+    gripper: FloatArray
+    """Gripper point in the room in [m]. Shape (steps, 3)."""
+    base: FloatArray
+    """Base in the room: x, y, heading. Shape (steps, 3)."""
+    force: FloatArray
+    """Largest normal contact force at the robot in [N]; nan if unknown. Shape (steps,)."""
+    control_hz: float
+
+    def __post_init__(self) -> None:
+        """Arrays of different lengths raise PerdureError."""
+        lengths = {e.name: len(getattr(self, e.name)) for e in fields(self) if e.name != "control_hz"}
+        if len(set(lengths.values())) != 1 or not len(self.facts):
+            raise PerdureError(f"a history needs as many steps of everything, and at least one; it has {lengths}")
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The state at the first step, and at each step at which a condition of a stage may change."""
+        facts, inside = self.facts, at(self.facts)
+        state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in _DOORS)]).astype(np.int64)
+        changes = np.concatenate([[0], 1 + np.flatnonzero((state[1:] != state[:-1]).any(axis=1))])
+        return tuple(
+            Event(
+                step=int(k),
+                held=int(facts.held[k]),
+                in_goal=tuple(map(bool, inside[k])),
+                drawer=float(facts.drawer[k]),
+                fridge=float(facts.fridge[k]),
+            )
+            for k in changes
+        )
+
+    @property
+    def releases(self) -> tuple[Release, ...]:
+        """Every release of a target, in order."""
+        held = np.asarray(self.facts.held)
+        let_go = np.flatnonzero((held[:-1] >= 0) & (held[1:] != held[:-1]))
+        return tuple(self._release(int(step), int(held[step])) for step in let_go)
+
+    def measured(self, run: SkillRun) -> SkillRun:
+        """Return a skill run with the largest force and the smallest reach of its steps."""
+        if run.end <= run.begin:
+            return run
+        steps = slice(run.begin, run.end)
+        away = np.linalg.norm(self.gripper[steps] - self.facts.object_positions[steps, run.target], axis=1)
+        return replace(run, force=float(self.force[steps].max()), reach=float(away.min()))
+
+    def _release(self, step: int, target: int) -> Release:
+        again = np.flatnonzero(self.facts.held[step + 1 :] == target)
+        rows = slice(step, step + 1 + int(again[0]) if len(again) else len(self.facts))
+        position, up = _rounded(self.facts.object_positions[rows, target]), _rounded(self.up[rows, target])
+        kept, before = kept_steps(position, up), max(step - 1, 0)
+        return Release(
+            target=target,
+            object_speed=float(self.speed[step, target]),
+            gripper_speed=float(np.linalg.norm(self.gripper[step] - self.gripper[before])) * self.control_hz,
+            base_speed=float(np.linalg.norm(self.base[step, :2] - self.base[before, :2])) * self.control_hz,
+            track=Track(
+                step=step + kept,
+                position=position[kept],
+                up=up[kept],
+                gripper=_rounded(self.gripper[rows][kept]),
+                base=_rounded(self.base[rows][kept]),
+            ),
+        )
+
+
+def _rounded(values: FloatArray) -> FloatArray:
+    return np.round(values / GRID) * GRID

@@ -1,0 +1,482 @@
+"""What became of an episode, from its log alone: stages and placements that count, and why it failed.
+
+Two ways of counting: *latched*, as the benchmark counts (a stage that was reached stays reached), and *stabilizing*, as
+the thesis does (a placed object stays in its goal). The rules are those of `perdure.home.tasks.tasks`. Between two
+events nothing changes that a condition looks at, so it is enough to look at the steps of the events, at the first and
+the last step of every run, and at the first and the last step of the settling time.
+
+A failed episode has one label: its first unmet stage and one failure cause. `docs/home/outcomes.md` lists the lines by
+which a cause is found; the first line that applies decides. "OURS" marks thresholds that this package chose.
+
+The depth comes from the poses in the logs and the objects' own shapes. Which pairs the simulation let collide plays no
+part, so the check also finds pairs that it wrongly left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, wraps
+from itertools import combinations
+from typing import Any, Literal, TypeVar, get_args
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.evaluate.log import EpisodeLog, FinalObject, Release, SkillRun
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.objects import KINDS, AppleShape, YcbObjects
+from perdure.home.sim.simulator import GRASP_RADIUS
+from perdure.home.tasks.tasks import (
+    AT,
+    DRAWER_OPEN,
+    FRIDGE_OPENED,
+    SOMETHING_ELSE,
+    Predicate,
+    WorldFacts,
+    goal_stabilizing,
+    stabilizing_stages,
+)
+
+Counting = Literal["latched", "stabilizing"]
+COUNTINGS: tuple[Counting, ...] = get_args(Counting)
+SUCCESS, DID_NOT_LAST, OTHER = "success", "success that did not last", "other"
+FailureCause = Literal[
+    "diverged",
+    "time-out",
+    "wrong object grasped",
+    "door not open",
+    "door not closed",
+    "collision",
+    "not reached",
+    "grasp missed",
+    "thrown",
+    "dropped",
+    "displaced by the robot",
+    "tipped",
+    "rolled",
+]
+FAILURE_CAUSES: tuple[FailureCause, ...] = get_args(FailureCause)
+
+COLLISION_FORCE = 2000.0
+"""In [N], OURS. The arm presses on a table with 413 N (`docs/home/world.md`), and hands that open the fridge meet its
+handle with up to 900 N: 2000 N is more than twice either. Contacts of the base do not count."""
+THROWN_SPEED = 0.5
+"""In [m/s], OURS. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3): most of
+the goal's radius of 0.15 m."""
+AFTER_RELEASE = 1 / 30
+"""Seconds in which its speed right after the release is measured, one control step at least."""
+GRAVITY = 9.81
+"""In [m/s2]."""
+DROPPED_HEIGHT = 0.1
+"""In [m], OURS: two thirds of the goal's radius; it arrives with 1.4 m/s."""
+FELL_OVER = 45.0
+"""Change of its tilt in [deg] after which an object fell over, OURS: all but the flattest are past their edge then."""
+OFF_SUPPORT = 0.1
+"""An object whose middle is so far in [m] below where it would rest is off its support, OURS: the middle of the tallest
+object is 0.07 m lower when it lies."""
+REST_SECONDS, REST_MOVE = 0.5, 0.005
+"""An object that moves by less than 5 mm within half a second has come to rest, OURS."""
+NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
+"""The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
+or the base's middle within 0.5 m of it in the plane (base and half the largest object), OURS."""
+NEVER = -1
+"""In place of a step that never came."""
+_OUTSIDE = 1.0
+"""Distance from the goal in [m] in the facts of an object that an event reports outside its goal."""
+
+
+_Counted = TypeVar("_Counted")
+
+
+def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Counted]:
+    """Return a cached version of a function of a log; the cache lives as long as the log."""
+    known: WeakKeyDictionary[EpisodeLog, _Counted] = WeakKeyDictionary()
+
+    @wraps(count)
+    def counted(log: EpisodeLog) -> _Counted:
+        if log not in known:
+            known[log] = count(log)
+        return known[log]
+
+    return counted
+
+
+def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
+    """Return the steps at which a condition may change, and the facts at them.
+
+    Positions in these facts only say whether an object is in its goal: they are the goal, or 1 m beside it.
+    """
+    edges = [edge for run in log.runs for edge in (run.begin, run.end - 1, run.end)]
+    wanted = {event.step for event in log.events} | {0, log.steps - 1, log.steps, log.length - 1, *edges}
+    steps = np.array(sorted(step for step in wanted if 0 <= step < log.length))
+    events = [log.at(int(step)) for step in steps]
+    goals = np.array([target.goal for target in log.targets])
+    beside = np.zeros((len(steps), *goals.shape))
+    beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
+    return steps, WorldFacts(
+        goals + beside,
+        goals,
+        np.array([event.held for event in events]),
+        np.array([event.drawer for event in events]),
+        np.array([event.fridge for event in events]),
+    )
+
+
+@_once
+def stage_steps(log: EpisodeLog) -> tuple[int, ...]:
+    """Return the step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
+    steps, facts = moments(log)
+    steps = steps[steps < log.steps]
+    reached, since = [], 0
+    for stage in log.home_task.stages:
+        met = np.flatnonzero(stage.met(facts)[: len(steps)] & (steps >= since))
+        if not len(met):
+            break
+        since = int(steps[met[0]])
+        reached.append(since)
+    return (*reached, *[NEVER] * (len(log.home_task.stages) - len(reached)))
+
+
+def latched(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which stages are reached, as the benchmark counts."""
+    return tuple(step != NEVER for step in stage_steps(log))
+
+
+def handled(log: EpisodeLog, target: int) -> tuple[int, int] | None:
+    """Step in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
+
+    None when its pick never began; when its place never began, the rest of the episode.
+    """
+    pick, place = log.run("pick", target), log.run("place", target)
+    if pick is None:
+        return None
+    return pick.begin, log.steps if place is None else place.end
+
+
+@_once
+def stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
+    if log.diverged:
+        return (False,) * len(log.targets)
+    steps, facts = moments(log)
+    handling = np.zeros((len(steps), len(log.targets)), dtype=bool)
+    for target in range(len(log.targets)):
+        span = handled(log, target)
+        if span is not None:
+            handling[:, target] = (steps >= span[0]) & (steps < span[1])
+    return tuple(map(bool, goal_stabilizing(facts, handling, settle_steps=1)))
+
+
+@_once
+def stages_stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
+    """Return which stages count when every placement up to them must be goal-stabilizing."""
+    counted = stabilizing_stages(log.home_task, np.array(latched(log)), np.array(stabilizing(log)))
+    return tuple(map(bool, counted))
+
+
+def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
+    """Return the condition that kept the first unmet stage (a number) from being reached.
+
+    Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the
+    episode: at the last one of those at which most conditions hold, the first that does not, objects in their order
+    first, then drawer and fridge, then the hand. None when the stage's own skill never ended, or began only when the
+    episode was over.
+    """
+    conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
+    skill, _, target = log.home_task.stages[stage].name.partition("_")
+    run = log.run(skill, int(target))
+    if run is None:
+        return None
+    begin = max(run.begin, stage_steps(log)[stage - 1] if stage else 0)
+    steps, facts = moments(log)
+    window = (steps >= begin) & (steps < log.steps)
+    if not window.any():
+        return None
+    holds = np.stack([condition.holds(facts)[window] for condition in conditions], axis=1)
+    counts = holds.sum(axis=1)
+    best = len(counts) - 1 - int(np.argmax(counts[::-1]))
+    return conditions[int(np.argmin(holds[best]))]
+
+
+def _rank(condition: Predicate) -> tuple[int, int]:
+    """Return order in which conditions are blamed."""
+    group = 0 if condition.name == "at" else 2 if condition.name in ("holding", "not_holding") else 1
+    return group, -1 if condition.target is None else condition.target
+
+
+def placement(log: EpisodeLog, target: int) -> Release | None:
+    """Return the placement of a target: its last release while the plan handled it, None if it was never released."""
+    span = handled(log, target)
+    if span is None:
+        return None
+    found = [r for r in log.releases if r.target == target and span[0] <= r.step < span[1]]
+    return found[-1] if found else None
+
+
+def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:
+    """Return the failure cause of an episode.
+
+    `stage` is the number of its first unmet stage, `condition` what `blamed` found, or `at(k)` for a placement
+    that is not goal-stabilizing.
+    """
+    if log.diverged:
+        return "diverged"
+    if condition is not None and condition.name == "at":
+        assert condition.target is not None
+        return placement_cause(log, condition.target)
+    skill, _, target = log.home_task.stages[stage].name.partition("_")
+    run = log.run(skill, int(target))
+    if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
+        return "time-out"
+    if condition.name == "holding":
+        return _pick_cause(log, run)
+    if _collided(log, run):
+        return "collision"
+    return "door not open" if condition.name.startswith("opened") else "door not closed"
+
+
+def _pick_cause(log: EpisodeLog, run: SkillRun) -> FailureCause:
+    held = {e.held for e in log.events if run.begin <= e.step < run.end} | {log.at(run.begin).held}
+    if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
+        return "wrong object grasped"
+    begin, container = log.at(run.begin), log.targets[run.target].container
+    shut = {"drawer": begin.drawer < DRAWER_OPEN, "fridge": begin.fridge < FRIDGE_OPENED}
+    if shut.get(container, False):
+        return "door not open"
+    if _collided(log, run):
+        return "collision"
+    return "not reached" if run.reach > GRASP_RADIUS else "grasp missed"
+
+
+def _collided(log: EpisodeLog, run: SkillRun) -> bool:
+    """Return whether force exceeded the limit in the run or in the navigation before it to the same target."""
+    ways = [r for r in log.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
+    return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
+
+
+def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
+    """Return why a placement failed or did not last."""
+    release = placement(log, target)
+    if log.diverged:
+        return "diverged"
+    if release is None:
+        return "time-out"
+    inside = in_goal_since(log, release)
+    left = _left(inside)
+    if _taken_out(log, release):
+        return "displaced by the robot"
+    rested = None if left is None else _rested(log, release, inside, left)
+    if left is not None and rested is not None:
+        if _robot_near(release, rested, left):
+            return "displaced by the robot"
+        return "tipped" if _fell_over(log, release, rested, left) else "rolled"
+    run = next((r for r in log.runs if r.begin <= release.step < r.end), None)
+    if run is not None and run.forced_release and release.step == run.end - 1:
+        return "time-out"
+    if run is not None and run.force > COLLISION_FORCE:
+        return "collision"
+    if _thrown(log, release):
+        return "thrown"
+    away, above = release_offset(log, release)
+    if away > AT and not inside.any():
+        return "not reached"
+    if above > DROPPED_HEIGHT:
+        return "dropped"
+    last = len(inside) - 1 if left is None else left
+    return "tipped" if _fell_over(log, release, 0, last) else "rolled"
+
+
+def _thrown(log: EpisodeLog, release: Release) -> bool:
+    """Return whether the object was fast in the hand, and still right after it was let go."""
+    track, steps = release.track.thin, max(1, round(log.control_hz * AFTER_RELEASE))
+    steps = min(steps, int(track.step[-1]) - release.step)
+    if release.object_speed <= THROWN_SPEED or steps == 0:
+        return release.object_speed > THROWN_SPEED
+    seconds = steps / log.control_hz
+    moved = np.diff(track.position[track.rows(release.step, release.step + steps)][[0, -1]], axis=0)[0]
+    unfallen = moved + np.array([0.0, 0.0, 0.5 * GRAVITY * seconds**2])  # a drop alone is no throw
+    return float(min(np.linalg.norm(moved), np.linalg.norm(unfallen))) / seconds > THROWN_SPEED / 2
+
+
+def release_offset(log: EpisodeLog, release: Release) -> tuple[float, float]:
+    """Return the offset of a release from the rest position in the goal: horizontal and upward, in [m]."""
+    offset = release.track.position[0] - np.array(log.targets[release.target].goal)
+    return float(np.hypot(offset[0], offset[1])), float(offset[2])
+
+
+def in_goal_since(log: EpisodeLog, release: Release) -> BoolArray:
+    """Return whether the object was in its goal at each step of its track, from the release on. Shape (n,)."""
+    steps = np.arange(release.step, int(release.track.step[-1]) + 1)
+    events = np.searchsorted([event.step for event in log.events], steps, side="right") - 1
+    return np.array([event.in_goal[release.target] for event in log.events])[events]
+
+
+def _left(inside: BoolArray) -> int | None:
+    """Return the last step since the release before which the object was in its goal and at which it was not."""
+    left = np.flatnonzero(inside[:-1] & ~inside[1:])
+    return int(left[-1]) + 1 if len(left) else None
+
+
+def _taken_out(log: EpisodeLog, release: Release) -> bool:
+    last = int(release.track.step[-1])
+    again = last + 1 < log.length and log.at(last + 1).held == release.target
+    return again and log.at(last).in_goal[release.target]
+
+
+def _rested(log: EpisodeLog, release: Release, inside: BoolArray, left: int) -> int | None:
+    """Return the step since the release at which the object's last rest in its goal, before it left, was half over."""
+    window = _rest_steps(log)
+    if left < window + 1:
+        return None
+    position = release.track.thin.position[release.track.thin.rows(release.step, release.step + left - 1)]
+    moved = np.linalg.norm(position[window:] - position[:-window], axis=1)
+    still = np.flatnonzero((moved < REST_MOVE) & inside[: left - window] & inside[window:left])
+    return int(still[-1]) + window // 2 if len(still) else None
+
+
+def _robot_near(release: Release, first: int, last: int) -> bool:
+    """Return whether hand or base were near the object at a step of its track, counted from the release."""
+    track = release.track.thin
+    since = track.step - release.step
+    rows = (since > first) & (since <= last)
+    hand = np.linalg.norm(track.gripper[rows] - track.position[rows], axis=1) <= NEAR_GRIPPER
+    base = np.linalg.norm(track.base[rows, :2] - track.position[rows, :2], axis=1) <= NEAR_BASE
+    return bool((hand | base).any())
+
+
+def _fell_over(log: EpisodeLog, release: Release, first: int, left: int) -> bool:
+    """Return whether the object fell over between a step, counted from the release, and half a second after it left."""
+    kind = KINDS.get(log.targets[release.target].kind)
+    if kind is not None and kind.shape == "sphere":
+        return False
+    track = release.track.thin
+    last = min(release.step + left + _rest_steps(log), int(track.step[-1]))
+    rows = track.rows(release.step + first, last)
+    falling = track.position[rows, 2] < log.targets[release.target].goal[2] - OFF_SUPPORT
+    angle = tilt(track.up[rows[: int(np.argmax(falling)) if falling.any() else None]])
+    return len(angle) > 0 and bool(np.abs(angle - angle[0]).max() > FELL_OVER)
+
+
+def _rest_steps(log: EpisodeLog) -> int:
+    return max(2, round(REST_SECONDS * log.control_hz))
+
+
+def tilt(up: FloatArray) -> FloatArray:
+    """Return angle in [deg] between an object's z axis and the vertical, from the height of that axis."""
+    return np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class Label:
+    """Why an episode failed."""
+
+    stage: str
+    """First unmet stage."""
+    cause: FailureCause
+    target: int
+    """Number of the object: the one that is not in its goal, else that of the stage."""
+
+
+def label(log: EpisodeLog, counting: Counting) -> Label | None:
+    """Return the label of an episode, None when it succeeded by this way of counting."""
+    reached = latched(log)
+    counted = reached if counting == "latched" else stages_stabilizing(log)
+    if all(counted):
+        return None
+    number = counted.index(False)
+    stage = log.home_task.stages[number]
+    condition = Predicate("at", stage.placed) if reached[number] else blamed(log, number)
+    target = int(stage.name.partition("_")[2])
+    if condition is not None and condition.name == "at" and condition.target is not None:
+        target = condition.target
+    return Label(stage.name, failure_cause(log, number, condition), target)
+
+
+def outcome(log: EpisodeLog) -> str:
+    """Return the outcome of an episode in the categories of the thesis' figures 2-1 and 2-3.
+
+    `success`, or `success that did not last`: the benchmark counts it, but a placement is not goal-stabilizing. Of the
+    failed ones: `place_k` when the first stage that does not count, placements being goal-stabilizing, is that one;
+    else `other`.
+    """
+    if all(latched(log)):
+        return SUCCESS if all(stages_stabilizing(log)) else DID_NOT_LAST
+    stage = log.home_task.stages[stages_stabilizing(log).index(False)]
+    return OTHER if stage.placed is None else stage.name
+
+
+AT_REST = 0.01
+"""Speed in [m/s] below which an object is at rest."""
+DEEPEST = 0.005
+"""Overlap in [m] that soft contacts may leave between two objects at rest."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two objects at rest, neither in the hand, one inside the other after the last step of an episode."""
+
+    log: EpisodeLog
+    first: int
+    """Number of one object in the episode; targets come first."""
+    second: int
+    depth: float
+    """How far one is inside the other in [m]."""
+
+    @property
+    def line(self) -> str:
+        """For a terminal: the episode, the objects and the depth."""
+        first, second = (f"{self.log.final_objects[k].kind} ({k})" for k in (self.first, self.second))
+        return f"{self.log.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
+
+
+def find_overlaps(logs: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
+    """Yield every pair of objects at rest that overlap by more than a depth in [m].
+
+    Episodes that diverged and logs without final poses are passed over.
+    """
+    for log in logs:
+        if log.diverged:
+            continue
+        apple: AppleShape = "hull" if "hull-apple" in log.strategy.split() else "sphere"
+        at_rest = [k for k, each in enumerate(log.final_objects) if each.speed < AT_REST and not each.held]
+        for first, second in combinations(at_rest, 2):
+            depth = overlap_depth(log.final_objects[first], log.final_objects[second], apple)
+            if depth > deeper_than:
+                yield Overlap(log, first, second, depth)
+
+
+def overlap_depth(first: FinalObject, second: FinalObject, apple: AppleShape = "sphere") -> float:
+    """Return how far two objects overlap in [m]: the deepest pair of their convex pieces, 0 when they are apart."""
+    if math.dist(first.position, second.position) > _radius(first.kind) + _radius(second.kind):
+        return 0.0
+    import mujoco
+
+    model, pairs = _pair_model(first.kind, second.kind, apple)
+    data = mujoco.MjData(model)
+    data.qpos[:] = (*first.position, *first.quaternion, *second.position, *second.quaternion)
+    mujoco.mj_kinematics(model, data)
+    nearest = min(float(mujoco.mj_geomDistance(model, data, one, other, 1.0, None)) for one, other in pairs)
+    return max(0.0, -nearest)
+
+
+def _radius(kind: str) -> float:
+    if kind not in KINDS:
+        raise PerdureError(f"the shape of {kind!r} is not known; there are {', '.join(KINDS)}")
+    return float(np.linalg.norm(KINDS[kind].half))
+
+
+@cache
+def _pair_model(first: str, second: str, apple: AppleShape) -> tuple[Any, list[tuple[int, int]]]:
+    """Return a model of two objects alone, and the pairs of their colliding geoms."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    objects = YcbObjects(visuals=False, apple=apple)
+    for name, kind in (("first", first), ("second", second)):
+        objects.add(spec, kind, name, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    model = spec.compile()
+    geoms = [np.flatnonzero(model.geom_bodyid == model.body(name).id).tolist() for name in ("first", "second")]
+    return model, [(one, other) for one in geoms[0] for other in geoms[1]]

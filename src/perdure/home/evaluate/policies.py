@@ -1,0 +1,204 @@
+"""The release strategy that `--place` names, and the policy of each skill: shipped, a file, or the oracle."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import Learned, Scripted, SkillAgent
+from perdure.home.agents.release import STRATEGIES, make_strategy
+from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.skills import SKILLS, get_skill
+from perdure.home.tasks.tasks import SkillName, get_task
+from perdure.policy import Policy, files, load_policy
+
+SHIPPED = files.SHIPPED / "home"
+"""Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `ReleaseChoice.policy`."""
+ORACLE = "oracle"
+LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}
+"""Skills trained on one task for all tasks: they do not depend on the task."""
+
+
+@dataclass(frozen=True)
+class ReleaseChoice:
+    """How objects are released; made by `read_release`."""
+
+    name: str
+    """The text it was read from, such as `ik` or `delta-50-in-200`."""
+    strategy: str
+    """The release strategy, a key of `STRATEGIES`."""
+    delta: int = 1
+    """For how many steps a placed object must stay before place stops; 1 is the benchmark's rule."""
+    limited_to: int | None = None
+    """Control steps that place may last; 200 + delta (200 for delta = 1) when None."""
+
+    @property
+    def options(self) -> dict[str, int]:
+        """Options of `Place` and its environment that differ from the benchmark's."""
+        wanted = {"delta": self.delta if self.delta > 1 else None, "limited_to": self.limited_to}
+        return {name: value for name, value in wanted.items() if value is not None}
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy it needs: `place`, or the skill and the variant, such as `place-delta-50`."""
+        return "place" if self.name in STRATEGIES else f"place-{self.name}"
+
+
+def read_release(text: str) -> ReleaseChoice:
+    """Read `rl`, `stop`, `ik`, `ik+`, `delta-N` or `delta-N-in-M`.
+
+    delta-N: the policy alone, trained to make objects stay for N steps, with 200 + N steps for it; delta-N-in-M: with M
+    steps (M = 200 is the other reading of the thesis' section 2.1.2).
+
+    Raises:
+        PerdureError: If it is none of these.
+    """
+    if text in STRATEGIES:
+        return ReleaseChoice(text, text)
+    found = re.fullmatch(r"delta-(\w*?)(?:-in-(\w*))?", text)
+    if found is None:
+        raise PerdureError(f"place must be one of {', '.join(STRATEGIES)}, delta-N or delta-N-in-M, not {text!r}")
+    delta, steps = found.groups()
+    if not _is_number(delta) or int(delta) < 2:
+        raise PerdureError(f"the N in delta-N must be 2 or more, not {delta!r}")
+    if steps is not None and not _is_number(steps):
+        raise PerdureError(f"the M in delta-N-in-M must be a number of steps, not {steps!r}")
+    wanted = ReleaseChoice(text, "rl", int(delta), None if steps is None else int(steps))
+    get_skill("place", **wanted.options)  # refuses a limit that is too short
+    return wanted
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal()
+
+
+@dataclass(frozen=True)
+class SkillPolicy:
+    """What acts in one skill."""
+
+    source: str
+    """Path of the policy's file, or "oracle"."""
+    sha256: str = ""
+    """Of the file; empty for the oracle."""
+
+    @property
+    def learned(self) -> bool:
+        """Whether it is a policy, not the oracle."""
+        return self.source != ORACLE
+
+    @property
+    def policy(self) -> Policy | None:
+        """The policy, loaded once in a process; None for the oracle."""
+        return _load(self.source, self.sha256) if self.learned else None
+
+    @property
+    def name(self) -> str:
+        """For a reader: `oracle`, `shipped set_table/place/seed-0 (SHA-256 1e2d3fcb)`, or the file's path and hash."""
+        if not self.learned:
+            return ORACLE
+        path = Path(self.source)
+        shipped = path.is_relative_to(SHIPPED)
+        where = f"{_SHIPPED_AS}{path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
+        return f"{where} (SHA-256 {self.sha256[:8]})"
+
+
+_SHIPPED_AS = "shipped "
+
+
+@lru_cache(maxsize=64)
+def _load(source: str, sha256: str) -> Policy:
+    return load_policy(source)
+
+
+def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
+    """Return the file of a shipped policy, the task's own before one trained for all tasks; None when there is none."""
+    paths = [folder / f"seed-{train_seed}.safetensors" for folder in _folders(task, policy)]
+    return next((path for path in paths if path.exists()), None)
+
+
+def shipped_seeds(task: str, policy: str) -> list[int]:
+    """Return the training seeds of which a policy is shipped."""
+    paths = [path for folder in _folders(task, policy) for path in folder.glob("seed-*.safetensors")]
+    return sorted({int(path.stem.removeprefix("seed-")) for path in paths})
+
+
+def _folders(task: str, policy: str) -> list[Path]:
+    return [SHIPPED / each / policy for each in dict.fromkeys((task, LEARNED_ON.get(policy, task)))]
+
+
+def choose_policies(
+    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: ReleaseChoice | None = None
+) -> dict[SkillName, SkillPolicy]:
+    """Return the policy of each skill of a task.
+
+    Args:
+        task: Name of the task.
+        train_seed: Number of the training seed, from 0: number k takes each skill's shipped policy with the
+            k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
+            stands for it. UNTRAINED where no skill is learned.
+        chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
+        how: The release choice, which decides the place policy; the benchmark's when None.
+
+    Raises:
+        PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
+            missing, there is no policy of this training seed though there is one of another, or none was trained for
+            what `how` asks: the oracle does not stand in for one that should be there, for it would pass for a result
+            of that training.
+    """
+    chosen, how = dict(chosen or {}), how or read_release("rl")
+    unknown = chosen.keys() - SKILLS.keys()
+    if unknown:
+        raise PerdureError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
+    learned = [each for each in dict.fromkeys(step.skill for step in get_task(task).skills) if each != "reset_arm"]
+    unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
+    if unused:
+        why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
+        raise PerdureError(f"{why}; the skills of {task} that need a policy are {', '.join(learned)}")
+    result: dict[SkillName, SkillPolicy] = {}
+    for skill in learned:
+        named = chosen.get(skill)
+        path: Path | None
+        if named is None:
+            policy = how.policy if skill == "place" else skill
+            seeds = shipped_seeds(task, policy)
+            path = shipped_policy(task, policy, seeds[train_seed]) if 0 <= train_seed < len(seeds) else None
+            if path is None and seeds and train_seed != UNTRAINED:
+                raise PerdureError(
+                    f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
+                    f"{len(seeds)}): train one (perdure home train {skill} --task {task} --seeds "
+                    f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
+                )
+            if path is None and skill == "place" and how.policy != "place":
+                raise PerdureError(
+                    f"no policy is shipped for {how.name} on {task} (training seed {train_seed}): "
+                    f"train one (perdure home train place) and name it: --policies place=FILE"
+                )
+        else:
+            path = None if named == ORACLE else Path(named.replace("{seed}", str(train_seed)))
+        if path is not None and not path.exists():
+            raise PerdureError(f"there is no policy {path} for {skill}")
+        result[skill] = read_policy(ORACLE if path is None else str(path))
+        if path is not None and not path.is_relative_to(SHIPPED):
+            _ = result[skill].policy  # a file that is no policy is refused before anything runs
+    return result
+
+
+def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, SkillAgent]:
+    """Return an agent for each skill, that of place behind its arm."""
+    oracle = Oracle()
+    agents: dict[str, SkillAgent] = {"reset_arm": Scripted()}
+    for skill, chosen in policies.items():
+        agent: SkillAgent = oracle if (policy := chosen.policy) is None else Learned(policy)
+        agents[skill] = make_strategy(strategy, Oracle() if agent is oracle else agent) if skill == "place" else agent
+    return agents
+
+
+def read_policy(source: str) -> SkillPolicy:
+    """Return a policy's file with its hash, or "oracle"."""
+    return SkillPolicy(source, "" if source == ORACLE else hashlib.sha256(Path(source).read_bytes()).hexdigest())

@@ -1,0 +1,288 @@
+"""The benchmark's protocol: episodes x training seeds x evaluation seeds of one task and strategy, resumable."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+from perdure.errors import PerdureError
+from perdure.home.agents.learned import SkillAgent
+from perdure.home.agents.release import HandOver
+from perdure.home.evaluate.execute import Executor, ExecutorOptions
+from perdure.home.evaluate.files import read_logs, write_logs
+from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.evaluate.policies import (
+    ORACLE,
+    ReleaseChoice,
+    SkillPolicy,
+    choose_policies,
+    make_agents,
+    read_policy,
+    read_release,
+)
+from perdure.home.sim.scene import SceneOptions, WorldOptions
+from perdure.home.skills import Skill, get_skill
+from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.tasks import SkillName, get_task
+from perdure.runs import Observer, Store, Unit, Work, run_missing
+
+BLOCK = 50
+"""Episodes in a block: a killed run loses at most one block, about a minute; blocks run side by side."""
+LOGS = "logs.parquet"
+
+Policies = Mapping[SkillName, SkillPolicy]
+Vary = Literal["all", "place"]
+"""Whose policy is that of the training seed: every skill's, or that of place alone; the others are then of seed 0."""
+
+
+@dataclass(frozen=True)
+class EvaluationProtocol:
+    """What to run."""
+
+    task: str
+    place: str = "rl"
+    """See `read_release`."""
+    split: str = "val"
+    episodes: int = 100
+    train_seeds: int = 1
+    eval_seeds: int = 1
+    vary: Vary = "all"
+    policies: Mapping[str, str] = field(default_factory=dict)
+    """See `choose_policies`."""
+    options: ExecutorOptions = field(default_factory=ExecutorOptions)
+
+    def __post_init__(self) -> None:
+        """Whatever is no task, split, strategy or count raises PerdureError."""
+        count = len(load_episodes(self.task, self.split))
+        for name, value, most in (("episodes", self.episodes, count), ("train_seeds", self.train_seeds, None)):
+            if value < 1 or (most is not None and value > most):
+                raise PerdureError(f"{name} must be {'1 or more' if most is None else f'1 to {most}'}, not {value}")
+        if self.eval_seeds < 1:
+            raise PerdureError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
+        if self.vary not in get_args(Vary):
+            raise PerdureError(f"vary must be one of {', '.join(get_args(Vary))}, not {self.vary!r}")
+        _ = self.release
+
+    @property
+    def release(self) -> ReleaseChoice:
+        """The meaning of `place`."""
+        return read_release(self.place)
+
+    @property
+    def name(self) -> str:
+        """How logs call it: `place`, then what is unusual in the world, such as `rl jaws-apart drag 240-hz`."""
+        return " ".join((self.place, *self.options.scene.words))
+
+    @property
+    def folder(self) -> str:
+        """Where the store keeps all of it, such as `set_table/val/ik`."""
+        return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
+
+    def assignment(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
+        """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
+        everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.release)
+        if self.vary == "place" and train_seed > 0:
+            others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
+            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, self.release)
+            everyone["place"] = alone["place"]
+        return everyone
+
+    def skills(self) -> dict[str, Skill]:
+        """Return the skills of the task's plan."""
+        names: set[str] = {step.skill for step in get_task(self.task).skills}
+        return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON values for another process, see `from_json`."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, settings: Mapping[str, Any]) -> Self:
+        """Return the protocol that `to_json` described, also after it has been text."""
+        options = dict(settings["options"])
+        scene = SceneOptions(**options.pop("scene"))
+        return cls(**{**settings, "options": ExecutorOptions(**options, scene=scene)})
+
+
+@dataclass(frozen=True)
+class EpisodeBlock:
+    """Consecutive episodes with one training seed and one evaluation seed."""
+
+    train_seed: int
+    eval_seed: int
+    first: int
+    """Number of the first episode."""
+    last: int
+    """Number of the last episode."""
+
+    def key(self, protocol: EvaluationProtocol) -> str:
+        """Return its place in the store."""
+        seeds = f"train-{self.train_seed}/eval-{self.eval_seed}"
+        return f"{protocol.folder}/{seeds}/episodes-{self.first:03d}-{self.last:03d}"
+
+
+def episode_blocks(protocol: EvaluationProtocol) -> Iterator[EpisodeBlock]:
+    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
+    for eval_seed in range(protocol.eval_seeds):
+        for train_seed in range(protocol.train_seeds):
+            for first in range(0, protocol.episodes, BLOCK):
+                yield EpisodeBlock(train_seed, eval_seed, first, min(first + BLOCK, protocol.episodes) - 1)
+
+
+def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]:
+    """Yield a unit for each block; the policies of a training seed are read once.
+
+    Raises:
+        PerdureError: If a policy is missing.
+    """
+    policies = {seed: protocol.assignment(seed) for seed in range(protocol.train_seeds)}
+    seen: dict[str, int] = {}
+    for seed, acting in policies.items():
+        same = seen.setdefault(json.dumps(_digests(acting), sort_keys=True), seed)
+        if same != seed:
+            raise PerdureError(
+                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
+                "--train-seeds 1"
+            )
+    for block in episode_blocks(protocol):
+        acting = policies[block.train_seed]
+        arguments = {
+            "protocol": protocol.to_json(),
+            "block": asdict(block),
+            "policies": {skill: each.source for skill, each in acting.items()},
+            "digests": _digests(acting),
+            "command": command,
+        }
+        yield Unit(
+            block.key(protocol),
+            _config(protocol, block, acting),
+            f"{__name__}:run_block",
+            arguments,
+            size=float(block.last - block.first + 1),
+            cores=len(os.sched_getaffinity(0)),
+        )
+
+
+def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol:
+    """Return the protocol that made a log file, from its notes; PerdureError with `name` where none is noted."""
+    try:
+        return EvaluationProtocol.from_json(json.loads(notes["protocol"]))
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, PerdureError):
+            raise
+        raise PerdureError(
+            f"{name} does not say with which options it was made, as logs of perdure home run do"
+        ) from None
+
+
+def run_block(
+    work: Work,
+    *,
+    protocol: Mapping[str, Any],
+    block: Mapping[str, int],
+    policies: Mapping[SkillName, str],
+    digests: Mapping[SkillName, str],
+    command: str,
+) -> None:
+    """Execute a block and write its logs into the work folder; the function of the units.
+
+    Raises:
+        PerdureError: If a policy file has changed since the unit was made.
+    """
+    if _is_written(work.folder / LOGS):
+        return
+    acting = {skill: read_policy(source) for skill, source in policies.items()}
+    for skill, digest in _digests(acting).items():
+        if digests[skill] != digest:
+            raise PerdureError(f"{policies[skill]} has changed since this run began")
+    wanted, part = EvaluationProtocol.from_json(protocol), EpisodeBlock(**block)
+    options = replace(wanted.options, eval_seed=part.eval_seed, threads=work.threads)
+    train_seed = part.train_seed if any(each.learned for each in acting.values()) else UNTRAINED
+    agents = make_agents(acting, wanted.release.strategy)
+    executor = Executor(wanted.skills(), agents, options, strategy=wanted.name, train_seed=train_seed)
+    episodes = load_episodes(wanted.task, wanted.split).episodes[part.first : part.last + 1]
+    logs = []
+    for log in executor.run(episodes):
+        logs.append(replace(log, history=None))
+        work.report(len(logs), len(episodes))
+    logs.sort(key=lambda log: log.index)
+    notes = {
+        "protocol": json.dumps(protocol),
+        "policies": json.dumps({skill: each.name for skill, each in acting.items()}),
+        "command": command,
+        **_hand_overs(agents["place"]),
+    }
+    write_logs(work.folder / LOGS, logs, notes)
+
+
+def _is_written(path: Path) -> bool:
+    """Return whether an attempt that was interrupted between its last two steps has left its logs."""
+    try:
+        return path.is_file() and bool(read_logs(path))
+    except PerdureError:
+        return False
+
+
+def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
+    """Return everything that the logs of a block depend on."""
+    scene = protocol.options.scene
+    return {
+        "task": protocol.task,
+        "split": protocol.split,
+        "place": protocol.place,
+        "train_seed": block.train_seed,
+        "eval_seed": block.eval_seed,
+        "episodes": [block.first, block.last],
+        "policies": _digests(policies),
+        **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
+        **scene.unusual,
+        "settle_steps": protocol.options.settle_steps,
+        "mujoco": version("mujoco"),
+        "perdure": version("perdure"),
+    }
+
+
+def _digests(policies: Policies) -> dict[SkillName, str]:
+    return {skill: each.sha256 or each.source for skill, each in policies.items()}
+
+
+def _hand_overs(place: SkillAgent) -> dict[str, str]:
+    """Return the note on how often each outcome of the release strategy came; nothing for the policy alone."""
+    return {"hand_overs": json.dumps(Counter(place.outcomes))} if isinstance(place, HandOver) else {}
+
+
+def run_protocol(
+    protocol: EvaluationProtocol,
+    out: str | Path,
+    *,
+    cores: int | None = None,
+    on: str = "here",
+    command: str = "",
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
+) -> list[Path]:
+    """Run what is missing of a protocol and return the paths of all its logs.
+
+    Args:
+        protocol: What to run.
+        out: Folder of the store. The same call resumes an interrupted one.
+        cores: Cores to use; all by default. Results do not depend on it.
+        on: Where to run, see `perdure.runs.make_workers`.
+        command: The command that asked for it, noted in new logs.
+        observe: Called with the progress of every unit, measured in episodes.
+        waiting: Called once, before waiting for units that other commands run.
+
+    Raises:
+        PerdureError: If a policy is missing, before anything is run.
+        PerdureError: If a unit failed.
+    """
+    store, units = Store(out), list(protocol_units(protocol, command))
+    store.warn_of_other_source(unit.key for unit in units)
+    run_missing(units, out, on, cores, observe, waiting)
+    return [store.get(unit.key, unit.config) / LOGS for unit in units]

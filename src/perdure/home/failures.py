@@ -1,0 +1,395 @@
+"""Replays of failed episodes, and sheets of eight pictures that show the cause of a failure.
+
+A failed episode of a log runs again with the same policies and settings. Its pictures let a reader check the label by
+eye.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.film import GRAY, INK, Picture, Row, annotate, tile
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.files import POLICIES, check_distinct, read_logs, read_note, read_notes
+from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
+from perdure.home.evaluate.outcomes import (
+    REST_MOVE,
+    Counting,
+    Label,
+    blamed,
+    in_goal_since,
+    label,
+    latched,
+    placement,
+    release_offset,
+    stage_steps,
+    tilt,
+)
+from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
+from perdure.home.film import SMALL, TITLE, Agent, Caption, make_agent, record, skill_words
+from perdure.home.pictures import AZIMUTHS, Follower, Shot, Studio, direction_of, goal_marks, put, render_scene
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.scene import CONTROL_HZ
+from perdure.home.skills import SKILLS
+from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
+from perdure.home.tasks.tasks import AT, NOTHING, SETTLE_STEPS, Predicate, get_task
+
+PICTURES = 8
+BEFORE = CONTROL_HZ
+"""Steps before a release at which the first picture is taken: 1 s."""
+NEARBY = 2.0 * AT
+"""Moments after a release are spaced by the object's way while it is so near to its goal in [m] ..."""
+PACE = 0.002
+"""... and by time, of which a second counts as much as a way of 2 mm: an object that rests uses up few pictures."""
+
+COLUMNS, SIZE = 4, (480, 320)
+"""Of one sheet; width and height of a picture in pixels, without the strip below."""
+DIRECTIONS = np.array(list(product(AZIMUTHS, np.radians([12.0, 24.0, 36.0, 50.0, 65.0]))))
+"""Azimuths and elevations of the camera that are tried, in [rad]."""
+USUAL_ELEVATION = np.radians(36.0)
+FAR_HAND = 1.5
+"""A hand farther from a handle than this in [m] is not shown."""
+NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
+"""The camera is NEAR + ZOOM * (distance of the two things it looks at) away, FAR at most, in [m]."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A failed episode of some logs."""
+
+    log: EpisodeLog
+    counting: Counting
+    label: Label
+    protocol: EvaluationProtocol
+    """What was run, from the notes of the logs."""
+    policies: tuple[tuple[str, str], ...] = ()
+    """The policy of each skill, as the notes of the logs name it."""
+
+    @cached_property
+    def episode(self) -> Episode:
+        """The episode; PerdureError when this package has another one, or none, under its number."""
+        log = self.log
+        episode = load_episodes(log.task, log.split)[log.index]
+        if episode_hash(episode) != log.episode_hash:
+            raise PerdureError(f"{log.name} is not the episode that this package has under that number")
+        return episode
+
+    @property
+    def assignment(self) -> tuple[str, str, int, tuple[tuple[str, str], ...]]:
+        """Task, `place`, training seed and `policies`: failures with equal ones share an agent, see `logged_agent`."""
+        return self.log.task, self.protocol.place, self.log.train_seed, self.policies
+
+    @property
+    def options(self) -> ExecutorOptions:
+        """The settings it was run with."""
+        log = self.log
+        settle = SETTLE_STEPS if log.diverged else log.length - log.steps
+        return replace(self.protocol.options, eval_seed=log.eval_seed, settle_steps=settle, lanes=1, threads=1)
+
+    def words(self, found: Label | None) -> str:
+        """Return a label of this episode as text, such as `place_1, rolled, 013_apple`."""
+        if found is None:
+            return "no failure"
+        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}"
+
+    @property
+    def line(self) -> str:
+        """Identity and label on one line."""
+        log, words = self.log, self.words(self.label)
+        seeds = f"training seed {log.train_seed}, evaluation seed {log.eval_seed}"
+        return f"{log.task}, {log.split}, {log.strategy}, {seeds}, {log.index:03d}, {words}"
+
+    @property
+    def file_name(self) -> str:
+        """Such as `set_table-val-ik-drag-train-0-eval-0-003.png`."""
+        log, strategy = self.log, self.log.strategy.replace("+", "-plus").replace(" ", "-")
+        seeds = f"train-{log.train_seed}-eval-{log.eval_seed}"
+        return f"{log.task}-{log.split}-{strategy}-{seeds}-{log.index:03d}.png"
+
+
+def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -> list[Failure]:
+    """Return the failed episodes of log files, in the order of `EpisodeLog.key`.
+
+    Raises:
+        PerdureError: A file holds no logs, an episode is there twice, or cannot be replayed by this package.
+    """
+    files = [(read_logs(path), read_notes(path), path) for path in paths]
+    check_distinct([log for logs, _, _ in files for log in logs], "the logs")
+    failures = []
+    for logs, notes, path in files:
+        policies = tuple((read_note(notes, "policies", POLICIES) or {}).items())
+        labels = [(log, found) for log in logs if (found := label(log, counting)) is not None]
+        if labels:
+            protocol = noted_protocol(notes, path)
+            failures += [Failure(log, counting, found, protocol, policies) for log, found in labels]
+    return sorted(failures, key=lambda failure: failure.log.key)
+
+
+def sample_failures(failures: Sequence[Failure], count: int, seed: int) -> list[Failure]:
+    """Return `count` failures drawn at random without replacement; all when there are fewer. `seed` fixes the draw."""
+    for name, value, least in (("count", count, 1), ("seed", seed, 0)):
+        if value < least:
+            raise PerdureError(f"{name} must be {least} or more, not {value}")
+    return [failures[int(k)] for k in np.random.default_rng(seed).permutation(len(failures))[:count]]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """An episode that was run again."""
+
+    log: EpisodeLog
+    """With its history."""
+    label: Label | None
+    """Why it failed this time, None when it succeeded."""
+    states: FloatArray
+    """MuJoCo's `qpos` after every step. Shape (steps + settling time, nq)."""
+
+    @property
+    def history(self) -> History:
+        """Every pose at every step."""
+        assert self.log.history is not None
+        return self.log.history
+
+
+def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
+    """Return the agent that acted when a failure was logged.
+
+    Args:
+        failure: The failure.
+        policies: Skill to file or "oracle", in place of what the logs name.
+
+    Raises:
+        PerdureError: If the release strategy is another simulator's, or a policy file is missing or has changed.
+    """
+    task, place, train_seed, noted = failure.assignment
+    # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
+    elsewhere = SKILLS.keys() - {step.skill for step in get_task(task).skills}
+    named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
+    protocol = replace(failure.protocol, policies={**failure.protocol.policies, **named})
+    chosen = protocol.assignment(train_seed)
+    for skill, name in noted:
+        if skill not in named and (now := chosen[skill].name) != name:
+            raise PerdureError(f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one")
+    return make_agent(task, place, train_seed, {skill: each.source for skill, each in chosen.items()})
+
+
+def replay_failure(failure: Failure, agent: Agent) -> Replay:
+    """Run an episode again with the settings of its log."""
+    log = failure.log
+    again = record(failure.episode, agent, failure.options, strategy=log.strategy, train_seed=log.train_seed)
+    assert again.log is not None
+    return Replay(again.log, label(again.log, failure.counting), np.array([frame.state for frame in again.frames]))
+
+
+def condition_of(log: EpisodeLog, found: Label) -> Predicate | None:
+    """Return the condition that a label blames, `at(k)` for a placement; None when the skill never ended."""
+    number = [stage.name for stage in log.home_task.stages].index(found.stage)
+    return Predicate("at", found.target) if latched(log)[number] else blamed(log, number)
+
+
+def picture_steps(replay: Replay, found: Label, condition: Predicate | None) -> dict[int, str]:
+    """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note.
+
+    `condition` is what the label blames, see `condition_of`.
+    """
+    log = replay.log
+    release = placement(log, found.target) if condition is not None and condition.name == "at" else None
+    if log.diverged:
+        keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, _time(log)
+    elif release is not None:
+        keys, way = _after_release(replay, release)
+        placed = log.run("place", found.target)
+        keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
+    else:
+        keys, way = _in_run(replay, found, condition), _time(log)
+    steps = _fill(sorted(keys), way)
+    return {step: keys.get(step, "") for step in steps}
+
+
+def _time(log: EpisodeLog) -> FloatArray:
+    return np.arange(log.length, dtype=np.float64)
+
+
+def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], FloatArray]:
+    """Return the steps to show of a placement, and a measure of progress at each step. Shape (steps,)."""
+    log, start = replay.log, release.step
+    end = min(int(release.track.step[-1]) + CONTROL_HZ, log.length - 1)
+    position = replay.history.facts.object_positions[: log.length, release.target]
+    moving = np.flatnonzero(np.linalg.norm(position[start:end] - position[end], axis=1) > REST_MOVE)
+    rest = min(start + max(CONTROL_HZ, int(moving.max(initial=-1)) + 1), end)
+    inside = in_goal_since(log, release)
+    left = [start + 1 + int(k) for k in np.flatnonzero(inside[:-1] & ~inside[1:])[-1:]]
+    keys = {max(0, start - BEFORE): "", start: "releases", **dict.fromkeys(left, "left its goal")}
+    near = np.linalg.norm(position - log.targets[release.target].goal, axis=1) < NEARBY
+    pace = np.linalg.norm(np.diff(position, axis=0), axis=1) * near[1:] + PACE / CONTROL_HZ
+    pace[:start] = 0.0
+    return keys | {rest: keys.get(rest, "")}, np.concatenate([[0.0], np.cumsum(pace)])
+
+
+def _in_run(replay: Replay, found: Label, condition: Predicate | None) -> dict[int, str]:
+    """Return the first and the last step of the skill that failed, and the step of its failure cause."""
+    log, history = replay.log, replay.history
+    run = failed_run(log, found)
+    last = log.steps - 1 if run is None else max(run.end - 1, 0)
+    first = max(0, min(last - BEFORE, last if run is None else run.begin))
+    keys, steps = {first: "", last: ""}, slice(first, last + 1)
+    if run is not None and found.cause == "collision":
+        return keys | _hardest(history, run)
+    if found.cause == "wrong object grasped":
+        wrong = ~np.isin(history.facts.held[steps], (NOTHING, found.target))
+        return keys | {first + int(np.argmax(wrong)): "another object in the hand"}
+    if condition is not None and condition.name == "holding":
+        away = np.linalg.norm(history.gripper[steps] - history.facts.object_positions[steps, found.target], axis=1)
+        return keys | {first + int(np.argmin(away)): f"nearest, {away.min():.3f} m away"}
+    if condition is not None and found.cause.startswith("door") and not _its_own(log, found, condition):
+        holds = condition.holds(history.facts)[: last + 1]
+        undone = f"no longer {condition.name.partition('_')[0]}"
+        lost = 1 + np.flatnonzero(holds[:-1] & ~holds[1:])[-1:]
+        keys |= {step: note for k in lost for step, note in ((max(0, int(k) - BEFORE), ""), (int(k), undone))}
+    return keys
+
+
+def _hardest(history: History, run: SkillRun) -> dict[int, str]:
+    """Return the step of the largest contact force in a run."""
+    step = run.begin + int(np.argmax(history.force[run.begin : max(run.end, run.begin + 1)]))
+    return {step: f"largest force, {history.force[step]:.0f} N"}
+
+
+def _its_own(log: EpisodeLog, found: Label, condition: Predicate) -> bool:
+    """Return whether the stage's own skill establishes a condition; otherwise something undid it."""
+    verb, _, number = found.stage.partition("_")
+    return condition.name.startswith(verb) and condition.name.endswith(log.targets[int(number)].container)
+
+
+def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
+    """Return the run of the label's skill, or its navigation if that collided harder; else the last run."""
+    skill, _, number = found.stage.partition("_")
+    run = log.run(skill, int(number))
+    if run is None:
+        return log.runs[-1] if log.runs else None
+    if found.cause != "collision":
+        return run
+    ways = [r for r in log.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
+    return max((run, *ways[-1:]), key=lambda each: each.force)
+
+
+def _fill(keys: Sequence[int], way: FloatArray) -> list[int]:
+    """Return up to `PICTURES` steps: `keys`, and between them others at even distances along `way`."""
+    parts = np.ones(len(keys) - 1, dtype=np.int64)
+    gaps, room = np.diff(way[list(keys)]), np.diff(keys)
+    while parts.sum() + 1 < PICTURES and (free := (parts < room) & (gaps > 0.0)).any():
+        parts[np.argmax(np.where(free, gaps / parts, -1.0))] += 1
+    steps = set(keys)
+    for first, last, count in zip(keys[:-1], keys[1:], parts, strict=True):
+        wanted, number = np.linspace(way[first], way[last], count + 1)[1:-1], np.arange(1, count)
+        rising = np.maximum.accumulate(np.searchsorted(way, wanted - 1e-9) - number) + number
+        steps |= set(map(int, np.clip(rising, first + number, last - count + number)))
+    return sorted(steps)
+
+
+def failure_sheet(failure: Failure, replay: Replay) -> Picture:
+    """Return the pictures of a replay, two rows of four, under a title. Shape (height, width, 3).
+
+    The replay's own label is shown where it has one.
+
+    Raises:
+        PerdureError: If no picture can be drawn on this machine.
+    """
+    log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
+    condition, episode = condition_of(log, found), failure.episode
+    taken = picture_steps(replay, found, condition)
+    views = [_view(episode, replay, found, condition, step) for step in taken]
+    states, pictures = [replay.states[step] for step in taken], []
+    marks = [goal_marks(episode)[found.target]]
+    simulator = render_scene(episode, failure.log.eval_seed)
+    with Studio(simulator, SIZE) as studio:
+        shots = _shots(Follower(simulator), states, [points for points, _ in views], found.target)
+        for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
+            put(simulator, state)
+            caption = _step_caption(episode, replay, step, note or measure)
+            pictures.append(annotate(studio.take(shot, marks), (), caption.rows(1.0)))
+    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
+    numbers = _numbers(replay, found, condition)
+    if replay.label != failure.label:
+        numbers = f"the logs have another label for it: {failure.words(failure.label)}"
+    above: list[Row] = [(2 * TITLE, [(title, INK)]), (2 * SMALL, [(numbers, GRAY)])]
+    return annotate(tile(pictures, COLUMNS), above)
+
+
+def _view(
+    episode: Episode, replay: Replay, found: Label, condition: Predicate | None, step: int
+) -> tuple[FloatArray, str]:
+    """Return two points to show in [m], shape (2, 3), and the measure between them as text."""
+    facts, gripper = replay.history.facts, replay.history.gripper[step]
+    thing, name = facts.object_positions[step, found.target], found.stage if condition is None else condition.name
+    if name.startswith(("at", "place", "not_holding")):
+        goal = episode.goal_positions[found.target]
+        return np.stack([thing, goal]), f"{np.linalg.norm(thing - goal):.2f} m from its goal"
+    if name.startswith(("holding", "pick")):
+        away = np.linalg.norm(thing - gripper)
+        return np.stack([thing, gripper]), "in the hand" if facts.held[step] == found.target else f"{away:.2f} m away"
+    containers = [episode.container(target) for target in range(len(episode.goals))]
+    fridge = containers[found.target] == FRIDGE_DOOR if condition is None else name.endswith("fridge")
+    link = FRIDGE_DOOR if fridge else next(each for each in containers if each not in (None, FRIDGE_DOOR))
+    opened = max(float((facts.fridge if fridge else facts.drawer)[step]), 0.0)
+    handle = np.array(episode.apartment().handle_to_room(str(link), opened))
+    hand = float(np.linalg.norm(handle - gripper))
+    words = f"{opened:.2f} {'rad' if fridge else 'm'} open"
+    if hand > FAR_HAND:
+        return np.stack([handle, handle]), words
+    return np.stack([handle, gripper]), f"{words}, hand {hand:.2f} m"
+
+
+def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Caption:
+    """Return the text of the strip below a picture."""
+    log, plan = replay.log, episode.home_task.skills
+    begun = min(int(log.active[min(step, log.length - 1)]) + 1, len(plan))
+    stages = zip(episode.home_task.stages, stage_steps(log), strict=True)
+    skill = skill_words(episode, begun) if step < log.steps else "settling"
+    reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
+    return Caption((step + 1) / CONTROL_HZ, begun, len(plan), f"{skill}: {words}", reached)
+
+
+def _numbers(replay: Replay, found: Label, condition: Predicate | None) -> str:
+    """Return the measurements behind the label as text."""
+    log = replay.log
+    release = placement(log, found.target) if condition is not None and condition.name == "at" else None
+    if release is not None:
+        away, above = release_offset(log, release)
+        lean, inside = float(tilt(release.track.up[0])), in_goal_since(log, release)
+        stay = f"{inside.sum() / CONTROL_HZ:.1f} of {len(inside) / CONTROL_HZ:.1f} s"
+        return (
+            f"released {above:.3f} m above and {away:.3f} m beside its goal at {release.object_speed:.2f} m/s, "
+            f"tilted by {lean:.0f} deg; in its goal {stay} after"
+        )
+    run = failed_run(log, found)
+    if run is None:
+        return "no skill ended"
+    span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
+    reach = f"; hand {run.reach:.3f} m away at best" if run.skill == "pick" else ""
+    return f"{run.skill.replace('_', ' ')}: {span}, {run.ending}; largest contact force {run.force:.0f} N{reach}"
+
+
+def _shots(camera: Follower, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
+    """Return a shot for each state (nq,), all from the one direction with the fewest occlusions.
+
+    Each shows two points (2, 3), the more important one first. The object of number `exclude` does not hide itself.
+    """
+    scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
+    framings = []
+    for state, pair in zip(states, points, strict=True):
+        put(camera.simulator, state)
+        middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
+        framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
+        eyes = [middle + framings[-1][1] * direction_of(*direction) for direction in DIRECTIONS]
+        scores += [2.0 * camera.sees(pair[0], eye, exclude) + camera.sees(pair[1], eye, exclude) for eye in eyes]
+    best = direction_of(*DIRECTIONS[int(np.argmax(scores))])
+    return [Shot(middle + distance * best, middle) for middle, distance in framings]

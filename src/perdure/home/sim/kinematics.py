@@ -1,0 +1,381 @@
+"""Where the gripper is, from joint angles alone: exact, without a simulator, for many robots at once.
+
+Base frame: x forward, y left, z up, the origin on the floor under `base_link`. The chain is the URDF's: each joint's
+frame is displaced by a constant and then turned about one of its own axes, so a turn only mixes two columns of the
+rotation matrix.
+
+Every solver here repeats the step dq = W J^T (J W J^T + d^2 I)^-1 e (Nakamura and Hanafusa, 1986), which stays bounded
+where the arm is stretched out. e is the error of the gripper as (displacement, rotation vector). W is 1 for joints that
+may move and 0 for joints at a limit. Base and torso stand still.
+
+| function | for | joint limits | accuracy |
+|---|---|---|---|
+| `toward` | one small step of a straight motion | free joints make up for joints at a limit | one step |
+| `reach_many` | hundreds of candidate poses | clipped | centimeters |
+| `reach` | one pose | free joints make up for joints at a limit | 0.1 mm, restarts from other arm poses |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from perdure.errors import PerdureError
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.robot import ARM, ARM_HIGH, ARM_LOW, GRIPPER_ORIGIN, GRIPPER_POINT, REST_ARM, TORSO, TORSO_HEIGHT
+
+_AXES = tuple(link.axis.index(1.0) for link in ARM)
+_OFFSETS = np.array([link.origin for link in ARM])
+_LAST = np.array(GRIPPER_ORIGIN) + np.array(GRIPPER_POINT)
+
+
+def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return the gripper point in the base frame.
+
+    Args:
+        torso: Height of the torso in [m]. Shape (...) or one number for all.
+        arm: Joint angles in [rad]. Shape (..., 7).
+
+    Returns:
+        Position in [m], shape (..., 3), and rotation, shape (..., 3, 3), whose columns are the gripper's axes (x is
+        where the fingers point). Equal to the model's site `gripper` seen from body `robot`.
+    """
+    position, rotation, _, _ = _chain(torso, arm)
+    return position, rotation
+
+
+def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the results of `gripper_pose`, and the Jacobian: rows are velocity in [m/rad], then angular velocity.
+
+    The geometric Jacobian in the base frame, shape (..., 6, 7): column i is (a_i x (p - o_i), a_i) with the joint's
+    axis a_i and origin o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
+    """
+    position, rotation, origins, axes = _chain(torso, arm)
+    away = position[..., None, :] - origins
+    columns = np.empty((*position.shape[:-1], 6, 7))
+    for row, (first, second) in enumerate(((1, 2), (2, 0), (0, 1))):
+        columns[..., row, :] = axes[..., first] * away[..., second] - axes[..., second] * away[..., first]
+        columns[..., 3 + row, :] = axes[..., row]
+    return position, rotation, columns
+
+
+def _chain(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return position and rotation of the gripper, origins and axes of the joints (both (..., 7, 3))."""
+    angles = np.asarray(arm, dtype=np.float64)
+    if angles.shape[-1:] != (7,):
+        raise PerdureError(f"arm angles must have shape (..., 7), got {angles.shape}")
+    batch = np.broadcast_shapes(angles.shape[:-1], np.shape(torso))
+    position = np.broadcast_to(np.array(TORSO.origin), (*batch, 3)).copy()
+    position[..., 2] += np.asarray(torso, dtype=np.float64)
+    rotation = np.broadcast_to(np.eye(3), (*batch, 3, 3)).copy()
+    cos, sin = np.cos(angles), np.sin(angles)
+    origins, axes = np.empty((*batch, 7, 3)), np.empty((*batch, 7, 3))
+    for i, axis in enumerate(_AXES):
+        position += rotation @ _OFFSETS[i]
+        origins[..., i, :], axes[..., i, :] = position, rotation[..., :, axis]
+        _turn(rotation, axis, cos[..., i, None], sin[..., i, None])
+    return position + rotation @ _LAST, rotation, origins, axes
+
+
+def _turn(rotation: FloatArray, axis: int, cos: FloatArray, sin: FloatArray) -> None:
+    """Turn frames about one of their own axes, in place."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    u, v = rotation[..., :, first].copy(), rotation[..., :, second].copy()
+    rotation[..., :, first] = cos * u + sin * v
+    rotation[..., :, second] = cos * v - sin * u
+
+
+LARGEST = 0.025
+"""Largest joint step of `toward` in [rad]: the benchmark's largest command."""
+CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
+"""Errors of `reach` below which a pose counts as reached."""
+OTHER_STARTS = (
+    REST_ARM,
+    (0.0, 0.6, 0.0, 0.8, 0.0, 0.4, 0.0),
+    (0.8, -0.6, 1.2, 1.6, -0.8, 1.2, 1.0),
+    (-0.8, -0.6, -1.2, 1.6, 0.8, 1.2, -1.0),
+    (0.0, 0.9, 3.0, 1.2, 3.0, 1.2, 0.0),
+)
+"""Arm poses from which `reach` starts again (OURS): at rest; low and ahead; elbow left, right and down."""
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """Constants of one solver (OURS)."""
+
+    damping: float
+    """d, as an absolute value ..."""
+    damping_per_error: float
+    """... plus this share of the norm of the weighted error, added in squares (Sugihara, 2011)."""
+    turn_weight: float
+    """Meters that a radian of the gripper weighs as much as."""
+    largest: float
+    """Largest joint step of one iteration in [rad]."""
+
+
+_TOWARD = _Solver(0.01, 0.0, 0.3, LARGEST)
+_EXACT = _Solver(1e-3, 0.03, 0.5, 0.4)
+_MANY = _Solver(0.05, 0.0, 1.0, 0.3)
+_MANY_LONGEST = 0.15, 0.5
+"""Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """An arm pose that `reach` found."""
+
+    arm: FloatArray
+    """Joint angles in [rad], within the limits. Shape (7,)."""
+    position_error: float
+    """Distance between gripper point and wanted point in [m]."""
+    rotation_error: float
+    """Angle to the wanted rotation or approach direction in [rad]; 0 when none was wanted."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the pose is reached: within 0.1 mm and 1 mrad."""
+        return self.position_error <= CLOSE_M and self.rotation_error <= CLOSE_RAD
+
+
+def toward(
+    arm: ArrayLike,
+    displacement: ArrayLike,
+    *,
+    rotation: ArrayLike | None = None,
+    torso: ArrayLike = TORSO_HEIGHT,
+    largest: float = LARGEST,
+) -> FloatArray:
+    """Return joint steps that move the gripper point by a small displacement and keep its rotation.
+
+    Args:
+        arm: Joint angles in [rad]. Shape (..., 7).
+        displacement: Wanted motion of the gripper point in the base frame in [m]. Shape (..., 3).
+        rotation: Rotation to turn to (or to return to, over many steps); None keeps the present one. Shape (..., 3, 3).
+        torso: Height of the torso in [m]. Shape (...) or one number.
+        largest: Largest joint step in [rad]. A longer step is shortened as a whole; its direction is kept.
+
+    Returns:
+        Steps in [rad] to add to `arm`; the sum keeps the limits if `arm` does. Shape (..., 7).
+
+    Raises:
+        PerdureError: When `arm` or `displacement` has a wrong shape or `largest` is not positive.
+    """
+    angles, move = np.asarray(arm, dtype=np.float64), np.asarray(displacement, dtype=np.float64)
+    if move.shape[-1:] != (3,):
+        raise PerdureError(f"displacement must have shape (..., 3), got {move.shape}")
+    if not largest > 0.0:
+        raise PerdureError(f"largest must be positive, got {largest}")
+    _, now, matrix = pose_and_jacobian(torso, angles)
+    turn = np.zeros(3) if rotation is None else rotation_vector(now, rotation)
+    batch = np.broadcast_shapes(matrix.shape[:-2], move.shape[:-1], turn.shape[:-1])
+    motion = np.concatenate([np.broadcast_to(move, (*batch, 3)), np.broadcast_to(turn, (*batch, 3))], axis=-1)
+    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, 7)), _TOWARD)
+    return _shorten(step, np.max(np.abs(step), axis=-1, keepdims=True), largest)
+
+
+def reach_many(
+    points: FloatArray, approach: FloatArray, upright: bool, start: FloatArray, iterations: int = 25
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return arm poses that bring the gripper to many places, about a hundred in the time `reach` needs for one.
+
+    Args:
+        points: Wanted gripper points in the base frame in [m]. Shape (n, 3).
+        approach: Wanted directions of the gripper's x axis, of length 1. Shape (n, 3).
+        upright: Whether the gripper's z axis must point up; else the roll about x is free.
+        start: Where the search starts. Shape (n, 7) or (7,).
+        iterations: Number of steps.
+
+    Returns:
+        Joint angles (n, 7), remaining distance in [m] (n,) and remaining turn in [rad] (n,).
+    """
+    arm = np.broadcast_to(start, (len(points), 7)).copy()
+    wanted = _upright(approach) if upright else None
+    for _ in range(iterations):
+        way, turn, matrix = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+        way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
+        step = damped_step(matrix, np.concatenate([way, turn], axis=1), _MANY.damping)
+        arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _MANY.largest), ARM_LOW, ARM_HIGH)
+    way, turn, _ = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+    return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
+
+
+def reach(
+    position: ArrayLike,
+    start_arm: ArrayLike,
+    *,
+    rotation: ArrayLike | None = None,
+    approach: ArrayLike | None = None,
+    torso: float = TORSO_HEIGHT,
+    iterations: int = 60,
+    restarts: int = len(OTHER_STARTS),
+) -> Reach:
+    """Return joint angles that bring the gripper point to a place in the base frame.
+
+    Args:
+        position: Wanted place in [m]. Shape (3,).
+        start_arm: Where the search starts in [rad]; of several solutions one near it is found. Shape (7,).
+        rotation: Wanted rotation of the gripper. Shape (3, 3).
+        approach: Wanted direction of the gripper's x axis, of any length; the roll about it is left open. Shape (3,).
+        torso: Height of the torso in [m].
+        iterations: Largest number of steps of one search.
+        restarts: Number of other starts to try while no solution was found.
+
+    Returns:
+        The best angles found. A place out of reach is no error: see `position_error` and `ok`.
+
+    Raises:
+        PerdureError: When a shape is wrong or both a rotation and an approach are given.
+    """
+    if rotation is not None and approach is not None:
+        raise PerdureError("reach takes a rotation or an approach direction, not both")
+    place, first = _array("position", position, (3,)), _array("start_arm", start_arm, (7,))
+    turned = None if rotation is None else _array("rotation", rotation, (3, 3))
+    direction = None if approach is None else _array("approach", approach, (3,))
+    if direction is not None:
+        length = np.linalg.norm(direction)
+        if not length > 0.0:
+            raise PerdureError(f"approach must have a direction, got {direction.tolist()}")
+        direction = direction / length
+    found: list[Reach] = []
+    for starts in (first[None], np.array(OTHER_STARTS[:restarts]).reshape(-1, 7)):
+        found += _search(place, turned, direction, torso, starts, iterations)
+        solved = [each for each in found if each.ok]
+        if solved:
+            return solved[0]
+    return min(found, key=lambda each: each.position_error + _EXACT.turn_weight * each.rotation_error)
+
+
+def damped_step(
+    matrix: FloatArray, error: FloatArray, damping: float | FloatArray, free: FloatArray | None = None
+) -> FloatArray:
+    """Return the damped least squares step W J^T (J W J^T + d^2 I)^-1 e.
+
+    Args:
+        matrix: Jacobian J. Shape (..., m, n).
+        error: e. Shape (..., m).
+        damping: d, one number or shape (...).
+        free: Diagonal of W: 1 for joints that may move, else 0; None for all. Shape (..., n).
+
+    Returns:
+        Shape (..., n).
+    """
+    used = matrix if free is None else matrix * free[..., None, :]
+    square = used @ np.swapaxes(matrix, -1, -2) + np.asarray(damping**2)[..., None, None] * np.eye(matrix.shape[-2])
+    return (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
+
+
+def damped_inverse(matrix: FloatArray, damping: float) -> FloatArray:
+    """Return the damped pseudoinverse J^T (J J^T + d^2 I)^-1 of one Jacobian. Shape (m, n) -> (n, m)."""
+    return matrix.T @ np.linalg.inv(matrix @ matrix.T + damping**2 * np.eye(len(matrix)))
+
+
+def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
+    """Return the turn from one rotation to another: its axis times its angle in [rad]. Shapes (..., 3, 3) to (..., 3).
+
+    Close to half a turn the axis is lost in rounding; the angle is not, unless it is exact to the last bit.
+    """
+    turn = np.asarray(end, dtype=np.float64) @ np.swapaxes(np.asarray(start, dtype=np.float64), -1, -2)
+    pairs = ((2, 1), (0, 2), (1, 0))
+    twice_sine = np.stack([turn[..., i, j] - turn[..., j, i] for i, j in pairs], axis=-1)
+    sine = 0.5 * np.linalg.norm(twice_sine, axis=-1, keepdims=True)
+    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1)[..., None] - 1.0)
+    return np.asarray(0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
+
+
+def _search(
+    place: FloatArray,
+    rotation: FloatArray | None,
+    approach: FloatArray | None,
+    torso: float,
+    starts: FloatArray,
+    iterations: int,
+) -> list[Reach]:
+    """Return the best pose on the way of one descent from each start."""
+    if not len(starts):
+        return []
+    arm = np.clip(starts, ARM_LOW, ARM_HIGH)
+    best, errors = arm.copy(), np.full((len(arm), 2), np.inf)
+    for number in range(iterations + 1):
+        way, turn, matrix = _error(place, rotation, approach, torso, arm)
+        now = np.concatenate([_length(way), _length(turn)], axis=1)
+        better = now @ (1.0, _EXACT.turn_weight) < errors @ (1.0, _EXACT.turn_weight)
+        best[better], errors[better] = arm[better], now[better]
+        if number == iterations or (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
+            break
+        step = _step_within_limits(matrix, np.concatenate([way, turn], axis=1), arm, _EXACT)
+        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _EXACT.largest)
+    return [Reach(each, float(m), float(rad)) for each, (m, rad) in zip(best, errors, strict=True)]
+
+
+def _step_within_limits(matrix: FloatArray, motion: FloatArray, angles: FloatArray, solver: _Solver) -> FloatArray:
+    """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
+    weights = np.array([1.0] * 3 + [solver.turn_weight] * 3)
+    matrix, motion = weights[:, None] * matrix, weights * motion
+    damping: float | FloatArray = solver.damping
+    if solver.damping_per_error:
+        damping = np.hypot(damping, solver.damping_per_error * np.linalg.norm(motion, axis=-1))
+    step, free = np.zeros_like(angles), np.ones_like(angles)
+    for _ in range(4):  # at most three joints reach their limits in one step, as a rule; the last clip is always made
+        rest = motion - (matrix @ (step * (1.0 - free))[..., None])[..., 0]
+        wanted = np.where(free > 0.0, damped_step(matrix, rest, damping, free), step)
+        step = np.clip(angles + wanted, ARM_LOW, ARM_HIGH) - angles
+        crossed = np.abs(step - wanted) > 1e-12
+        if not np.any(crossed):
+            break
+        free = np.where(crossed, 0.0, free)
+    return step
+
+
+def _error(
+    place: FloatArray, rotation: FloatArray | None, approach: FloatArray | None, torso: float, arm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacement (n, 3), turn (n, 3) and Jacobian (n, 6, 7) to a pose.
+
+    With an approach direction rolling about the gripper's x axis is free. With neither, the rotation is.
+    """
+    position, now, matrix = pose_and_jacobian(torso, arm)
+    way = place - position
+    if rotation is not None:
+        return way, rotation_vector(now, rotation), matrix
+    if approach is None:
+        return way, np.zeros_like(way), matrix * np.array([1.0] * 3 + [0.0] * 3)[:, None]
+    x = now[..., :, 0]
+    matrix[:, 3:] -= x[:, :, None] * np.einsum("ni,nij->nj", x, matrix[:, 3:])[:, None, :]
+    return way, _turn_x(x, np.broadcast_to(approach, x.shape)), matrix
+
+
+def _turn_x(x: FloatArray, approach: FloatArray) -> FloatArray:
+    """Return the shortest turns from one unit vector to another as rotation vectors. Shape (n, 3)."""
+    axis = np.cross(x, approach)
+    sine = _length(axis)
+    cosine = (x * approach).sum(axis=1, keepdims=True)
+    vector: FloatArray = axis / np.maximum(sine, 1e-9) * np.arctan2(sine, cosine)
+    opposite = (sine[:, 0] < 1e-9) & (cosine[:, 0] < 0.0)
+    if opposite.any():  # half a turn about any axis across
+        across = np.cross(x[opposite], np.eye(3)[np.abs(x[opposite]).argmin(axis=1)])
+        vector[opposite] = np.pi * across / _length(across)
+    return vector
+
+
+def _upright(approach: FloatArray) -> FloatArray:
+    """Return rotations whose x axis is a level approach and whose z axis points up. Shape (n, 3, 3)."""
+    up = np.broadcast_to((0.0, 0.0, 1.0), approach.shape)
+    return np.stack([approach, np.cross(up, approach), up], axis=-1)
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def _shorten(vectors: FloatArray, size: FloatArray, largest: float) -> FloatArray:
+    """Return vectors scaled down so that their size is at most `largest`."""
+    return vectors * np.minimum(1.0, largest / np.maximum(size, 1e-12))
+
+
+def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise PerdureError(f"{name} must be finite numbers of shape {shape}, got {array.tolist()}")
+    return array

@@ -1,0 +1,307 @@
+"""What an apartment is made of, as plain records: boxes, receptacles, articulations, pieces, the apartment.
+
+Frames. A piece of furniture has a local frame: x points out of its front, y to its own left, z up, the origin on the
+floor. The room frame is x east, y north, z up. Lengths in [m], angles in [rad], masses in [kg].
+
+M3 (hab-mobile-manipulation, `sim.py`) gives every furniture joint a Bullet velocity motor with target 0, gain 0.3 and
+120 steps per second: each step leaves 0.7 of the speed, so speed decays as exp(-t / tau) with
+tau = -1 / (120 ln 0.7) = 0.0234 s. As a viscous joint that is damping = inertia / tau. The motor's impulse limit
+(1.0 N s per step) and the URDF's own damping and dry friction (0.01 each) are left out: they are far larger or far
+smaller than anything the viscous term does at the speeds of a hand.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.home.sim.arrays import FloatArray, Vec3
+
+_T = TypeVar("_T")
+FRIDGE_DOOR = "top_door"
+"""Link name of the fridge's upper door, the only one that opens."""
+Role = Literal["solid", "look", "hull"]
+"""solid: collides and is seen; look: is seen only; hull: collides only."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a local frame stands on the floor of the room: position (x, y) in [m] and heading `yaw` in [rad]."""
+
+    x: float
+    y: float
+    yaw: float
+
+    def to_room(self, local: FloatArray) -> FloatArray:
+        """Return room coordinates of local points; only x and y are rotated. Shape (..., 2 or 3)."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        x, y = local[..., 0], local[..., 1]
+        room = np.array(local, dtype=np.float64)
+        room[..., 0], room[..., 1] = self.x + cos * x - sin * y, self.y + sin * x + cos * y
+        return room
+
+    def to_local(self, room: FloatArray) -> FloatArray:
+        """Return local coordinates of room points: the inverse of `to_room`. Shape (..., 2 or 3)."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        x, y = room[..., 0] - self.x, room[..., 1] - self.y
+        local = np.array(room, dtype=np.float64)
+        local[..., 0], local[..., 1] = cos * x + sin * y, cos * y - sin * x
+        return local
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One primitive of a piece: a box, or a cylinder or ellipsoid inscribed in that box, aligned with the frame."""
+
+    name: str
+    center: Vec3
+    half: Vec3
+    """Half extents along x, y, z; of a cylinder (radius, radius, half height)."""
+    color: str
+    """A name in `perdure.home.sim.apartments.PALETTE`."""
+    role: Role = "solid"
+    shape: Literal["box", "cylinder", "ellipsoid"] = "box"
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A rectangle of floor in a piece's frame, [low, high] along x and y, that no other piece may stand on."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Receptacle:
+    """A horizontal surface that can hold objects: where their centers may be drawn, in the frame of its piece."""
+
+    name: str
+    """The benchmark's own name, such as `receptacle_aabb_Tbl1_Top1_frl_apartment_table_01`."""
+    piece: str
+    center: Vec3
+    """Middle of the region, on the supporting surface. For a drawer: with the drawer closed."""
+    half: tuple[float, float]
+    headroom: float = math.inf
+    """Free height above the surface."""
+    link: str | None = None
+    """The articulation it moves with, None when it stands still."""
+
+    @property
+    def unique_name(self) -> str:
+        """`piece|name`: two chairs carry the same receptacle name, as in the benchmark."""
+        return f"{self.piece}|{self.name}"
+
+
+@dataclass(frozen=True)
+class Articulation:
+    """A drawer that slides or a door that swings, with the handle the gripper may hold."""
+
+    link: str
+    """Name of the moving part as in ReplicaCAD's URDF, such as `drawer2_top`."""
+    joint: str
+    kind: Literal["slide", "hinge"]
+    origin: Vec3
+    """Origin of the moving part's frame at q = 0, axes parallel to the piece's."""
+    axis: Vec3
+    limit: tuple[float, float]
+    """Range of q in [m] (slide) or [rad] (hinge)."""
+    mass: float
+    damping: float
+    """Viscous damping in [N s/m] or [N m s/rad]."""
+    solids: tuple[Solid, ...]
+    """In the moving part's frame."""
+    handle: Vec3
+    """Where the gripper holds it, in the moving part's frame."""
+    handle_name: str
+    """The benchmark's marker name, such as `cab_push_point_5`."""
+
+    def to_piece(self, local: FloatArray, q: float) -> FloatArray:
+        """Return piece coordinates of points of the moving part at joint position q. Shape (..., 3)."""
+        origin = np.asarray(self.origin)
+        if self.kind == "slide":
+            return np.asarray(local + origin + q * np.asarray(self.axis))
+        return np.asarray(Pose(0.0, 0.0, q * self.axis[2]).to_room(local) + origin)  # hinges are vertical
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One piece of furniture, standing at `pose`."""
+
+    name: str
+    kind: str
+    pose: Pose
+    solids: tuple[Solid, ...]
+    receptacles: tuple[Receptacle, ...] = ()
+    articulations: tuple[Articulation, ...] = ()
+    zones: tuple[Zone, ...] = ()
+
+
+@dataclass(frozen=True)
+class Apartment:
+    """One of the 5 x 21 apartments: its room, its walls and its furniture."""
+
+    macro: int
+    micro: int
+    seed: int
+    room: tuple[tuple[float, float], ...]
+    """Corners of the floor, counter-clockwise."""
+    walls: tuple[Piece, ...]
+    pieces: tuple[Piece, ...]
+
+    @property
+    def name(self) -> str:
+        """Such as `macro4_micro07`; with another seed than 0 the seed is part of the name."""
+        return f"macro{self.macro}_micro{self.micro:02d}" + (f"_seed{self.seed}" if self.seed else "")
+
+    def __hash__(self) -> int:
+        """Of the whole record, computed once: apartments are keys wherever something is kept for them."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.macro, self.micro, self.seed, self.room, self.walls, self.pieces))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of everything in this record (12 digits): an episode names the apartment it was made for."""
+        text = json.dumps(asdict(self), sort_keys=True, separators=(",", ":"), allow_nan=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    @cached_property
+    def receptacles(self) -> tuple[Receptacle, ...]:
+        """All receptacles, in the order of the pieces."""
+        return tuple(r for piece in self.pieces for r in piece.receptacles)
+
+    @cached_property
+    def articulations(self) -> tuple[Articulation, ...]:
+        """All drawers and doors, in the order of the pieces."""
+        return tuple(a for piece in self.pieces for a in piece.articulations)
+
+    def piece(self, name: str) -> Piece:
+        """Return the piece of that name."""
+        return _pick({p.name: p for p in self.pieces}, name, f"piece of {self.name}")
+
+    def articulation(self, link: str) -> Articulation:
+        """Return the drawer or door whose moving part has that name."""
+        return _pick({a.link: a for a in self.articulations}, link, f"articulation of {self.name}")
+
+    def piece_of(self, link: str) -> Piece:
+        """Return the piece that carries the articulation `link`."""
+        return _pick({a.link: p for p in self.pieces for a in p.articulations}, link, f"articulation of {self.name}")
+
+    def receptacle(self, unique_name: str) -> Receptacle:
+        """Return the receptacle `piece|name`."""
+        return _pick({r.unique_name: r for r in self.receptacles}, unique_name, f"receptacle of {self.name}")
+
+    def receptacles_named(self, name: str) -> tuple[Receptacle, ...]:
+        """Return all receptacles with the benchmark's name `name`; two chairs give two. Refuse unknown names."""
+        found = tuple(r for r in self.receptacles if r.name == name)
+        if not found:
+            known = ", ".join(sorted({r.name for r in self.receptacles}))
+            raise PerdureError(f"{self.name} has no receptacle named {name!r}; it has {known}")
+        return found
+
+    def container(self, unique_name: str) -> str | None:
+        """Return the drawer or door in front of receptacle `piece|name`: a link name, None when it is in the open."""
+        receptacle = self.receptacle(unique_name)
+        return receptacle.link or (FRIDGE_DOOR if self.piece(receptacle.piece).kind == "fridge" else None)
+
+    def surface_to_room(
+        self, receptacle: Receptacle, uv: FloatArray, opened: Mapping[str, float] | None = None
+    ) -> FloatArray:
+        """Return points of a receptacle's surface in the room.
+
+        Args:
+            receptacle: One of this apartment's receptacles.
+            uv: Offsets from its center along the piece's x and y in [m]. Shape (..., 2).
+            opened: Joint positions by link name, 0 where not given (a drawer carries its receptacle along).
+
+        Returns:
+            Room coordinates. Shape (..., 3).
+        """
+        local = np.asarray(receptacle.center) + np.concatenate([uv, np.zeros_like(uv[..., :1])], axis=-1)
+        if receptacle.link is not None:
+            moving = self.articulation(receptacle.link)
+            shift = moving.to_piece(np.zeros(3), (opened or {}).get(receptacle.link, 0.0)) - np.asarray(moving.origin)
+            local = local + shift
+        return self.piece(receptacle.piece).pose.to_room(local)
+
+    def handle_to_room(self, link: str, q: float = 0.0) -> FloatArray:
+        """Return where the handle of `link` is at joint position q, in room coordinates. Shape (3,)."""
+        moving = self.articulation(link)
+        return self.piece_of(link).pose.to_room(moving.to_piece(np.asarray(moving.handle), q))
+
+
+def _pick(table: Mapping[str, _T], key: str, what: str) -> _T:
+    if key not in table:
+        raise PerdureError(f"no {what} is named {key!r}; there are {', '.join(sorted(table))}")
+    return table[key]
+
+
+DECAY_TIME_S = -1.0 / (120.0 * math.log(1.0 - 0.3))
+"""Time in which a free drawer or door loses 63 % of its speed, in [s]."""
+
+
+def drawer_damping(mass: float) -> float:
+    """Return the viscous damping of a drawer of `mass` [kg], in [N s/m]: mass / tau."""
+    return mass / DECAY_TIME_S
+
+
+def door_damping(mass: float, width: float, offset: float) -> float:
+    """Return the viscous damping of a slab door, in [N m s/rad]: its moment of inertia about the hinge / tau.
+
+    Mass in [kg]; width of the slab, and distance of its middle from the hinge, in [m].
+    """
+    inertia = mass * (width**2 / 12.0 + offset**2)
+    return inertia / DECAY_TIME_S
+
+
+HEIGHT = 2.5
+"""Height of the walls in [m] (OURS)."""
+THICKNESS = 0.1
+"""Thickness of the walls in [m] (OURS)."""
+
+Corner = tuple[float, float]
+
+
+def _slab(name: str, x: float, y: float, yaw: float, half_length: float, half_width: float) -> Piece:
+    solid = Solid("slab", (0.0, 0.0, HEIGHT / 2.0), (half_length, half_width, HEIGHT / 2.0), "wall")
+    return Piece(name, "wall", Pose(x, y, yaw), (solid,))
+
+
+def _is_convex(before: Corner, corner: Corner, after: Corner) -> bool:
+    turn = (corner[0] - before[0]) * (after[1] - corner[1]) - (corner[1] - before[1]) * (after[0] - corner[0])
+    return turn > 0.0
+
+
+def room_walls(
+    room: Sequence[Corner], partitions: Sequence[tuple[float, float, float, float]] = ()
+) -> tuple[Piece, ...]:
+    """Return walls around a floor whose corners run counter-clockwise, and axis-aligned partitions (x0, y0, x1, y1).
+
+    A wall lies outside its edge. At a corner that juts out it is longer by its thickness, so that no gap stays open.
+    """
+    count = len(room)
+    walls = []
+    for k in range(count):
+        before, start, end, after = (room[(k + shift) % count] for shift in (-1, 0, 1, 2))
+        length = math.hypot(end[0] - start[0], end[1] - start[1])
+        along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
+        low = -THICKNESS if _is_convex(before, start, end) else 0.0
+        high = length + (THICKNESS if _is_convex(start, end, after) else 0.0)
+        middle, out = 0.5 * (low + high), 0.5 * THICKNESS
+        x = start[0] + middle * along[0] + out * along[1]
+        y = start[1] + middle * along[1] - out * along[0]
+        walls.append(_slab(f"wall_{k}", x, y, math.atan2(along[1], along[0]), 0.5 * (high - low), out))
+    for k, (x0, y0, x1, y1) in enumerate(partitions):
+        half_x, half_y = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
+        walls.append(_slab(f"partition_{k}", 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0, half_x, half_y))
+    return tuple(walls)

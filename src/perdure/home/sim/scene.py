@@ -1,0 +1,518 @@
+"""Where the handles of an apartment are, as numbers ready to be used at every step.
+
+M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge. Here
+forces move the base. With only its own collision shapes the robot can drive under a table and get stuck against a leg,
+because its wheels do not slip sideways.
+
+MuJoCo's broad phase looks at every body at every physics step; in a furnished room that is a quarter of the step. While
+nothing is awake but the robot and what it holds, a body farther away than the robot reaches cannot be in a contact, so
+it can be left out without changing one.
+
+A scene is pristine: a lane steps its own copy of the model (a grasp switches a collision bit in it).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.errors import PerdureError
+from perdure.home.sim.apartments import build_apartment
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
+from perdure.home.sim.occupancy import CLIMB, REACH_UP
+from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.robot import HIDDEN, JOINTS, add_fetch
+
+
+@dataclass(frozen=True, eq=False)
+class Handles:
+    """Handles of all drawers and doors in the room.
+
+    A drawer's handle at joint position q is at origin + q * slide; a door's turns about its vertical hinge.
+    """
+
+    origin: FloatArray
+    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (..., links, 3)."""
+    slide: FloatArray
+    """Direction of a drawer in the room, 0 for doors. Shape (..., links, 3)."""
+    lever: FloatArray
+    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (..., links, 2)."""
+    sign: FloatArray
+    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (..., links)."""
+
+    @staticmethod
+    @lru_cache(maxsize=256)
+    def of(apartment: Apartment) -> Handles:
+        """Return the handles of an apartment, in the order of its articulations."""
+        rows = []
+        for moving in apartment.articulations:
+            pose = apartment.piece_of(moving.link).pose
+            handle = apartment.handle_to_room(moving.link, 0.0)
+            axis = pose.to_room(np.asarray(moving.axis)) - pose.to_room(np.zeros(3))
+            if moving.kind == "slide":
+                rows.append((handle, axis, np.zeros(2), 0.0))
+            else:
+                hinge = pose.to_room(np.asarray(moving.origin))
+                at = np.array([hinge[0], hinge[1], handle[2]])
+                rows.append((at, np.zeros(3), handle[:2] - hinge[:2], moving.axis[2]))
+        origin, slide, lever, sign = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(4))
+        return Handles(origin.reshape(-1, 3), slide.reshape(-1, 3), lever.reshape(-1, 2), sign)
+
+    @staticmethod
+    def none(lanes: int, links: int) -> Handles:
+        """Return room for the handles of many lanes, all infinitely far."""
+        shape = lanes, links
+        return Handles(np.full((*shape, 3), np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape))
+
+    def __getitem__(self, lanes: IntArray) -> Handles:
+        """Those of some lanes."""
+        return Handles(self.origin[lanes], self.slide[lanes], self.lever[lanes], self.sign[lanes])
+
+    def put(self, lane: int, other: Handles) -> None:
+        """Give a lane the handles of its apartment; room it does not need stays infinitely far."""
+        count = len(other.sign)
+        for name, empty in (("origin", np.inf), ("slide", 0.0), ("lever", 0.0), ("sign", 0.0)):
+            values = getattr(self, name)[lane]
+            values[:count], values[count:] = getattr(other, name), empty
+
+    def widened(self, more: int) -> Handles:
+        """Return a copy with space for more handles in each lane."""
+        empty = Handles.none(len(self.sign), more)
+        return Handles(
+            *(np.concatenate([getattr(self, each.name), getattr(empty, each.name)], axis=1) for each in fields(self))
+        )
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Return all handles. Shape (..., links) -> (..., links, 3)."""
+        cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
+        points: FloatArray = self.origin + q[..., None] * self.slide
+        points[..., 0] += cos * self.lever[..., 0] - sin * self.lever[..., 1]
+        points[..., 1] += sin * self.lever[..., 0] + cos * self.lever[..., 1]
+        return points
+
+    def one(self, link: int, q: float) -> FloatArray:
+        """Return one handle, the same bits as in `at`. Shape (3,)."""
+        part = slice(link, link + 1)
+        angle = self.sign[part] * q
+        cos, sin = np.cos(angle)[0], np.sin(angle)[0]
+        point: FloatArray = self.origin[link] + q * self.slide[link]
+        lever = self.lever[link]
+        point[0] += cos * lever[0] - sin * lever[1]
+        point[1] += sin * lever[0] + cos * lever[1]
+        return point
+
+
+RADIUS = 0.29
+"""In [m]; M3's 0.3 less 1 cm for the push of the wheels, 5 mm more than the base itself."""
+BIT = 4
+"""Its collision bit; 1 and 2 are the robot's own (`perdure.home.sim.robot`)."""
+
+
+def add_base_bumper(spec: Any, apartment: Apartment) -> None:
+    """Add the base bumper to a specification with apartment and robot. Drawers and doors do not collide with it.
+
+    It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
+    contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.
+    What is low meets the base itself.
+    """
+    import mujoco
+
+    for piece in (*apartment.walls, *apartment.pieces):
+        for geom in spec.body(piece.name).geoms:  # those of drawers and doors belong to bodies of their own
+            if geom.contype:
+                geom.conaffinity |= BIT
+    spec.body("robot").add_geom(
+        name="robot/base_bumper",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        pos=(0.0, 0.0, 0.5 * (CLIMB + REACH_UP)),
+        size=(RADIUS, 0.5 * (REACH_UP - CLIMB) - RADIUS, 0.0),
+        contype=BIT,
+        conaffinity=0,
+        condim=1,
+        priority=1,
+        mass=0.0,
+        group=HIDDEN,
+        rgba=(0.0, 0.0, 0.0, 0.0),
+    )
+
+
+REACH = 1.6
+"""Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
+MOVED = 0.15
+"""Distance in [m] after which the bodies near the base are determined again."""
+SWING = 1.0
+"""Largest displacement of a drawer or door from its compiled position in [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearby:
+    """Bounding boxes of the colliding bodies of a scene."""
+
+    contype: NDArray[np.int32]
+    """As compiled. Shape (bodies,)."""
+    conaffinity: NDArray[np.int32]
+    """As compiled. Shape (bodies,)."""
+    low: FloatArray
+    """Corners of boxes around static furniture and drawers, doors, as far as they move. Shape (bodies, 2)."""
+    high: FloatArray
+    """Shape (bodies, 2)."""
+    fixed: BoolArray
+    """Bodies whose box is known beforehand; the others are objects and the robot. Shape (bodies,)."""
+    ours: BoolArray
+    """The robot's bodies. Shape (bodies,)."""
+    object_bodies: IntArray
+    """Shape (objects,)."""
+
+    @staticmethod
+    def of(model: Any, object_bodies: IntArray) -> Nearby:
+        """Measure a compiled `mujoco.MjModel`; the bodies `object_bodies` move freely. Shape (objects,)."""
+        import mujoco
+
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        root = int(model.body("robot").id)
+        ours = np.asarray(model.body_rootid == root)
+        fixed = ~ours
+        fixed[object_bodies] = False
+        low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
+        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        for geom in range(model.ngeom):
+            body = int(model.geom_bodyid[geom])
+            if not fixed[body]:
+                continue
+            turned = np.abs(data.geom_xmat[geom].reshape(3, 3)[:2])
+            middle = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ model.geom_aabb[geom, :3]
+            half = np.full(2, np.inf) if planes[geom] else turned @ model.geom_aabb[geom, 3:]
+            low[body] = np.minimum(low[body], middle[:2] - half)
+            high[body] = np.maximum(high[body], middle[:2] + half)
+        moves = fixed & (model.body_weldid != 0)
+        low[moves] -= SWING
+        high[moves] += SWING
+        return Nearby(
+            contype=model.body_contype.copy(),
+            conaffinity=model.body_conaffinity.copy(),
+            low=low,
+            high=high,
+            fixed=fixed,
+            ours=ours,
+            object_bodies=object_bodies,
+        )
+
+    def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
+        """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
+
+        Middles of the base, shape (2,), and of the objects, shape (objects, 2), in the room.
+        """
+        away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
+        near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
+        near |= self.ours
+        if len(objects):
+            apart = objects - base
+            near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + MOVED) ** 2
+        return near
+
+
+CONTROL_HZ = 30
+"""Control steps per second, as in M3 and habitat-lab."""
+PHYSICS_HZ = 120
+"""Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
+SERVO_HZ = 120
+"""Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
+HANDLE_SOLREF = (0.02, 1.0)
+"""How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
+HABITAT_DRAG = -math.log(1.0 - 0.2)
+"""Linear and angular damping of objects in [1/s]. Habitat-sim sets 0.2 (`AbstractObjectAttributes.cpp`), which Bullet
+applies as v <- v (1 - 0.2)^dt: 20 % of the speed in a second."""
+Jaws = Literal["never", "apart"]
+Rolling = Literal["friction", "drag"]
+ReleaseVelocity = Literal["kept", "base-removed", "zero"]
+_WORDS = {
+    ("rolling", "drag"): "drag",
+    ("apple", "hull"): "hull-apple",
+    ("release_velocity", "base-removed"): "base-velocity-removed",
+    ("release_velocity", "zero"): "released-at-zero-velocity",
+    ("clutter", False): "no-clutter",
+    ("sleep", False): "no-sleep",
+}
+"""Word of an option in names; else the option and its value, such as jaws-apart."""
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """The variant of the physics. Each field is a flag of `perdure home run`, part of names and of stored settings."""
+
+    jaws: Jaws = "never"
+    """When a released object collides with the gripper's jaws and the rest of the robot again: never
+    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
+    rolling: Rolling = "friction"
+    """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
+    apple: AppleShape = "sphere"
+    """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
+    release_velocity: ReleaseVelocity = "kept"
+    """Velocity of an object as the hand opens: unchanged; without the moving base's part
+    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
+    physics_hz: int = PHYSICS_HZ
+    """Physics steps per second: 120 or more, a multiple of 30."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
+        rate = self.physics_hz
+        if not isinstance(rate, int | np.integer) or rate < CONTROL_HZ or rate % CONTROL_HZ:
+            raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
+        for name, kind in get_type_hints(WorldOptions).items():
+            if get_origin(kind) is Literal and (value := getattr(self, name)) not in get_args(kind):
+                raise PerdureError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
+
+    @property
+    def unusual(self) -> dict[str, Any]:
+        """The options that change the physics and differ from their defaults, by name."""
+        given = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
+        free = ("visuals", "targets")
+        return {name: value for name, (value, usual) in given.items() if value != usual and name not in free}
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is unusual in words for names: ("drag", "240-hz")."""
+        hertz = f"{self.physics_hz}-hz"
+        return tuple(
+            hertz if name == "physics_hz" else _WORDS.get((name, value), f"{name}-{value}".replace("_", "-"))
+            for name, value in self.unusual.items()
+        )
+
+
+@dataclass(frozen=True)
+class SceneOptions(WorldOptions):
+    """How a scene is built; the same options and episode give the same model."""
+
+    visuals: bool = False
+    """Whether visual geometry is built: pictures need it, physics does not."""
+    clutter: bool = True
+    """Whether the scene contains clutter."""
+    targets: tuple[int, ...] | None = None
+    """Numbers of the targets in the scene, None for all."""
+    sleep: bool = True
+    """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in one control step."""
+        return self.physics_hz // CONTROL_HZ
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A compiled model and the addresses of its parts."""
+
+    apartment: Apartment
+    opened: Mapping[str, float]
+    placements: tuple[Placement, ...]
+    options: SceneOptions
+    model: Any
+    """`mujoco.MjModel`; never changed."""
+
+    @cached_property
+    def object_qpos(self) -> IntArray:
+        """Address of each object's pose in `qpos` (3 position, 4 quaternion). Shape (objects,)."""
+        return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_qposadr")
+
+    @cached_property
+    def middles(self) -> IntArray:
+        """Where the objects' middles stand in `qpos`. Shape (objects, 3)."""
+        return self.object_qpos[:, None] + np.arange(3)
+
+    @cached_property
+    def poses(self) -> IntArray:
+        """Where the objects' poses stand in `qpos`. Shape (objects, 7)."""
+        return self.object_qpos[:, None] + np.arange(7)
+
+    @cached_property
+    def velocities(self) -> IntArray:
+        """Where the objects' linear velocities stand in `qvel`. Shape (objects, 3)."""
+        return self.object_qvel[:, None] + np.arange(3)
+
+    @cached_property
+    def object_qvel(self) -> IntArray:
+        """Address of each object's velocity in `qvel` (3 linear in the room, 3 angular in its own frame)."""
+        return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_dofadr")
+
+    @cached_property
+    def robot_qpos(self) -> slice:
+        """Where the robot's joints stand in `qpos`, in the order of `perdure.home.sim.robot.JOINTS`."""
+        first = int(self._joint_addresses([JOINTS[0]], "jnt_qposadr")[0])
+        return slice(first, first + len(JOINTS))
+
+    @cached_property
+    def robot_qvel(self) -> slice:
+        """Where the robot's joints stand in `qvel`."""
+        first = int(self._joint_addresses([JOINTS[0]], "jnt_dofadr")[0])
+        return slice(first, first + len(JOINTS))
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Links of all drawers and doors; handles are numbered in this order."""
+        return tuple(moving.link for moving in self.apartment.articulations)
+
+    @cached_property
+    def link_qpos(self) -> IntArray:
+        """Address of each drawer's or door's position in `qpos`. Shape (links,)."""
+        return self._joint_addresses([m.joint for m in self.apartment.articulations], "jnt_qposadr")
+
+    @cached_property
+    def link_qvel(self) -> IntArray:
+        """Address of each drawer's or door's velocity in `qvel`. Shape (links,)."""
+        return self._joint_addresses([m.joint for m in self.apartment.articulations], "jnt_dofadr")
+
+    @cached_property
+    def object_bodies(self) -> IntArray:
+        """The bodies of the objects. Shape (objects,)."""
+        bodies = [self.model.body(f"object_{k}").id for k in range(len(self.placements))]
+        return np.array(bodies, dtype=np.int64)
+
+    @cached_property
+    def object_geoms(self) -> tuple[IntArray, ...]:
+        """The colliding geoms of each object."""
+        model = self.model
+        return tuple(
+            np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in self.object_bodies
+        )
+
+    @cached_property
+    def robot_geoms(self) -> BoolArray:
+        """Which geoms belong to the robot. Shape (geoms,)."""
+        root = int(self.model.body("robot").id)
+        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
+
+    @cached_property
+    def loose_geoms(self) -> BoolArray:
+        """Which geoms belong to objects. Shape (geoms,)."""
+        return np.isin(self.model.geom_bodyid, self.object_bodies)
+
+    @cached_property
+    def arm_geoms(self) -> BoolArray:
+        """Which geoms belong to the arm and its hand. Shape (geoms,)."""
+        model, inside = self.model, set()
+        first = int(model.body("shoulder_pan_link").id)
+        for body in range(first, model.nbody):  # a body comes after its parent
+            if body == first or int(model.body_parentid[body]) in inside:
+                inside.add(body)
+        return np.isin(model.geom_bodyid, list(inside))
+
+    @cached_property
+    def object_reach(self) -> FloatArray:
+        """Largest side of each object's bounding box in [m]. Shape (objects,)."""
+        return np.array([max(YcbObjects().kind(p.kind).size) for p in self.placements])
+
+    @cached_property
+    def gripper_offset(self) -> FloatArray:
+        """The gripper point in the frame of body `gripper_link`. Shape (3,)."""
+        return np.array(self.model.site("gripper").pos)
+
+    @cached_property
+    def handles(self) -> Handles:
+        """Handles in the order of `links`."""
+        return Handles.of(self.apartment)
+
+    @cached_property
+    def nearby(self) -> Nearby:
+        """Bounding boxes for the search of nearby bodies."""
+        return Nearby.of(self.model, self.object_bodies)
+
+    def weld(self, number: int) -> int:
+        """Return the equality that holds object `number` in the gripper."""
+        return int(self.model.eq(f"hold/object_{number}").id)
+
+    def grip(self, link: int) -> int:
+        """Return the equality that holds the handle of link `link`."""
+        return int(self.model.eq(f"hold/{self.links[link]}").id)
+
+    def _joint_addresses(self, names: Sequence[str], table: str) -> IntArray:
+        addresses = getattr(self.model, table)
+        return np.array([addresses[self.model.joint(name).id] for name in names], dtype=np.int64)
+
+
+def build_scene(
+    apartment: Apartment,
+    placements: Sequence[Placement],
+    opened: Mapping[str, float] | None = None,
+    options: SceneOptions | None = None,
+) -> Scene:
+    """Build and compile a scene, about a tenth of a second; object k is the body `object_k`.
+
+    `opened` are joint positions of drawers and doors at the start by link name, 0 where not given.
+    """
+    import mujoco
+
+    options = options or SceneOptions()
+    spec = mujoco.MjSpec()
+    _set_physics(spec, options)
+    build_apartment(apartment, spec, visuals=options.visuals)
+    objects = YcbObjects(visuals=options.visuals, apple=options.apple)
+    for number, placement in enumerate(placements):
+        objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
+    add_fetch(spec, visuals=options.visuals)
+    add_base_bumper(spec, apartment)
+    _add_holds(spec, apartment, len(placements))
+    scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
+    if options.rolling == "drag":
+        _let_roll(scene)
+    return scene
+
+
+def _set_physics(spec: Any, options: SceneOptions) -> None:
+    import mujoco
+
+    spec.option.timestep = 1.0 / options.physics_hz
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.ccd_tolerance = 1e-9  # with the default 1e-6 a can lying on its edge creeps and never sleeps
+    # A diverged world must be reported, not reset silently.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    if options.sleep:
+        spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+
+
+def _let_roll(scene: Scene) -> None:
+    """Let objects roll and spin without friction; they lose 20 % of their speed and spin in a second."""
+    model = scene.model
+    for number, geoms in enumerate(scene.object_geoms):
+        model.geom_condim[geoms] = 3
+        body, dof = model.body(f"object_{number}").id, int(scene.object_qvel[number])
+        model.dof_damping[dof : dof + 3] = HABITAT_DRAG * model.body_mass[body]
+        model.dof_damping[dof + 3 : dof + 6] = HABITAT_DRAG * model.body_inertia[body]
+
+
+def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
+    """One weld per object and one point-to-point constraint per handle, all switched off."""
+    import mujoco
+
+    site = spec.site("gripper")
+    offset = np.array(site.pos)
+    for number in range(objects):
+        equality = spec.add_equality(
+            name=f"hold/object_{number}",
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="gripper_link",
+            name2=f"object_{number}",
+            active=False,
+        )
+        data = np.zeros(len(equality.data))
+        data[3:6], data[6:10], data[10] = offset, (1.0, 0.0, 0.0, 0.0), 1.0
+        equality.data = data
+    for moving in apartment.articulations:
+        spec.add_equality(
+            name=f"hold/{moving.link}",
+            type=mujoco.mjtEq.mjEQ_CONNECT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="gripper_link",
+            name2=moving.link,
+            active=False,
+            solref=HANDLE_SOLREF,
+        )

@@ -1,0 +1,275 @@
+"""The action of a control step: eleven numbers from -1 to 1, M3's mobile manipulation and "stop"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.objects import OBJECT_BIT, Placement
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
+from perdure.home.sim.scene import CONTROL_HZ, MOVED, Scene
+
+ACTION_SIZE = 11
+FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
+"""Where the parts stand: base forward, base turn, seven arm joints, gripper, "I am there"."""
+STOP_LEVEL = 0.9
+"""Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (OURS; M3
+has a discrete action for it)."""
+
+BASE_SPEED = 1.5
+"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3)."""
+NAVIGATION_SPEED = 3.0
+"""The same in navigation (M3, whose actions are 20 discrete ones; ours are continuous)."""
+ARM_STEP = 0.025
+"""What an action of 1 adds to a joint's servo target in one control step, in [rad] (M3)."""
+GRASP, RELEASE, LEAVE = 1.0, -1.0, 0.0
+"""Gripper: above 0 grasps, below 0 releases (M3's signs; the thesis has them the other way round), 0 does nothing."""
+GRASP_RADIUS = 0.15
+"""How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
+
+
+_CON = {name: k for k, name in enumerate(JOINTS)}
+ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
+TORSO = _CON["torso_lift_joint"]
+
+
+class Simulator:
+    """One simulation with one robot; `VectorSimulator` runs many of them."""
+
+    def __init__(self, scene: Scene) -> None:
+        """A simulation at the scene's start, the robot at the room's origin: place it before stepping."""
+        import mujoco
+
+        self._mujoco = mujoco
+        self.scene = scene
+        self.model: Any = copy(scene.model)
+        self.data: Any = mujoco.MjData(self.model)
+        self.qpos: FloatArray = self.data.qpos
+        self.qvel: FloatArray = self.data.qvel
+        self.ctrl: FloatArray = self.data.ctrl
+        self.robot: FloatArray = self.qpos[scene.robot_qpos]
+        self.robot_velocity: FloatArray = self.qvel[scene.robot_qvel]
+        gripper = int(self.model.site("gripper").id)
+        self.gripper: FloatArray = self.data.site_xpos[gripper]
+        """The gripper point in the room, as of the last step's end. Shape (3,)."""
+        self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
+        """Its axes in the room, one per column. Shape (3, 3)."""
+        self.held = self.held_link = -1
+        self._parting: set[int] = set()
+        bad = [int(getattr(mujoco.mjtWarning, name)) for name in _BAD]
+        self._bad_states: NDArray[np.int32] = self.data.warning.number[min(bad) : max(bad) + 1]
+        self._substeps = scene.options.substeps
+        self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
+        self._looked_from: tuple[float, float] | None = None
+
+    def reset(
+        self,
+        base: Pose,
+        arm: ArrayLike = REST_ARM,
+        opened: Mapping[str, float] | None = None,
+        moved: Mapping[int, Placement] | None = None,
+    ) -> None:
+        """Reset to the start of an episode: base pose, joint angles of the arm (7,), drawers and doors by link name.
+
+        Links that are not named take the scene's own positions; so do objects that `moved` does not place by number.
+        """
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.search_all()
+        self.release(part=False)
+        for number in tuple(self._parting):
+            self._collide(number, True)
+        scene = self.scene
+        wanted = {**scene.opened, **(opened or {})}
+        for link, address in zip(scene.links, scene.link_qpos, strict=True):
+            self.qpos[address] = wanted.get(link, 0.0)
+        for number, placement in (moved or {}).items():
+            self.object(number)[0][:] = *placement.position, *placement.quaternion
+        self.robot[:] = 0.0
+        self.robot[:3] = base.x, base.y, base.yaw
+        self.robot[TORSO], self.robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
+        self.robot[ARM_TO:] = OPEN
+        self.ctrl[:] = self.robot
+        self.ctrl[:3] = 0.0
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def drive(self, forward: float, turn: float) -> None:
+        """Base speeds for the next control step, in [m/s] and [rad/s]."""
+        heading = self.robot[2] + 0.5 * turn / CONTROL_HZ
+        self.ctrl[0], self.ctrl[1], self.ctrl[2] = forward * np.cos(heading), forward * np.sin(heading), turn
+
+    def step(self) -> None:
+        """One control step of physics; lets other threads run meanwhile."""
+        if self.scene.options.sleep:
+            self._leave_out_far()
+        self._mujoco.mj_step(self.model, self.data, self._substeps)
+        self._mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves poses as they were before its last step
+
+    @property
+    def links(self) -> FloatArray:
+        """How far each drawer and door is open, in the order of `Scene.links`. Shape (links,)."""
+        return self.qpos[self.scene.link_qpos]
+
+    def forward(self) -> None:
+        """Renew what MuJoCo derives from positions, without a step."""
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def object(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """Return pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
+        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
+        return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
+
+    def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
+        """The magic grasp: the nearest handle within reach, else the nearest object, turned to the gripper's axes.
+
+        Does nothing with a full hand or with nothing within 0.15 m. Gripper point (3,), its axes as columns (3, 3) and
+        the handles of all links (links, 3) are in the room.
+        """
+        if self.held >= 0 or self.held_link >= 0:
+            return
+        if len(handles):
+            distance = np.sqrt(((handles - gripper) ** 2).sum(axis=1))
+            nearest = int(distance.argmin())
+            if distance[nearest] <= GRASP_RADIUS:
+                self.hold_link(nearest, rotation.T @ (handles[nearest] - gripper), handles[nearest])
+                return
+        if len(self.scene.placements):
+            middles = self.qpos[self.scene.middles]
+            distance = np.sqrt(((middles - gripper) ** 2).sum(axis=1))
+            nearest = int(distance.argmin())
+            if distance[nearest] <= GRASP_RADIUS:
+                self.hold_object(nearest, gripper, rotation)
+
+    def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
+        """Attach the handle of a link to the hand at its present distance.
+
+        M3 draws the handle to the gripper point; there hand and handle would push against each other. The handle's
+        position is given from the gripper point along the gripper's axes, and in the room. Shapes (3,).
+        """
+        self.held_link = link
+        equality = self.scene.grip(link)
+        body = self.data.body(self.scene.links[link])
+        self._mujoco.mj_kinematics(self.model, self.data)
+        self.model.eq_data[equality, :3] = in_gripper + self.scene.gripper_offset
+        self.model.eq_data[equality, 3:6] = body.xmat.reshape(3, 3).T @ (in_room - body.xpos)
+        self.data.eq_active[equality] = 1
+
+    def hold_object(self, number: int, gripper: FloatArray, rotation: FloatArray) -> None:
+        """Put an object into the gripper, its axes along the gripper's, and ties it there.
+
+        From now on it passes through the robot.
+        """
+        pose, speed = self.object(number)[0], self.scene.object_qvel[number]
+        pose[:3] = gripper
+        self._mujoco.mju_mat2Quat(pose[3:], rotation.ravel())
+        self.qvel[speed : speed + 6] = 0.0
+        self.data.eq_active[self.scene.weld(number)] = 1
+        self._collide(number, False)
+        self._parting.discard(number)
+        self.held = number
+        self._counted[self.scene.object_geoms[number]] = True
+
+    def release(self, part: bool = True) -> None:
+        """Release whatever is held, as `SceneOptions.release_velocity` says; without `part` as if never held."""
+        if self.held_link >= 0:
+            self.data.eq_active[self.scene.grip(self.held_link)] = 0
+            self.held_link = -1
+        if self.held >= 0:
+            self.data.eq_active[self.scene.weld(self.held)] = 0
+            self._counted[self.scene.object_geoms[self.held]] = False
+            self._parting.add(self.held)
+            if part:
+                self._set_release_velocity(self.held)
+            else:
+                self._collide(self.held, True)
+            self.held = -1
+
+    def _set_release_velocity(self, number: int) -> None:
+        """Take the base's motion, or all motion, from an object's velocity.
+
+        With base velocity v_b, yaw rate w and base position p_b, an object at p that moves rigidly with the base has
+        the velocity v_b + w z x (p - p_b). M3 teleports the base together with what it holds, which gives none of it.
+        """
+        how = self.scene.options.release_velocity
+        if how == "kept":
+            return
+        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
+        if how == "zero":
+            self.qvel[speed : speed + 6] = 0.0
+            return
+        forward_x, forward_y, yaw_rate = self.robot_velocity[:3]
+        x, y = self.qpos[address : address + 2] - self.robot[:2]
+        self.qvel[speed] -= forward_x - yaw_rate * y
+        self.qvel[speed + 1] -= forward_y + yaw_rate * x
+        to_object = np.empty(4)
+        self._mujoco.mju_negQuat(to_object, self.qpos[address + 3 : address + 7])
+        spin = np.empty(3)  # a free joint's angular velocity is along the object's own axes
+        self._mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, yaw_rate]), to_object)
+        self.qvel[speed + 3 : speed + 6] -= spin
+
+    def part(self, gripper: FloatArray) -> None:
+        """With `jaws` "apart": let released objects collide again once the gripper is farther away than their size."""
+        if self.scene.options.jaws == "never" or not self._parting:
+            return
+        for number in tuple(self._parting):
+            address = self.scene.object_qpos[number]
+            away = gripper - self.qpos[address : address + 3]
+            if away @ away > self.scene.object_reach[number] ** 2:
+                self._collide(number, True)
+
+    def blew_up(self) -> bool:
+        """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
+        return any(self._bad_states.tolist()) or not math.isfinite(self.qpos @ self.qpos)
+
+    def robot_force(self) -> float:
+        """Return largest normal force at the arm, its hand or what it holds, in the last physics step in [N].
+
+        The base does not count: in M3 it moves on its navigation mesh and can touch nothing, here furniture stops it.
+        """
+        if not self.data.ncon:
+            return 0.0
+        contact = self.data.contact
+        rows = contact.efc_address
+        rows = rows[self._counted[contact.geom].any(axis=1) & (rows >= 0)]
+        return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
+
+    def _leave_out_far(self) -> None:
+        """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
+        expected = 1 + (self.held >= 0) + (self.held_link >= 0)
+        if self.data.ntree_awake > expected:
+            if self._looked_from is not None:
+                self.search_all()
+            return
+        x, y = self.robot[:2].tolist()
+        if self._looked_from is not None:
+            dx, dy = x - self._looked_from[0], y - self._looked_from[1]
+            if dx * dx + dy * dy < MOVED * MOVED:
+                return
+        nearby, scene = self.scene.nearby, self.scene
+        near = nearby.around(np.array([x, y]), self.qpos[scene.middles[:, :2]])
+        self.model.body_contype[:] = np.where(near, nearby.contype, 0)
+        self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
+        self._looked_from = x, y
+
+    def search_all(self) -> None:
+        """Search for contacts everywhere again until the robot has moved, for queries about other places."""
+        nearby = self.scene.nearby
+        self.model.body_contype[:] = nearby.contype
+        self.model.body_conaffinity[:] = nearby.conaffinity
+        self._looked_from = None
+
+    def _collide(self, number: int, robot: bool) -> None:
+        """Set whether an object collides with the robot; objects always collide with each other."""
+        self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
+        if robot:
+            self._parting.discard(number)
+
+
+_BAD = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
+"""MuJoCo's warnings of a diverged state; their numbers follow one another."""

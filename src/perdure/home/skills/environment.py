@@ -1,0 +1,528 @@
+"""Type checks of options, which may come as text: a word such as "no" must not count as True."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any, get_args
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from perdure.envs.suites import VectorSuite
+from perdure.errors import PerdureError
+from perdure.home.sim.apartments import SPLITS
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.scene import PHYSICS_HZ, SERVO_HZ, Rolling, Scene, SceneOptions
+from perdure.home.sim.sensors import PrivilegedState
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills.registry import SKILLS, choices, get_skill, learned_skills
+from perdure.home.skills.skill import Skill, SkillProgress, put_rows
+from perdure.home.skills.starts import begin, train_pool
+from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
+from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
+from perdure.schema import Choice, Flag, Items, Kind, Maybe, Text, Whole
+
+
+def plain(value: Any) -> Any:
+    """Return a NumPy number or array as Python numbers; any other value itself."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
+def check_kinds(kinds: Mapping[str, Kind], values: Mapping[str, object]) -> None:
+    """Raise PerdureError, with name, value and what is allowed, for a value that is not of its kind."""
+    for name, kind in kinds.items():
+        kind.check(plain(values[name]), name)
+
+
+def checked_mode(value: AutoresetMode | str) -> AutoresetMode:
+    """Return an autoreset mode by its name; PerdureError for any other value."""
+    try:
+        return AutoresetMode(value)
+    except ValueError:
+        names = ", ".join(repr(mode.value) for mode in AutoresetMode)
+        raise PerdureError(f"autoreset_mode must be one of {names}, not {value!r}") from None
+
+
+SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
+"""Options that are fields of a skill."""
+COUNT = Whole(1, 1_000_000)
+KINDS: Mapping[str, Kind] = {
+    "skill": Text(),
+    "task": Choice(tuple(TASKS)),
+    "split": Choice(tuple(SPLITS)),
+    "targets": Maybe(Items(Whole(0, 100))),
+    "delta": COUNT,
+    "limited_to": Maybe(COUNT),
+    "any_heading": Flag(),
+    "clutter": Flag(),
+    "physics_hz": Whole(SERVO_HZ, 100_000),
+    "rolling": Choice(get_args(Rolling)),
+    "episodes": Maybe(COUNT),
+}
+"""The kind of every option."""
+
+
+@dataclass(frozen=True)
+class SkillEnvOptions:
+    """The skill, its task and the world of an environment."""
+
+    skill: str = "place"
+    task: str = "tidy_house"
+    split: str = "train"
+    """`train`: generated episodes, see `episodes`; `val` and `eval`: the published episodes."""
+    targets: tuple[int, ...] | int | None = None
+    """The targets to draw from, uniformly; all that need the skill when None."""
+    delta: int = 1
+    """See `Place`."""
+    limited_to: int | None = None
+    """See `Place`."""
+    any_heading: bool = False
+    """See `Place`."""
+    clutter: bool = False
+    """Whether objects that are no targets are in the scene."""
+    physics_hz: int = PHYSICS_HZ
+    rolling: Rolling = "friction"
+    """What stops rolling objects, see `SceneOptions`."""
+    episodes: int | None = None
+    """Number of episodes; when None 64 of `train`, one for each apartment, or all published ones."""
+
+    def __post_init__(self) -> None:
+        """Raise PerdureError for options that do not exist or do not fit together."""
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, plain(value))
+        if self.targets is not None:
+            given = self.targets if isinstance(self.targets, Iterable) else (self.targets,)
+            object.__setattr__(self, "targets", tuple(map(plain, given)))
+        check_kinds(KINDS, vars(self))
+        if self.skill not in learned_skills():
+            raise PerdureError(f"no environment for the skill {self.skill!r}; {choices(self.skill, learned_skills())}")
+        for each in fields(self):
+            owners = [name for name, kind in SKILLS.items() if each.name in option_names(kind)]
+            if each.name in SKILL_OPTIONS and self.skill not in owners and getattr(self, each.name) != each.default:
+                raise PerdureError(
+                    f"{each.name} is an option of {', '.join(owners)}, not of {self.skill}; leave it at {each.default}"
+                )
+        published = 0 if self.split == "train" else len(load_episodes(self.task, self.split).episodes)
+        if published and self.episodes is not None and self.episodes > published:
+            raise PerdureError(f"episodes must be 1 to {published}, all of {self.split}, not {self.episodes}")
+        used = targets_of(self.skill, get_task(self.task))
+        if not used:
+            raise PerdureError(f"{self.task} never uses the skill {self.skill}")
+        if not self.chosen_targets or set(self.chosen_targets) - set(used):
+            raise PerdureError(f"targets of {self.skill} in {self.task} are some of {used}, not {self.targets}")
+        _ = self.scene, self.make_skill()
+
+    @property
+    def chosen_targets(self) -> tuple[int, ...]:
+        """Return the targets to draw from."""
+        if self.targets is None:
+            return targets_of(self.skill, get_task(self.task))
+        assert not isinstance(self.targets, int), "made a tuple at construction"
+        return self.targets
+
+    @property
+    def scene(self) -> SceneOptions:
+        """Return how scenes are built; the target is added for each."""
+        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
+
+    def make_skill(self) -> Skill:
+        """Return the skill with its own options."""
+        own = option_names(SKILLS[self.skill])
+        return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
+
+    def check_step_limit(self, max_episode_steps: int | None) -> None:
+        """Raise PerdureError for a limit in which the object cannot stay for `delta` steps."""
+        if max_episode_steps is not None and max_episode_steps < self.delta:
+            raise PerdureError(
+                f"no episode of {max_episode_steps} steps can succeed with delta={self.delta}; "
+                f"also give max_episode_steps={self.make_skill().limit}"
+            )
+
+    def load(self) -> tuple[Episode, ...]:
+        """Return the episodes to draw from."""
+        if self.split == "train":
+            return train_pool(self.task, **({} if self.episodes is None else {"count": self.episodes})).episodes
+        return load_episodes(self.task, self.split).episodes[: self.episodes]
+
+
+def option_names(kind: type[Skill]) -> set[str]:
+    """Return the names of a skill's own options."""
+    return {each.name for each in fields(kind)}
+
+
+def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
+    """Return the targets for which a task's plan uses a skill; all targets for a skill that no task uses."""
+    if not any(step.skill == skill for each in TASKS.values() for step in each.skills):
+        return tuple(range(len(task.targets)))
+    return tuple(sorted({step.target for step in task.skills if step.skill == skill}))
+
+
+def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
+    """Return options by name; raise PerdureError for unknown names."""
+    known = [each.name for each in fields(SkillEnvOptions)]
+    for name in sorted(set(options) - set(known)):
+        raise PerdureError(f"no option is named {name!r}; {choices(name, known)}")
+    return SkillEnvOptions(**options)
+
+
+@lru_cache(maxsize=8)
+def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
+    """Return the cached sampler of these options, so that a learner that rebuilds its worlds loads them once."""
+    return EpisodeSampler(options)
+
+
+class EpisodeSampler:
+    """Draws the episodes of lanes. A draw depends on the lane's own generator only."""
+
+    def __init__(self, options: SkillEnvOptions) -> None:
+        """Load the episodes; those of `train` are generated the first time, which needs about a second for each."""
+        self._options = options
+        self.episodes = options.load()
+        self._draw = options.make_skill().draw_start
+
+    def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
+        """Begin an episode in a lane and return it."""
+        number = int(rng.integers(len(self.episodes)))
+        targets = self._options.chosen_targets
+        target = targets[int(rng.integers(len(targets)))]
+        episode = self.episodes[number]
+        begin(world, lane, self.scene(number, target), self._draw, episode, target, rng)
+        return episode
+
+    def scene(self, number: int, target: int) -> Scene:
+        """Return the scene of an episode with one target and, if wanted, the clutter."""
+        return episode_scene(self.episodes[number], replace(self._options.scene, targets=(target,)))
+
+
+PREFIX = "perdure/Home"
+SUITE = VectorSuite("Home", "perdure.home.skills.gym", PREFIX)
+"""The suite of these environments, which `pyproject.toml` names as an entry point."""
+
+
+def env_id(skill: str) -> str:
+    """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
+    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
+
+
+def check_id(skill: str, registered: str | None) -> None:
+    """Raise PerdureError if an id that is registered for one skill would make another."""
+    if registered not in (None, skill):
+        raise PerdureError(f"{env_id(registered)} has the skill {registered}, not {skill}: use {env_id(skill)}")
+
+
+def default_task(skill: str) -> str:
+    """Return the first task that uses a skill."""
+    return next(name for name, task in TASKS.items() if targets_of(skill, task))
+
+
+def register() -> None:
+    """Register an environment for each learned skill that has none; call it again after adding a skill."""
+    for skill in learned_skills():
+        if env_id(skill) in gymnasium.registry:
+            continue
+        gymnasium.register(
+            env_id(skill),
+            entry_point="perdure.home.skills.gym:HomeSkillEnv",
+            vector_entry_point="perdure.home.skills.environment:HomeSkillVectorEnv",
+            max_episode_steps=get_skill(skill).limit,
+            kwargs={"skill": skill, "task": default_task(skill), "registered_skill": skill},
+        )
+
+
+StepResult = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]):
+    """n lanes of one skill. A lane's trajectory depends on its own seed and actions only, bit for bit.
+
+    terminated: the skill succeeded or failed. truncated: `max_episode_steps` was reached, or the simulation diverged. A
+    diverged lane gets reward 0 for that step, returns the observation of its episode's start and is counted in
+    `diverged`.
+
+    info has arrays `success`, `failure` (its label, "none" for none), `diverged` and `elapsed`, and an array for each
+    reward term under `reward_terms`.
+
+    Autoreset modes: DISABLED (the caller resets, with `options["reset_mask"]`), NEXT_STEP (the next step of an ended
+    lane begins its next episode, with reward 0), SAME_STEP (the last observation and info are in `final_obs` and
+    `final_info`).
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED,
+        registered_skill: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Load the episodes; scenes are built when they are needed.
+
+        Args:
+            num_envs: Number of lanes.
+            max_episode_steps: Steps after which a lane is truncated, None for no limit.
+            threads: Simulation threads; as many as the process may use cores when None. Results do not depend on it.
+            autoreset_mode: See the class.
+            registered_skill: The skill of the Gymnasium id that makes this environment, which `skill` must then be.
+            options: Fields of `SkillEnvOptions`.
+
+        Raises:
+            PerdureError: If an option is unknown, of a wrong type or does not fit the others.
+        """
+        given = {"num_envs": num_envs, "max_episode_steps": max_episode_steps, "threads": threads}
+        check_kinds({"num_envs": COUNT, "max_episode_steps": Maybe(Whole(1, 10**9)), "threads": Maybe(COUNT)}, given)
+        self.metadata = {"autoreset_mode": checked_mode(autoreset_mode), "render_modes": []}
+        self.options = checked_options(options)
+        check_id(self.options.skill, registered_skill)
+        self.options.check_step_limit(max_episode_steps)
+        self.skill: Skill = self.options.make_skill()
+        self.sampler = episode_sampler(self.options)
+        self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
+        self.world = VectorSimulator(num_envs, threads)
+        self.diverged = np.zeros(num_envs, dtype=np.int64)
+        """Number of divergences of each lane. Shape (num_envs,)."""
+        self._set_spaces()
+        self._rng: list[np.random.Generator | None] = [None] * num_envs
+        self._over = np.ones(num_envs, dtype=bool)
+        self._state: PrivilegedState | None = None
+        self._progress: SkillProgress | None = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Begin new episodes.
+
+        Args:
+            seed: Lane k gets seed + k, or the k-th of a sequence; None keeps the lane's generator.
+            options: `reset_mask`: which lanes to reset, shape (num_envs,); all by default.
+
+        Returns:
+            Observations of all lanes, those that were not reset unchanged, and an empty info.
+
+        Raises:
+            PerdureError: If the number of seeds is not that of the lanes, or the first reset leaves lanes out.
+        """
+        mask = self._mask(options)
+        for number, one in enumerate(self._seeds(seed)):
+            if mask[number] and (one is not None or self._rng[number] is None):
+                self._rng[number] = np.random.Generator(np.random.PCG64(one))
+        state, progress = self._begin(np.flatnonzero(mask))
+        return self.skill.observe(state, progress), {}
+
+    def step(self, actions: FloatArray) -> StepResult:
+        """Run one control step of all lanes.
+
+        Args:
+            actions: Shape (num_envs, m); values outside [-1, 1] are clipped.
+
+        Raises:
+            PerdureError: If a lane has ended and was not reset, or actions have a wrong shape or are not finite.
+        """
+        mode, renewed = self.metadata["autoreset_mode"], self._over.copy()
+        if self._state is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
+            raise PerdureError(f"lanes {np.flatnonzero(renewed).tolist()} have ended or never begun: reset them first")
+        full = self.skill.expand_action(self._checked(actions))
+        stepped = np.flatnonzero(~renewed)
+        if renewed.any():
+            self._begin(np.flatnonzero(renewed))
+        outcome = self._advance(self._state, self._progress, full, stepped)
+        return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
+
+    @property
+    def state(self) -> PrivilegedState:
+        """Return the privileged state of all lanes; PerdureError before the first reset."""
+        if self._state is None:
+            raise PerdureError("state does not exist before the first reset")
+        return self._state
+
+    @property
+    def progress(self) -> SkillProgress:
+        """Return the skill's progress in all lanes; PerdureError before the first reset."""
+        if self._progress is None:
+            raise PerdureError("progress does not exist before the first reset")
+        return self._progress
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the threads."""
+        self.world.close()
+
+    def _begin(self, lanes: IntArray) -> tuple[PrivilegedState, SkillProgress]:
+        """Begin episodes in some lanes; return state and progress of all lanes."""
+        for lane in map(int, lanes):
+            rng = self._rng[lane]
+            assert rng is not None
+            self.sampler.begin(self.world, lane, rng)
+        fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_neighbors)
+        begun = self.skill.begin(fresh)
+        if self._state is None or self._progress is None:
+            self._state, self._progress = fresh, begun
+        else:
+            self._state, self._progress = put_rows(self._state, lanes, fresh), self._progress.put(lanes, begun)
+        self._over[lanes] = False
+        return self._state, self._progress
+
+    def _advance(self, before: PrivilegedState, was: SkillProgress, actions: FloatArray, lanes: IntArray) -> StepResult:
+        """Step some lanes; the others have just begun, so their outcome has no reward."""
+        skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
+        stepped[lanes] = True
+        if len(lanes):
+            legal = skill.mask(actions, before)
+            self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
+        now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
+        self._state, self._progress = after, now
+        return self._outcome(before, after, was, now, stepped)
+
+    def _outcome(
+        self,
+        before: PrivilegedState,
+        after: PrivilegedState,
+        was: SkillProgress,
+        now: SkillProgress,
+        stepped: BoolArray,
+    ) -> StepResult:
+        skill, diverged = self.skill, stepped & after.diverged
+        sound = stepped & ~diverged
+        rewards, terms = skill.reward(before, after, was, now)
+        success = skill.success(after, now) & sound
+        failure = np.where(sound, skill.failure(after, now), 0)
+        terminated, truncated = success | (failure > 0), diverged.copy()
+        if self.max_episode_steps is not None:
+            truncated |= stepped & (now.elapsed >= self.max_episode_steps)
+        self.diverged += diverged
+        self._over = terminated | truncated
+        info = {
+            "success": success,
+            "failure": np.array(skill.failure_labels)[failure],
+            "diverged": diverged,
+            "elapsed": now.elapsed.copy(),
+            "reward_terms": masked({name: np.where(sound, value, 0.0) for name, value in terms.items()}),
+        }
+        return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
+
+    def _same_step(self, outcome: StepResult) -> StepResult:
+        """Begin the next episode of lanes that have just ended."""
+        last, rewards, terminated, truncated, info = outcome
+        over = self._over.copy()
+        state, progress = self._begin(np.flatnonzero(over))
+        final = {"final_obs": last, "_final_obs": over, "final_info": info, "_final_info": over}
+        return self.skill.observe(state, progress), rewards, terminated, truncated, {**info, **final}
+
+    def _set_spaces(self) -> None:
+        low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
+        self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.skill.active_columns),), dtype=np.float64)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def _checked(self, actions: FloatArray) -> FloatArray:
+        given = np.asarray(actions, dtype=np.float64)
+        if given.shape != self.action_space.shape:
+            raise PerdureError(f"actions must have shape {self.action_space.shape}, not {given.shape}")
+        return given
+
+    def _mask(self, options: Mapping[str, Any] | None) -> BoolArray:
+        mask = np.ones(self.num_envs, dtype=bool)
+        if options is not None and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != bool:
+                raise PerdureError(f"reset_mask must be {self.num_envs} booleans, not {options['reset_mask']!r}")
+        if self._state is None and not mask.all():
+            raise PerdureError("reset_mask must select all lanes in the first reset")
+        return mask
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [int(seed) + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise PerdureError(f"seed must have one entry for each of {self.num_envs} lanes, not {len(seeds)}")
+        return seeds
+
+
+def masked(info: dict[str, Any]) -> dict[str, Any]:
+    """Return an info with Gymnasium's `_name` beside each entry, which says that all lanes have it."""
+    size = len(next(value for value in info.values() if isinstance(value, np.ndarray)))
+    return {**info, **{f"_{name}": np.ones(size, dtype=bool) for name in info}}
+
+
+class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
+    """One lane of a `HomeSkillVectorEnv`: the same seed and actions give the same bits."""
+
+    def __init__(
+        self, *, threads: int = 1, autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED, **options: Any
+    ) -> None:
+        """Create the environment.
+
+        Args:
+            threads: As for the vector; one lane never uses more than one.
+            autoreset_mode: DISABLED: the caller resets.
+            options: Fields of `SkillEnvOptions`, and other settings of the vector.
+
+        Raises:
+            PerdureError: If an option does not exist or fit, or for another autoreset mode.
+        """
+        if (mode := checked_mode(autoreset_mode)) is not AutoresetMode.DISABLED:
+            raise PerdureError(
+                f"autoreset_mode of a single environment must be {AutoresetMode.DISABLED.value!r}, not {mode.value!r}; "
+                "gymnasium.make_vec has the other modes"
+            )
+        self.lanes = HomeSkillVectorEnv(1, threads=threads, **options)
+        self._unfinished = 0
+        """Steps of an episode that is not over, 0 between episodes."""
+        self._cut_before = 0
+        """Steps of the episode that was cut off last."""
+        self._warned = False
+        self.observation_space = self.lanes.single_observation_space
+        self.action_space = self.lanes.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """See `gymnasium.Env.reset`."""
+        super().reset(seed=seed)
+        self._warn_if_cut_off()
+        self._unfinished = 0
+        observations, _ = self.lanes.reset(seed=seed)
+        return observations[0], {}
+
+    def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """See `gymnasium.Env.step`."""
+        batch = np.asarray(action, dtype=np.float64)[None]
+        observations, rewards, terminated, truncated, info = self.lanes.step(batch)
+        self._unfinished = 0 if terminated[0] or truncated[0] else int(info["elapsed"][0])
+        return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def close(self) -> None:
+        """Release the lane's resources."""
+        self.lanes.close()
+
+    def _warn_if_cut_off(self) -> None:
+        """Warn once of episodes too short for `delta`: the constructor does not see the limit of `make`.
+
+        Two of the same length in a row, as one alone may have been cut off by a reset on purpose.
+        """
+        steps, delta, before = self._unfinished, self.lanes.options.delta, self._cut_before
+        self._cut_before = steps
+        if 0 < steps < delta and steps == before and not self._warned:
+            self._warned = True
+            warnings.warn(
+                f"two episodes were cut off from outside after {steps} steps; with delta={delta} such an episode "
+                f"cannot succeed: also give max_episode_steps={self.lanes.skill.limit}",
+                stacklevel=3,
+            )
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of the only lane."""
+    return {
+        name: _first(value) if isinstance(value, dict) else value[0].item()
+        for name, value in info.items()
+        if not name.startswith("_")
+    }

@@ -1,0 +1,1 @@
+"""The benchmark: tasks, episodes, the PDDL domain and its planner."""

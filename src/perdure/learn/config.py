@@ -1,0 +1,204 @@
+"""PPO settings: the arguments of Stable-Baselines3's `PPO`, plus the horizon protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self
+
+from perdure.errors import PerdureError
+from perdure.horizon import Fixed, HorizonProtocol
+from perdure.learn.advantages import make_estimator
+
+Activation = Literal["relu", "tanh"]
+Decay = Literal["none", "linear"]
+Conditioning = Literal["concatenate", "film"]
+
+
+def _default_protocol() -> HorizonProtocol:
+    return HorizonProtocol(embedding=None, horizon=Fixed(1000), end="truncated", gamma=0.99, normalizer_gamma=0.99)
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Settings of a training run, without task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
+
+    gamma is part of the protocol, because it belongs to the horizon.
+
+    Raises:
+        PerdureError: If a value is out of its range or the rollout cannot be cut into whole minibatches.
+    """
+
+    protocol: HorizonProtocol = field(default_factory=_default_protocol)
+    """How training treats time: embedding, training horizon T, meaning of its end, discounts."""
+    total_steps: int = 1_000_000
+    """Environment steps to train for, over all environments; rounded up to whole rollouts."""
+    n_envs: int = 1
+    """Environments of one seed, stepped side by side."""
+    n_steps: int = 2048
+    """Steps of each environment in one rollout."""
+    batch_size: int = 64
+    """Transitions in one minibatch; must divide n_envs * n_steps."""
+    n_epochs: int = 10
+    """Passes over each rollout."""
+    gae_lambda: float = 0.95
+    """lambda of the generalized advantage estimate."""
+    learning_rate: float = 3e-4
+    """Adam's step size."""
+    clip_range: float = 0.2
+    """Epsilon of the clipped policy ratio."""
+    ent_coef: float = 0.0
+    """Weight of the entropy bonus."""
+    vf_coef: float = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: float = 0.5
+    """Global norm to which a gradient is clipped."""
+    hidden_sizes: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of the policy and of the value network, which share no weights."""
+    activation: Activation = "tanh"
+    """Non-linearity of the hidden layers."""
+    log_std_init: float = 0.0
+    """Start value of the log standard deviation, which does not depend on the observation."""
+    ortho_init: bool = True
+    """Orthogonal start weights; otherwise torch's default (uniform, 1 / sqrt(fan in))."""
+    segment_steps: int = 50_000
+    """Steps between checkpoints, rounded to whole rollouts. At each checkpoint the environments are rebuilt from
+    (seed, segment), interrupted or not, so the result of a run depends on this number."""
+    learning_rate_decay: Decay = "none"
+    """`linear`: at iteration i of n the step size is learning_rate * (1 - (i + 1) / n), as SB3's linear schedule."""
+    log_std_end: float | None = None
+    """Upper limit of the log standard deviation, reached linearly from `log_std_init`; None: no limit. Deployment uses
+    the mean action, so the policy must not rely on exploration noise."""
+    log_std_fall: tuple[float, float] = (0.0, 0.6)
+    """Shares of the run at which the upper limit starts and stops falling."""
+    estimator: str = "discounted"
+    """How advantages are estimated: `discounted` (GAE), or `average-reward`, with options such as
+    `average-reward:reset_cost=10`."""
+    conditioning: Conditioning = "concatenate"
+    """How phi enters the networks: `concatenate` appends it to the observation; `film` lets it scale and shift the
+    hidden layers, see `perdure.learn.networks`."""
+
+    def __post_init__(self) -> None:
+        """Refuse settings that cannot be trained."""
+        for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs", "segment_steps"):
+            _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+        for each in dataclasses.fields(self):
+            value = getattr(self, each.name)
+            _require(not isinstance(value, float) or math.isfinite(value), each.name, value, "a finite number")
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            _require(getattr(self, name) > 0, name, getattr(self, name), "a positive number")
+        for name in ("ent_coef", "vf_coef"):
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        _require(0 <= self.gae_lambda <= 1, "gae_lambda", self.gae_lambda, "in [0, 1]")
+        _require(
+            self.learning_rate_decay in ("none", "linear"),
+            "learning_rate_decay",
+            self.learning_rate_decay,
+            "'none' or 'linear'",
+        )
+        _require(
+            self.log_std_end is None or self.log_std_end <= self.log_std_init,
+            "log_std_end",
+            self.log_std_end,
+            f"None or at most log_std_init = {self.log_std_init}",
+        )
+        _require(
+            self.conditioning in ("concatenate", "film"), "conditioning", self.conditioning, "'concatenate' or 'film'"
+        )
+        _require(
+            self.conditioning != "film" or self.protocol.embedding is not None,
+            "conditioning",
+            self.conditioning,
+            "'concatenate' for a policy without an embedding",
+        )
+        _require(
+            self.conditioning != "film" or not self.protocol.normalize_embedding,
+            "conditioning",
+            self.conditioning,
+            "'concatenate' if protocol.normalize_embedding is set",
+        )
+        begin, end = self.log_std_fall
+        _require(0 <= begin < end <= 1, "log_std_fall", self.log_std_fall, "two shares that grow, from 0 to 1")
+        _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
+        _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
+        _require(
+            self.rollout_size % self.batch_size == 0,
+            "batch_size",
+            self.batch_size,
+            f"a divisor of n_envs * n_steps = {self.rollout_size}",
+        )
+        _require(
+            self.learning_rate_decay == "none" or self.total_steps > self.rollout_size,
+            "total_steps",
+            self.total_steps,
+            f"more than one rollout of {self.rollout_size} steps, because learning_rate_decay is 'linear': the last "
+            "iteration learns nothing",
+        )
+        make_estimator(self)  # refuses a name or a number that it does not know
+
+    @property
+    def rollout_size(self) -> int:
+        """Return the transitions in one rollout."""
+        return self.n_envs * self.n_steps
+
+    @property
+    def iterations(self) -> int:
+        """Return the rollouts in the whole run."""
+        return math.ceil(self.total_steps / self.rollout_size)
+
+    @property
+    def segment_iterations(self) -> int:
+        """Return the rollouts between two checkpoints."""
+        return max(1, round(self.segment_steps / self.rollout_size))
+
+    @property
+    def segments(self) -> int:
+        """Return the checkpoints in the whole run, the last one included."""
+        return math.ceil(self.iterations / self.segment_iterations)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the settings as plain JSON values; newer settings only where they differ from their default."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, default in _LATER.items():
+            if values[name] == default:
+                del values[name]
+        values["protocol"] = self.protocol.to_json()
+        values["hidden_sizes"] = list(self.hidden_sizes)
+        if "log_std_fall" in values:
+            values["log_std_fall"] = list(self.log_std_fall)
+        return values
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """Return the settings that :meth:`to_json` described.
+
+        Raises:
+            PerdureError: If a field is unknown, missing or out of range.
+        """
+        known = {f.name for f in dataclasses.fields(cls)}
+        if unknown := sorted(set(values) - known):
+            raise PerdureError(f"unknown PPO setting {', '.join(unknown)}; the settings are {', '.join(sorted(known))}")
+        if missing := sorted(known - set(values) - set(_LATER)):
+            raise PerdureError(f"missing PPO setting {', '.join(missing)}")
+        rest = dict(values)
+        rest["protocol"] = HorizonProtocol.from_json(values["protocol"])
+        rest["hidden_sizes"] = tuple(values["hidden_sizes"])
+        if "log_std_fall" in values:
+            rest["log_std_fall"] = tuple(values["log_std_fall"])
+        return cls(**rest)
+
+
+_LATER: dict[str, Any] = {
+    "learning_rate_decay": "none",
+    "log_std_end": None,
+    "log_std_fall": (0.0, 0.6),
+    "estimator": "discounted",
+    "conditioning": "concatenate",
+}
+"""Settings that are missing in older runs and policy files, with their values there."""
+
+
+def _require(condition: bool, name: str, value: object, valid: str) -> None:
+    if not condition:
+        raise PerdureError(f"{name} is {value!r}; it must be {valid}")

@@ -1,0 +1,287 @@
+"""Tuned PPO hyperparameters for each task, with their sources.
+
+All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
+22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.
+The zoo trains all six with ``normalize: true``: observations and rewards, with the reward normalizer's gamma equal to
+the algorithm's.
+
+| task | gamma | envs | steps | batch | epochs | lambda | step size | network | total steps | from |
+|---|---|---|---|---|---|---|---|---|---|---|
+| HalfCheetah | 0.98 | 1 | 512 | 64 | 20 | 0.92 | 2.0633e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
+| Hopper | 0.999 | 1 | 512 | 32 | 5 | 0.99 | 9.80828e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
+| Walker2d | 0.99 | 1 | 512 | 32 | 20 | 0.95 | 5.05041e-5 | 64, 64 tanh | 1e6 | zoo, tuned; the zoo names no network |
+| Humanoid | 0.95 | 1 | 512 | 256 | 5 | 0.9 | 3.56987e-5 | 256, 256 relu | 1e7 | zoo, tuned |
+| Swimmer | 0.9999 | 4 | 1024 | 256 | 10 | 0.98 | 6e-4 | 64, 64 tanh | 1e6 | zoo, tuned (#335, 2023-01) |
+| Ant | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | zoo's entry is SB3's defaults |
+| any other | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | Stable-Baselines3's defaults |
+
+The zoo holds a tuned entry for Ant that is commented out (10 million steps); "tuned" values for Ant do not exist there.
+Before 2023-01 it trained Swimmer with defaults and gamma = 0.9999.
+
+With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure learn to stand still (rl-baselines3-zoo's
+issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's
+``ppo_continuous_action.py`` (Huang et al., 2022), which are Stable-Baselines3's defaults with a step size that falls
+linearly to 0. CleanRL also clips the value loss, normalizes with other clipping and counts a time limit as the task's
+end; these are not hyperparameters here.
+
+| method | gamma | horizon T | at T | phi | what it is |
+|---|---|---|---|---|---|
+| ``ppo`` | tuned | 1000 | bootstrap last observation | - | Stable-Baselines3's PPO (>= 1.4) with rl-zoo's settings |
+| ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | baseline; values determined only up to a constant |
+| ``ppo-undiscounted-terminal`` | 1 | 1000 | terminal | - | the same with determined values: V = 0 at T |
+| ``ppo-short`` | tuned | 200 | bootstrap last observation | - | short episodes (figure 3-1 of the thesis) |
+| ``linear`` | tuned | 1000 | terminal | Linear | Pardo et al., Time limits in reinforcement learning (2018) |
+| ``linear-10-workers`` | tuned | 1000 | terminal | Linear | 10 environments, each for the preset's n_steps |
+| ``geometric`` | 1 | U[200, 1000] | terminal | Geometric(d) | the thesis |
+| ``random-horizon`` | 1 | U[200, 1000] | terminal | - | control: random T without phi |
+| ``geometric-fixed`` | 1 | 1000 | terminal | Geometric(d) | control: phi without random T |
+| ``ppo-average-reward`` | 1 | 1000 | bootstrap last observation | - | reward per step; a fall is a cost, not an end |
+| ``linear-random`` | 1 | U[200, 1000] | terminal | Linear | control: linear phi with random T |
+| ``geometric-5`` | 1 | U[200, 1000] | terminal | Geometric(5) | ``geometric`` with five numbers on every task |
+| ``geometric-10`` | 1 | U[200, 1000] | terminal | Geometric(10) | ``geometric`` with ten numbers on every task |
+| ``geometric-film`` | 1 | U[200, 1000] | terminal | Geometric(d) | ``geometric``; phi scales and shifts hidden layers |
+
+With gamma = 1 and a bootstrap at every time limit, values are determined only up to a constant and may drift. The
+baseline still learns, because advantages use differences of V.
+
+The reward normalizer's gamma is the task's tuned gamma in every method, also where gamma = 1. rl-zoo would copy
+gamma = 1 into it. Rewards would then be divided by the spread of whole episodes' returns, far from the scale at which
+the other settings were tuned. ``--ppo.protocol.normalizer-gamma 1`` restores rl-zoo's behavior.
+
+Evaluation uses the mean of the Gaussian and the final weights. The thesis specifies neither.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from perdure.errors import PerdureError, did_you_mean
+from perdure.horizon import (
+    Clock,
+    Constant,
+    Embedding,
+    Fixed,
+    Geometric,
+    HorizonDistribution,
+    HorizonProtocol,
+    Linear,
+    Uniform,
+    geometric_size,
+    robot_of,
+)
+from perdure.learn.config import Conditioning, PPOConfig
+
+DEFAULT_GAMMA = 0.99
+"""Stable-Baselines3's."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Tuned gamma, and the fields of :class:`~perdure.learn.config.PPOConfig` that differ from its defaults."""
+
+    gamma: float
+    settings: dict[str, Any]
+
+
+_WIDE = {"hidden_sizes": (256, 256), "activation": "relu", "log_std_init": -2.0, "ortho_init": False}
+
+ZOO = "zoo"
+"""The preset that is used when none is named."""
+
+_ZOO: dict[str, Preset] = {
+    "HalfCheetah": Preset(
+        0.98,
+        {
+            "n_steps": 512,
+            "batch_size": 64,
+            "n_epochs": 20,
+            "gae_lambda": 0.92,
+            "learning_rate": 2.0633e-5,
+            "ent_coef": 4.01762e-4,
+            "clip_range": 0.1,
+            "max_grad_norm": 0.8,
+            "vf_coef": 0.58096,
+            **_WIDE,
+        },
+    ),
+    "Hopper": Preset(
+        0.999,
+        {
+            "n_steps": 512,
+            "batch_size": 32,
+            "n_epochs": 5,
+            "gae_lambda": 0.99,
+            "learning_rate": 9.80828e-5,
+            "ent_coef": 2.29519e-3,
+            "clip_range": 0.2,
+            "max_grad_norm": 0.7,
+            "vf_coef": 0.835671,
+            **_WIDE,
+        },
+    ),
+    "Walker2d": Preset(
+        0.99,
+        {
+            "n_steps": 512,
+            "batch_size": 32,
+            "n_epochs": 20,
+            "gae_lambda": 0.95,
+            "learning_rate": 5.05041e-5,
+            "ent_coef": 5.85045e-4,
+            "clip_range": 0.1,
+            "max_grad_norm": 1.0,
+            "vf_coef": 0.871923,
+        },
+    ),
+    "Humanoid": Preset(
+        0.95,
+        {
+            "n_steps": 512,
+            "batch_size": 256,
+            "n_epochs": 5,
+            "gae_lambda": 0.9,
+            "learning_rate": 3.56987e-5,
+            "ent_coef": 2.38306e-3,
+            "clip_range": 0.3,
+            "max_grad_norm": 2.0,
+            "vf_coef": 0.431892,
+            "total_steps": 10_000_000,
+            # Humanoid steps slowly: shorter segments keep what a kill can cost under a minute.
+            "segment_steps": 20_000,
+            **_WIDE,
+        },
+    ),
+    "Swimmer": Preset(
+        0.9999,
+        {
+            "n_envs": 4,
+            "n_steps": 1024,
+            "batch_size": 256,
+            "gae_lambda": 0.98,
+            "learning_rate": 6e-4,
+        },
+    ),
+    "Ant": Preset(0.99, {}),
+}
+
+
+_DEFAULTS = Preset(DEFAULT_GAMMA, {})
+_CLEANRL = Preset(DEFAULT_GAMMA, {"learning_rate_decay": "linear"})
+
+PRESETS: dict[str, Callable[[str], Preset]] = {
+    ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
+    "cleanrl": lambda robot: _CLEANRL,
+}
+"""Name to what makes the preset of a robot, such as "Hopper"."""
+
+
+def find_preset(task: str, name: str = ZOO) -> Preset:
+    """Return the hyperparameters of a task in any of its versions ("Hopper-v3", "gymnasium:Hopper-v5").
+
+    Raises:
+        PerdureError: If there is no preset of that name.
+    """
+    if name not in PRESETS:
+        hint = did_you_mean(name, PRESETS)
+        raise PerdureError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}{hint}")
+    return PRESETS[name](robot_of(task))
+
+
+EPISODE = Fixed(1000)
+SHORT_EPISODE = Fixed(200)
+RANDOM_EPISODE = Uniform(200, 1000)
+DEPLOYED_STEPS_TO_GO = 500
+"""Largest C of the default clock."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table. ``embedding`` makes phi from (observation size, task)."""
+
+    horizon: HorizonDistribution
+    terminal: bool
+    undiscounted: bool = False
+    embedding: Callable[[int, str], Embedding] | None = None
+    n_envs: int | None = None
+    estimator: str = "discounted"
+    conditioning: Conditioning = "concatenate"
+
+
+def _linear(observation_size: int, task: str) -> Embedding:
+    return Linear()
+
+
+def _geometric(observation_size: int, task: str) -> Embedding:
+    return Geometric(geometric_size(observation_size, task))
+
+
+METHODS: dict[str, Method] = {
+    "ppo": Method(EPISODE, terminal=False),
+    "ppo-undiscounted": Method(EPISODE, terminal=False, undiscounted=True),
+    "ppo-undiscounted-terminal": Method(EPISODE, terminal=True, undiscounted=True),
+    "ppo-short": Method(SHORT_EPISODE, terminal=False),
+    "linear": Method(EPISODE, terminal=True, embedding=_linear),
+    "linear-10-workers": Method(EPISODE, terminal=True, embedding=_linear, n_envs=10),
+    "geometric": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
+    "random-horizon": Method(RANDOM_EPISODE, terminal=True, undiscounted=True),
+    "geometric-fixed": Method(EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
+    "ppo-average-reward": Method(EPISODE, terminal=False, undiscounted=True, estimator="average-reward"),
+    "linear-random": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_linear),
+    "geometric-5": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(5)),
+    "geometric-10": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(10)),
+    "geometric-film": Method(
+        RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_geometric, conditioning="film"
+    ),
+}
+
+
+def find_method(name: str) -> Method:
+    """Return a row of METHODS.
+
+    Raises:
+        PerdureError: If there is no such method.
+    """
+    if name not in METHODS:
+        hint = did_you_mean(name, METHODS)
+        raise PerdureError(f"unknown method {name!r}; the methods are {', '.join(METHODS)}{hint}")
+    return METHODS[name]
+
+
+def method_config(method: str, task: str, observation_size: int, preset: str = ZOO) -> PPOConfig:
+    """Return the full configuration of a method on a task.
+
+    Args:
+        method: A key of METHODS.
+        task: The task's name, as in `perdure list tasks`.
+        observation_size: Length of its observations; phi's size follows from it.
+        preset: A key of `perdure.learn.presets.PRESETS`: the set of hyperparameters.
+
+    Raises:
+        PerdureError: If there is no such method or preset.
+    """
+    chosen, tuned = find_method(method), find_preset(task, preset)
+    gamma = 1.0 if chosen.undiscounted else tuned.gamma
+    protocol = HorizonProtocol(
+        embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
+        horizon=chosen.horizon,
+        end="terminated" if chosen.terminal else "truncated",
+        gamma=gamma,
+        normalizer_gamma=tuned.gamma,
+    )
+    config = PPOConfig(
+        protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
+    )
+    return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
+
+
+def default_clock(config: PPOConfig) -> Clock | None:
+    """Return the clock of a policy of this configuration: Constant(min(500, half its longest training horizon)).
+
+    Half, so that C is far from the end that the policy saw in training. None without an embedding.
+    """
+    if config.protocol.embedding is None:
+        return None
+    return Constant(min(DEPLOYED_STEPS_TO_GO, config.protocol.horizon.longest / 2))

@@ -1,0 +1,387 @@
+"""Training runs: seeds of one task and method, in segments, checkpointed, resumed, and turned into policy files.
+
+A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next. It
+builds its environments from (seed, segment) alone and cuts running episodes as the end of a rollout does, because an
+engine's inner state and random generator cannot be saved. So a run that was killed and a run that was not are the same
+run. A run knows no algorithm: it steps whatever `make_algorithm` returns.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import io
+import json
+import math
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.envs import TaskSpec, make_world
+from perdure.envs.suites import source_digest
+from perdure.envs.traced import WorldSlot
+from perdure.envs.world import MAX_SEED
+from perdure.errors import PerdureError
+from perdure.horizon import Embedding
+from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.learn.config import PPOConfig
+from perdure.learn.ppo import PPO
+from perdure.learn.presets import METHODS, ZOO, find_method, method_config
+from perdure.policy import Policy, measure_reference, save_policy
+from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, write_atomic
+
+POLICY = "policy.safetensors"
+CHECKPOINT = "checkpoint.safetensors"
+RECORD = "run.json"
+"""Written last."""
+EPISODE_COLUMNS = ("step", "return", "length")
+RECENT_EPISODES = 20
+"""Training episodes whose mean return is reported."""
+
+
+@dataclass(frozen=True)
+class TrainRun:
+    """A training run. Equal runs give the same files, bit for bit, on the same machine."""
+
+    task: str
+    method: str
+    """Names the run's folder; the settings are all in ``config``."""
+    config: PPOConfig
+    seeds: tuple[int, ...] = (0,)
+    """Trained side by side; each gives the same result as if trained alone."""
+    command: str | None = None
+    """Command that repeats the run, with `{seed}` for the seed; None: `perdure train ...`. Kept in the policy file."""
+    preset: str = ZOO
+    """Preset of hyperparameters that `config` started from; part of the folder's name unless it is the default."""
+    base_method: str | None = None
+    """Method that `config` started from, for the recorded command; None: `method`. Results do not depend on it."""
+
+    def __post_init__(self) -> None:
+        """Refuse a list of seeds that names no run, or one twice, and an unknown base method."""
+        if self.base_method is not None:
+            find_method(self.base_method)
+        if not self.seeds:
+            raise PerdureError("a training run needs at least one seed")
+        if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
+            raise PerdureError(f"seeds must be different numbers from 0 to {MAX_SEED:,}, got {list(self.seeds)}")
+
+    def key(self, seed: int) -> str:
+        """Return the readable identity of one seed's run."""
+        variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
+        return f"{self.task.replace(':', '_')}/{variant}/seed-{seed}"
+
+    def identity(self, seed: int) -> dict[str, Any]:
+        """Return everything that the result of one seed depends on."""
+        identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
+        identity |= {"preset": self.preset} if self.preset != ZOO else {}
+        source = source_digest(self.task)
+        return identity | ({"source": source} if source else {})
+
+    def unit(self, seed: int) -> Unit:
+        """Return the training of one seed as a unit of work."""
+        settings: dict[str, Any] = {"task": self.task, "method": self.method, "config": self.config.to_json()}
+        settings |= {"command": self.command, "preset": self.preset, "base_method": self.base_method, "seed": seed}
+        steps = float(self.config.iterations * self.config.rollout_size)
+        return Unit(
+            self.key(seed),
+            self.identity(seed),
+            "perdure.learn.run:train_segment",
+            settings,
+            size=steps,
+            cores=self.config.n_envs,
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """Progress report of a training run."""
+
+    seed: int
+    """Seed that has made progress."""
+    step: int
+    """Environment steps it has made."""
+    steps: int
+    """Environment steps it will have made in all."""
+    mean_return: float
+    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
+    share: float
+    """Share of the work that is done, all seeds together, from 0 to 1."""
+
+
+def train(
+    run: TrainRun,
+    out: str | Path,
+    *,
+    cores: int | None = None,
+    on: str = "here",
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
+) -> list[Path]:
+    """Train every seed that is not finished and return the policy files in the order of the seeds.
+
+    An interrupted run resumes from its last checkpoint, with the same result. A finished seed is
+    not trained again.
+
+    Args:
+        run: What is trained.
+        out: The folder of the store that keeps the runs.
+        cores: Cores to use; all of them by default. Results do not depend on it.
+        on: Where seeds are trained: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`. Results
+            do not depend on it.
+        observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`.
+        waiting: Called once, before waiting for seeds that other commands train.
+
+    Raises:
+        PerdureError: If the run makes no sense.
+        PerdureError: If the folder already holds a run of the same name with other settings.
+        PerdureError: If there is no such task.
+        PerdureError: If training a seed failed, or ``cores`` or ``on`` is out of range.
+    """
+    check_on(on)
+    store, units = Store(out), [run.unit(seed) for seed in run.seeds]
+    store.warn_of_other_source(unit.key for unit in units)
+    run_missing(units, out, on, cores, observe, waiting)
+    return [store.get(unit.key) / POLICY for unit in units]
+
+
+def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
+    """Return an observer that calls `callback` with a `Report` whenever a seed has made progress."""
+    last: dict[int, float] = {}
+
+    def observe(status: Status) -> None:
+        from perdure.runs.progress import total_share
+
+        for seed in run.seeds:
+            progress = status[run.key(seed)]
+            if progress.facts and progress.done != last.get(seed):
+                last[seed] = progress.done
+                mean = progress.facts.get("return", float("nan"))
+                callback(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
+
+    return observe
+
+
+def train_segment(
+    work: Work,
+    *,
+    task: str,
+    method: str,
+    config: Mapping[str, Any],
+    command: str | None,
+    preset: str,
+    seed: int,
+    base_method: str | None = None,
+) -> bool:
+    """Train one seed for one more segment; the function of `TrainRun.unit`.
+
+    Returns:
+        Whether that was the last segment: then the policy and its learning curves are in the work folder.
+    """
+    run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset, base_method)
+    segments = _segments(task, run.config, work.threads)
+    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
+    if (work.folder / RECORD).exists():  # an attempt that was interrupted after its last file
+        checkpoint.unlink(missing_ok=True)
+        return True
+    state = segments.first(seed)
+    if checkpoint.exists():
+        state = load_checkpoint(checkpoint, state)
+    if state.segment < run.config.segments:
+        state = segments.run(state, lambda step, mean: work.report(step, steps, **{"return": mean}))
+        save_checkpoint(state, checkpoint)
+    if state.segment < run.config.segments:
+        return False
+    save_policy(export_policy(run, segments, state), work.folder / POLICY)
+    _write_table(work.folder / "episodes.parquet", dict(zip(EPISODE_COLUMNS, state.episodes.T, strict=True)))
+    _write_table(work.folder / "iterations.parquet", dict(zip(segments.columns, state.iterations.T, strict=True)))
+    write_atomic(work.folder / RECORD, json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    checkpoint.unlink(missing_ok=True)
+    return True
+
+
+def make_algorithm(config: PPOConfig, spec: TaskSpec) -> PPO:
+    """Return the learner of a configuration: `init`, `start`, `iterate` and `policy` over a state of arrays."""
+    return PPO(config, spec)
+
+
+class Segments:
+    """Runs segments of one task and configuration; keeps compiled programs from segment to segment."""
+
+    def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
+        """Look the task up.
+
+        Args:
+            task: As `make_world` takes it.
+            config: How it is learned.
+            threads: Threads that step the environments; results do not depend on it.
+
+        Raises:
+            PerdureError: The algorithm cannot learn the task.
+        """
+        world = make_world(task, [0])
+        self.spec = world.spec
+        world.close()
+        self._task, self._config, self._threads = task, config, threads
+        self.algorithm, self._slot = make_algorithm(config, self.spec), WorldSlot()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the curve with a row for each iteration."""
+        return ("step", *self.algorithm.numbers)
+
+    def first(self, seed: int) -> RunState:
+        """Return the state of a seed's run before its first segment."""
+        rows = np.zeros((0, len(EPISODE_COLUMNS))), np.zeros((0, len(self.columns)))
+        return RunState(seed, 0, self.algorithm.init(seed), *rows)
+
+    def run(self, state: RunState, progress: Callable[[int, float], None]) -> RunState:
+        """Train a seed for its next segment. The memory of ``state``'s learner is reused.
+
+        Args:
+            state: After the segments so far.
+            progress: Called after each iteration with (environment steps so far, mean return of the last episodes).
+        """
+        config, seed, segment = self._config, state.seed, state.segment
+        first = segment * config.segment_iterations
+        last = min(first + config.segment_iterations, config.iterations)
+        seeds = env_seeds(seed, segment, config.n_envs)
+        world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
+        learner, episodes, iterations = state.learner, [state.episodes], [state.iterations]
+        try:
+            observations = world.reset()
+            self._slot.fill(world)
+            learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
+            for iteration in range(first, last):
+                learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
+                step = (iteration + 1) * config.rollout_size
+                episodes.append(metrics.episodes)
+                iterations.append(np.array([[step, *metrics.numbers.values()]]))
+                progress(step, _recent_return(episodes))
+        except Exception as error:
+            if self._slot.error is None or error is self._slot.error:
+                raise
+            raise self._slot.error from None
+        finally:
+            self._slot.clear()
+            world.close()
+        return RunState(seed, segment + 1, learner, np.concatenate(episodes), np.concatenate(iterations))
+
+
+@lru_cache(maxsize=1)
+def _segments(task: str, config: PPOConfig, threads: int) -> Segments:
+    """Keep the compiled programs from segment to segment."""
+    return Segments(task, config, threads)
+
+
+def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
+    """Return seeds of the environments of one seed in one segment: 31-bit numbers that share no simple pattern."""
+    return [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(n_envs, np.uint32) >> 1]
+
+
+def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
+    """Return the mean return of the last RECENT_EPISODES of these rows; nan if there are none."""
+    found: list[NDArray[np.float64]] = []
+    for rows in reversed(episodes):
+        found.insert(0, rows)
+        if sum(map(len, found)) >= RECENT_EPISODES:
+            break
+    last = np.concatenate(found)[-RECENT_EPISODES:, 1]
+    return float(last.mean()) if len(last) else math.nan
+
+
+def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
+    """Return the policy of the final weights, with its provenance, measured within its training horizon."""
+    spec = segments.spec
+    policy = dataclasses.replace(
+        segments.algorithm.policy(state.learner),
+        provenance={
+            "method": run.method,
+            "seed": state.seed,
+            "config": run.config.to_json(),
+            "engine": spec.engine,
+            "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy", "mujoco")},
+            "command": command(run, spec, state.seed),
+            **({} if run.preset == ZOO else {"preset": run.preset}),
+        },
+    )
+    return dataclasses.replace(policy, reference=measure_reference(policy))
+
+
+def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
+    """Return the command that reproduces this policy; "" where no flags say its settings."""
+    if run.command is not None:
+        return run.command.replace("{seed}", str(seed))
+    base = run.base_method or run.method
+    if base not in METHODS:
+        return ""
+    words = ["perdure", "train", run.task, "--method", base]
+    words += [] if run.method == base else ["--name", run.method]
+    words += ["--seeds", str(seed)]
+    words += [] if run.preset == ZOO else ["--preset", run.preset]
+    usual = method_config(base, run.task, spec.observation_size, run.preset)
+    try:
+        words += _overrides(run.config, usual, "--ppo")
+    except LookupError:
+        return ""
+    return shlex.join(words)
+
+
+def _overrides(config: Any, default: Any, flag: str) -> list[str]:
+    words: list[str] = []
+    for each in dataclasses.fields(config):
+        value, usual = getattr(config, each.name), getattr(default, each.name)
+        name = f"{flag}.{each.name.replace('_', '-')}"
+        if value == usual:
+            continue
+        if isinstance(usual, Embedding):  # its flag accepts the method's embedding only
+            raise LookupError(name)
+        if dataclasses.is_dataclass(value) and type(value) is type(usual):
+            words += _overrides(value, usual, name)
+        elif dataclasses.is_dataclass(value):
+            raise LookupError(name)
+        elif isinstance(value, bool):
+            words.append(name if value else f"{flag}.no-{each.name.replace('_', '-')}")
+        elif isinstance(value, tuple):
+            words += [name, *(str(item) for item in value)]
+        else:
+            words += [name, str(value)]
+    return words
+
+
+def _write_table(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write a learning curve, without wall-clock times."""
+    import polars as pl
+
+    buffer = io.BytesIO()
+    pl.DataFrame(dict(columns)).write_parquet(buffer)
+    write_atomic(path, buffer.getvalue())
+
+
+@contextmanager
+def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
+    """Return a function of reports that writes ``train/seed-N/mean_return`` for TensorBoard, at the seed's step.
+
+    Raises:
+        PerdureError: If tensorboardX is not installed.
+    """
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError:
+        raise PerdureError("TensorBoard output needs tensorboardX: pip install 'perdure[tensorboard]'") from None
+    writer = SummaryWriter(str(folder))
+
+    def watch(report: Report) -> None:
+        if not math.isnan(report.mean_return):
+            writer.add_scalar(f"train/seed-{report.seed}/mean_return", report.mean_return, report.step)
+
+    try:
+        yield watch
+    finally:
+        writer.close()

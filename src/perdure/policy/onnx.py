@@ -1,0 +1,526 @@
+"""Build an ONNX graph with Python operators.
+
+Embeddings and clocks are written with operators only, so that one body serves NumPy and traced JAX arrays. The same
+body, given a `Value`, leaves its nodes in a graph: a third-party embedding is exported without ONNX code.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perdure.errors import PerdureError
+from perdure.horizon import Clock, Constant
+from perdure.policy.policy import Policy
+from perdure.runs import write_atomic
+
+__all__ = ["OnnxModel", "export_onnx", "is_onnx"]
+
+Operator = Callable[["Value", Any], "Value"]
+OPSET = 17
+IR_VERSION = 8
+"""Of onnx 1.12 (2022): what runtimes on robots read as well."""
+
+
+@dataclass(eq=False)
+class Graph:
+    """Nodes and constants in the order in which they were made."""
+
+    nodes: list[Any] = field(default_factory=list)
+    constants: list[Any] = field(default_factory=list)
+
+    def constant(self, array: Any) -> Value:
+        """Add a constant."""
+        from onnx import numpy_helper
+
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return Value(self, name, np.ndim(array))
+
+    def node(self, kind: str, *inputs: Any, ndim: int | None = None, **attributes: Any) -> Value:
+        """Add an operator.
+
+        Args:
+            kind: Name of the operator.
+            inputs: Values; arrays and numbers become constants.
+            ndim: Dimensions of the result; by default the most that an input has.
+            attributes: Of the operator.
+        """
+        from onnx import helper
+
+        values = [each if isinstance(each, Value) else self.constant(each) for each in inputs]
+        name = f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, [value.name for value in values], [name], **attributes))
+        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim)
+
+    def cast(self, value: Value, dtype: type[np.generic]) -> Value:
+        """Convert a value to another type of number."""
+        from onnx import helper
+
+        return self.node("Cast", value, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+
+def _pair(kind: str) -> tuple[Operator, Operator]:
+    """Return the methods of a Python operator and of the same one with exchanged sides."""
+    return lambda value, other: value._with(kind, other), lambda value, other: value._with(kind, other, swapped=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """A tensor of 64-bit numbers in a graph, with as much of NumPy's interface as embeddings and clocks use."""
+
+    graph: Graph
+    name: str
+    ndim: int
+
+    __array_ufunc__ = None  # NumPy's arrays leave their operators with a value to it
+
+    def _with(self, kind: str, other: Any, swapped: bool = False, **attributes: Any) -> Value:
+        operand = other if isinstance(other, Value) else np.asarray(other, np.float64)
+        pair = (operand, self) if swapped else (self, operand)
+        return self.graph.node(kind, *pair, **attributes)
+
+    __add__, __radd__ = _pair("Add")
+    __mul__, __rmul__ = _pair("Mul")
+    __sub__, __rsub__ = _pair("Sub")
+    __truediv__, __rtruediv__ = _pair("Div")
+    __pow__, __rpow__ = _pair("Pow")
+
+    def __mod__(self, other: Any) -> Value:
+        return self._with("Mod", other, fmod=1)  # C's fmod, which is Python's % where nothing is negative
+
+    def __neg__(self) -> Value:
+        return self.graph.node("Neg", self)
+
+    def __gt__(self, other: Any) -> Value:
+        return self.graph.cast(self._with("Greater", other), np.float64)
+
+    def __lt__(self, other: Any) -> Value:
+        return self.graph.cast(self._with("Less", other), np.float64)
+
+    def __getitem__(self, index: Any) -> Value:
+        """Add a last dimension, the one index that embeddings use."""
+        if index != (..., None):
+            raise TypeError(f"only [..., None] can be written in ONNX here, not [{index!r}]")
+        axes: NDArray[np.int64] = np.array([-1])
+        return self.graph.node("Unsqueeze", self, axes, ndim=self.ndim + 1)
+
+    def clip(self, min: float | None = None, max: float | None = None) -> Value:
+        """Clip to a range, like NumPy's method."""
+        result = self if min is None else self._with("Max", min)
+        return result if max is None else result._with("Min", max)
+
+
+DOMAINS = ("", "ai.onnx", "ai.onnx.ml", "com.microsoft")
+"""Operators that onnxruntime includes. Any other would need third-party code."""
+TIMES = ("elapsed", "horizon")
+"""Names of inputs that hold the time."""
+ACTIONS = ("action", "actions")
+"""Names of the action output if there are several outputs; else the first output is used."""
+TRAINING_HORIZON = "perdure.training_horizon"
+"""Metadata that `export_onnx` writes: steps."""
+MAX_BYTES = 500_000_000
+
+
+def require() -> None:
+    """Raise PerdureError unless onnx and onnxruntime are installed."""
+    missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
+    if missing:
+        raise PerdureError(f"ONNX needs {' and '.join(missing)}: pip install 'perdure[onnx]'")
+
+
+def is_onnx(path: str | Path) -> bool:
+    """Return whether a file is named as an ONNX model is, in any case."""
+    return str(path).lower().endswith(".onnx")
+
+
+class OnnxModel:
+    """A feed-forward model: observations in, actions out. Reading one runs none of its maker's code.
+
+    Raises:
+        PerdureError: If it is no ONNX model, needs operators or files that are not in it, or has other inputs than
+            one observation and, perhaps, `elapsed` and `horizon`, or its metadata name no horizon of at least 1 step.
+    """
+
+    def __init__(self, data: bytes, what: str) -> None:
+        """Load the model.
+
+        Args:
+            data: The file.
+            what: Which file it is, for messages.
+        """
+        require()
+        import onnxruntime
+
+        _check(data, what)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        try:
+            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own kinds of error share no base
+            raise PerdureError(f"{what} cannot be run by onnxruntime: {_one_line(error)}") from None
+        inputs = {each.name: each for each in self._session.get_inputs()}
+        self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
+        if boolean := [name for name in self.times if inputs[name].type == "tensor(bool)"]:
+            raise PerdureError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
+        """Which inputs hold the time."""
+        others = [each for name, each in inputs.items() if name not in TIMES]
+        if len(others) != 1:
+            raise PerdureError(
+                f"{what} has the inputs {', '.join(inputs)}; expected are one observation and, for a time-to-go, "
+                "elapsed and horizon"
+            )
+        self._input, self._what = others[0], what
+        if self._input.shape and self._input.shape[0] == 0:
+            raise PerdureError(f"{what} takes batches of 0 observations")
+        self._dtype = _dtype(self._input.type)
+        outputs = [each.name for each in self._session.get_outputs()]
+        self._output = next((name for name in ACTIONS if name in outputs), outputs[0])
+        self.__name__ = Path(what).stem
+        self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
+        """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Return the model in a file.
+
+        Raises:
+            PerdureError: If there is no such file, or see the class.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise PerdureError(f"there is no file {path}")
+        if path.stat().st_size > MAX_BYTES:
+            raise PerdureError(f"{path} is larger than {MAX_BYTES:,} bytes")
+        return cls(path.read_bytes(), str(path))
+
+    def __call__(self, observations: Any, **times: NDArray[np.float64]) -> NDArray[Any]:
+        """Return actions for a batch. A row's action does not depend on the other rows, bit for bit: each is run alone.
+
+        Args:
+            observations: Shape (n, *shape).
+            times: `elapsed` and `horizon`, shape (n,), as far as the model has these inputs.
+
+        Raises:
+            PerdureError: If the model does not take such observations or times.
+        """
+        rows = self._shaped(np.asarray(observations))
+        if set(times) != set(self.times):
+            has = " and ".join(self.times) or "no time"
+            raise PerdureError(f"{self._what} takes {has}, but was given {' and '.join(times) or 'no time'}")
+        inputs = {each.name: each for each in self._session.get_inputs()}
+        feed = {self._input.name: rows}
+        feed |= {name: np.asarray(value, _dtype(inputs[name].type)) for name, value in times.items()}
+        size = self._input.shape[0] if isinstance(self._input.shape[0], int) else 1
+        return np.concatenate([self._run(part)[:1] for part in _single_rows(feed, size)])
+
+    def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Return observations in the model's own shape and dtype."""
+        wanted = [size if isinstance(size, int) else -1 for size in self._input.shape[1:]]
+        given = rows.shape[1:]
+        fits = len(given) == len(wanted) and all(a in (b, -1) for a, b in zip(wanted, given, strict=True))
+        self._check_numbers(rows)
+        try:
+            return (rows if fits else rows.reshape(len(rows), *wanted)).astype(self._dtype)
+        except ValueError:
+            raise PerdureError(
+                f"{self._what} takes observations of shape (n, {', '.join(map(str, self._input.shape[1:]))}), "
+                f"got {rows.shape}"
+            ) from None
+
+    def _check_numbers(self, rows: NDArray[Any]) -> None:
+        """Refuse numbers that the model's input cannot hold, such as 0.5 for whole numbers."""
+        if np.issubdtype(self._dtype, np.floating) or np.issubdtype(rows.dtype, np.bool_):
+            return
+        with np.errstate(invalid="ignore"):
+            held = np.array_equal(rows.astype(self._dtype), rows)
+        if not held:
+            raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
+
+    def _run(self, feed: dict[str, NDArray[Any]]) -> NDArray[Any]:
+        try:
+            (actions,) = self._session.run([self._output], feed)
+        except Exception as error:  # see above
+            raise PerdureError(f"{self._what} failed: {_one_line(error)}") from None
+        return np.asarray(actions)
+
+
+def _single_rows(feed: dict[str, NDArray[Any]], size: int) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield each row of the feed, repeated to fill a batch of the size that the model asks for."""
+    for row in range(len(next(iter(feed.values())))):
+        yield {name: values[[row] * size] for name, values in feed.items()}
+
+
+def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
+    text = metadata.get(TRAINING_HORIZON, "inf")
+    try:
+        steps = float(text)
+    except ValueError:
+        steps = math.nan
+    if not steps >= 1.0:
+        raise PerdureError(f"{what}: its metadata {TRAINING_HORIZON} is {text!r}; it is a number of steps, 1 or more")
+    return int(steps) if math.isfinite(steps) else None
+
+
+def _dtype(kind: str) -> Any:
+    """Return NumPy's type of "tensor(float)"."""
+    names = {
+        **{"float": np.float32, "double": np.float64, "float16": np.float16},
+        **{"uint8": np.uint8, "int32": np.int32, "int64": np.int64, "bool": np.bool_},
+    }
+    name = kind.removeprefix("tensor(").rstrip(")")
+    if name not in names:
+        raise PerdureError(f"an input of type {kind} cannot hold observations; {', '.join(names)} can")
+    return names[name]
+
+
+def _check(data: bytes, what: str) -> None:
+    """Refuse what is no model, or needs code or files from elsewhere."""
+    import onnx
+    from google.protobuf.message import DecodeError
+
+    try:
+        model = onnx.load_model_from_string(data)
+    except (DecodeError, ValueError, RecursionError):
+        raise PerdureError(f"{what} is not an ONNX model, or its end is missing") from None
+    if not model.graph.node or not model.opset_import:
+        raise PerdureError(f"{what} is not an ONNX model: it has no operators")
+    domains = {node.domain for graph in _graphs(model) for node in graph.node}
+    foreign = sorted((domains | {each.domain for each in model.opset_import}) - set(DOMAINS))
+    if foreign:
+        raise PerdureError(
+            f"{what} uses operators of {', '.join(foreign)}, which onnxruntime has only with a library of their own; "
+            "such libraries are not loaded"
+        )
+    external = onnx.TensorProto.EXTERNAL
+    if any(tensor.data_location == external for graph in _graphs(model) for tensor in _tensors(graph)):
+        raise PerdureError(f"{what} keeps weights in another file; save it as one file")
+
+
+def _graphs(model: Any) -> Iterator[Any]:
+    """Yield the main graph, functions and the graphs inside operators."""
+    waiting = [model.graph, *model.functions]
+    while waiting:
+        graph = waiting.pop()
+        yield graph
+        for node in graph.node:
+            for attribute in node.attribute:
+                waiting += [attribute.g] if attribute.HasField("g") else []
+                waiting += attribute.graphs
+
+
+def _tensors(graph: Any) -> Iterator[Any]:
+    yield from getattr(graph, "initializer", ())
+    sparse = list(getattr(graph, "sparse_initializer", ()))
+    for node in graph.node:
+        for attribute in node.attribute:
+            if attribute.HasField("t"):
+                yield attribute.t
+            yield from attribute.tensors
+            sparse += [attribute.sparse_tensor] if attribute.HasField("sparse_tensor") else []
+            sparse += attribute.sparse_tensors
+    for each in sparse:
+        yield from (each.values, each.indices)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]
+
+
+CHECKED = 1_000
+"""Random observations on which the model's actions are compared with the policy's."""
+TOLERANCE = 5e-6
+"""Largest difference of an action component, relative to 1 or its size. Both sides compute in 32 bits and add up in
+another order: measured, 0.7e-6 for Hopper's 64 x 64 network and 2e-6 for 376 inputs and 256 x 256."""
+
+_ACTIVATIONS: dict[str, Callable[[Graph, Value], Value]] = {
+    "relu": lambda graph, x: graph.node("Relu", x),
+    "tanh": lambda graph, x: graph.node("Tanh", x),
+    "elu": lambda graph, x: graph.node("Elu", x),
+    "selu": lambda graph, x: graph.node("Selu", x, alpha=1.6732632423543772, gamma=1.0507009873554805),
+    "leaky_relu": lambda graph, x: graph.node("LeakyRelu", x, alpha=0.01),
+    "sigmoid": lambda graph, x: graph.node("Sigmoid", x),
+    "silu": lambda graph, x: graph.node("Mul", x, graph.node("Sigmoid", x)),
+    "gelu": lambda graph, x: _gelu(graph, x),
+    "softplus": lambda graph, x: graph.node("Softplus", x),
+    "mish": lambda graph, x: graph.node("Mul", x, graph.node("Tanh", graph.node("Softplus", x))),
+}
+
+
+def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) -> Path:
+    """Write a policy as an ONNX model, whole or not at all, and return the path.
+
+    | input | shape | of |
+    |---|---|---|
+    | observation | (n, observation_size) | every model |
+    | elapsed | (n,) | steps since reset; models with a time-to-go input, unless the clock is constant |
+    | horizon | (n,) | T; models whose clock is left open: the time-to-go is horizon - elapsed |
+
+    The output is `action`, shape (n, action_size), inside the action box. All are 64-bit numbers.
+
+    Args:
+        policy: What is exported.
+        path: The file.
+        clock: Fixed in the model; None leaves the time-to-go to the caller.
+
+    Raises:
+        PerdureError: If onnx or onnxruntime is not installed, the policy takes no clock, or onnxruntime's actions
+            differ from the policy's.
+    """
+    require()
+    if clock is not None and not policy.has_clock:
+        raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
+    data = _model(policy, clock).SerializeToString()
+    _compare(policy, clock, OnnxModel(data, str(path)))
+    write_atomic(Path(path), data)
+    return Path(path)
+
+
+def _model(policy: Policy, clock: Clock | None) -> Any:
+    from onnx import TensorProto, checker, helper
+
+    graph = Graph()
+    times = _time_inputs(policy, clock)
+    action = _act(graph, policy, _phi(graph, policy, clock))
+    shapes: dict[str, list[str | int | None]] = {name: ["n"] for name in times}
+    shapes["observation"] = ["n", policy.task.observation_size]
+    inputs = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape) for name, shape in shapes.items()]
+    output = helper.make_tensor_value_info("action", TensorProto.DOUBLE, ["n", policy.task.action_size])
+    nodes = [*graph.nodes, helper.make_node("Identity", [action.name], ["action"])]
+    model = helper.make_model(
+        helper.make_graph(nodes, "policy", inputs, [output], graph.constants),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="perdure",
+    )
+    helper.set_model_props(model, _notes(policy, clock))
+    checker.check_model(model, full_check=True)
+    return model
+
+
+def _notes(policy: Policy, clock: Clock | None) -> dict[str, str]:
+    label = "none" if not policy.has_clock else "input" if clock is None else clock.label
+    known = {key: value for key, value in policy.provenance.items() if isinstance(value, str | int | float)}
+    return {
+        "perdure.task": policy.task.name,
+        "perdure.clock": label,
+        TRAINING_HORIZON: str(policy.training_horizon),
+        "perdure.provenance": json.dumps(known, sort_keys=True),
+    }
+
+
+def _time_inputs(policy: Policy, clock: Clock | None) -> tuple[str, ...]:
+    if not policy.has_clock or isinstance(clock, Constant):
+        return ()
+    return ("elapsed", "horizon") if clock is None else ("elapsed",)
+
+
+def _phi(graph: Graph, policy: Policy, clock: Clock | None) -> Value | None:
+    """Return phi of each row, shape (n, embedding_size), or (1, embedding_size) where it stands still."""
+    if not policy.has_clock:
+        return None
+    if isinstance(clock, Constant):
+        return graph.constant(policy.embed(*clock.time(np.zeros(1))))
+    elapsed = Value(graph, "elapsed", 1)
+    times = (elapsed, Value(graph, "horizon", 1)) if clock is None else clock.time(elapsed)
+    phi: Value = policy.protocol.embed(*times)
+    return phi
+
+
+def _act(graph: Graph, policy: Policy, phi: Value | None) -> Value:
+    hidden = _inputs(graph, policy, Value(graph, "observation", 2), phi)
+    layers = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
+    film = "policy.0.scale" in policy.weights
+    if film:
+        hidden, phi = _split(graph, hidden, policy.task.observation_size)
+    for layer in range(layers):
+        hidden = graph.node(
+            "Add", graph.node("MatMul", hidden, _matrix(policy, layer, "weight")), _matrix(policy, layer, "bias")
+        )
+        if layer < layers - 1:
+            if film:
+                scale, shift = (graph.node("MatMul", phi, _matrix(policy, layer, part)) for part in ("scale", "shift"))
+                factor = graph.node("Add", scale, np.float32(1))
+                hidden = graph.node("Add", graph.node("Mul", factor, hidden), shift)
+            hidden = _ACTIVATIONS[policy.activation](graph, hidden)
+    low, high = np.array(policy.task.action_low), np.array(policy.task.action_high)
+    if policy.squash is not None:
+        hidden = _squashed(graph, hidden, policy.squash.limit, low, high)
+    return graph.node("Min", graph.node("Max", graph.cast(hidden, np.float64), low), high)
+
+
+def _matrix(policy: Policy, layer: int, part: str) -> NDArray[np.float32]:
+    return np.asarray(policy.weights[f"policy.{layer}.{part}"], np.float32)
+
+
+def _split(graph: Graph, inputs: Value, first: int) -> tuple[Value, Value]:
+    """Return the first columns and the others."""
+    axis, end = np.array([1]), np.array([np.iinfo(np.int64).max])
+    head = graph.node("Slice", inputs, np.array([0]), np.array([first]), axis)
+    return head, graph.node("Slice", inputs, np.array([first]), end, axis)
+
+
+def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None) -> Value:
+    """Return the network's input: normalized observation and phi, 32 bits."""
+    if phi is not None:
+        phi = _for_each_row(graph, observation, phi, policy.protocol.embedding_size)
+    normalizer = policy.normalizer
+    if phi is not None and policy.protocol.normalize_embedding:
+        observation, phi = graph.node("Concat", observation, phi, axis=1), None
+    scaled = (observation - normalizer.mean) / np.sqrt(normalizer.var + normalizer.epsilon)
+    seen = graph.cast(scaled.clip(-normalizer.clip, normalizer.clip), np.float32)
+    return seen if phi is None else graph.node("Concat", seen, graph.cast(phi, np.float32), axis=1)
+
+
+def _for_each_row(graph: Graph, observation: Value, phi: Value, size: int) -> Value:
+    """Repeat a constant phi, which is one row, for every observation."""
+    if not _is_constant(graph, phi):
+        return phi
+    rows = graph.node("Slice", graph.node("Shape", observation, ndim=1), np.array([0]), np.array([1]), np.array([0]))
+    return graph.node("Expand", phi, graph.node("Concat", rows, np.array([size]), axis=0), ndim=2)
+
+
+def _is_constant(graph: Graph, value: Value) -> bool:
+    return any(constant.name == value.name for constant in graph.constants)
+
+
+def _squashed(graph: Graph, outputs: Value, limit: float, low: NDArray[np.float64], high: NDArray[np.float64]) -> Value:
+    """See `TanhSquash`: the same operations in 32 bits, in the same order."""
+    bound, one, half = np.float32(limit), np.float32(1), np.float32(0.5)
+    low32, high32 = low.astype(np.float32), high.astype(np.float32)
+    scaled = graph.node("Tanh", graph.node("Min", graph.node("Max", outputs, -bound), bound))
+    share = graph.node("Mul", graph.node("Add", scaled, one), half)
+    return graph.node("Add", graph.node("Mul", share, high32 - low32), low32)
+
+
+def _gelu(graph: Graph, x: Value) -> Value:
+    erf = graph.node("Erf", graph.node("Mul", x, np.float32(np.sqrt(0.5))))
+    return graph.node("Mul", graph.node("Mul", x, np.float32(0.5)), graph.node("Add", erf, np.float32(1)))
+
+
+def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
+    """Refuse a model whose actions are not the policy's."""
+    rng = np.random.default_rng(0)
+    size = policy.task.observation_size
+    observations = policy.normalizer.mean[:size] + 2.0 * policy.observation_std * rng.standard_normal((CHECKED, size))
+    elapsed = np.floor(rng.uniform(0, 2_000, CHECKED))
+    times: tuple[Any, Any] = (elapsed, elapsed + np.floor(rng.uniform(0, 1_000, CHECKED)))
+    if clock is not None:
+        times = clock.time(elapsed)
+    expected = policy.act_at(observations, *times)
+    given = {"elapsed": elapsed, "horizon": times[1]}
+    found = model(observations, **{name: given[name] for name in model.times})
+    worst = float((np.abs(found - expected) / np.maximum(np.abs(expected), 1.0)).max())
+    if not worst <= TOLERANCE:
+        raise PerdureError(
+            f"the ONNX model's actions differ from the policy's by up to {worst:.2g}; nothing was written"
+        )

@@ -1,0 +1,656 @@
+"""Charts as plain functions, and figures: a chart with title and note, as PNG, SVG, PDF or a specification in a page.
+
+`curve_chart` draws curves, `point_chart` points with intervals in rows, `bar_chart` bars with texts in rows. They take
+numbers and know nothing of tables. A specification holds its data, so that page and files show the same.
+
+Colors follow Okabe and Ito, "Color Universal Design" (2008); the scale for ordered values follows viridis (Smith and
+van der Walt, 2015), cut where it would vanish into the background. A color never stands alone: a dash pattern, a shape
+or a name at the curve says the same again, for readers who see no color and for print.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import struct
+import textwrap
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from perdure.errors import PerdureError
+from perdure.runs import write_atomic
+from perdure.stats import FloatArray
+
+if TYPE_CHECKING:
+    import altair as alt
+
+# Style
+
+WIDTH, WIDE, HEIGHT = 660, 1120, 290
+"""Width of half-page and of full-page figures, and height, each of the area between the axes. [px]"""
+PNG_SCALE = 2.0
+"""Pixels of a PNG for each of these."""
+FONT_SIZE, TITLE_SIZE = 11, 14
+LETTER = 0.52
+"""Mean width of a letter in font sizes."""
+
+PAPER, INK, SOFT, GRID, FADED = "#ffffff", "#2b2f36", "#5f656e", "#e4e6ea", "#8b9099"
+_CATEGORIES = {
+    "#0072b2": "#56a8e0",
+    "#d55e00": "#ff8a4c",
+    "#009e73": "#2fc79a",
+    "#b4568d": "#e79cc4",
+    "#b07900": "#f5bd41",
+    "#3b93cc": "#9ad7ff",
+    "#6b4fa0": "#b79ae0",
+    "#6e6e6e": "#bdbdbd",
+}
+_VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#86c93a")
+_VIRIDIS_DARK = ("#5b7fc7", "#3f9fb8", "#26b39a", "#44c878", "#86d95a", "#c3e34a", "#fdec5c")
+
+
+def _shades(anchors: Sequence[str], count: int = 25) -> list[str]:
+    """Return so many colors between the anchors."""
+    channels = np.array([list(bytes.fromhex(anchor[1:])) for anchor in anchors])
+    places = np.linspace(0, len(anchors) - 1, count)
+    blended = [np.interp(places, range(len(anchors)), channel) for channel in channels.T]
+    return ["#" + bytes(np.rint(color).astype(int).tolist()).hex() for color in np.transpose(blended)]
+
+
+_SCALE = dict(zip(_shades(_VIRIDIS), _shades(_VIRIDIS_DARK), strict=True))
+DARK = {
+    **{PAPER: "#1c1f23", INK: "#e6e8eb", SOFT: "#a3a9b2", GRID: "#33373d", FADED: "#8b9099"},
+    **_CATEGORIES,
+    **_SCALE,
+}
+"""Every color of a figure, and what a dark page draws instead."""
+SOLID = (1, 0)
+_DASHES = (SOLID, (6, 3), (2, 2), (8, 3, 2, 3), (12, 3), (4, 2, 1, 2), (3, 4), (1, 3))
+_SHAPES = ("circle", "square", "triangle-up", "diamond", "cross", "triangle-down", "triangle-right", "triangle-left")
+
+_WORDS: dict[str, Any] = {
+    **{"labelFontSize": FONT_SIZE, "titleFontSize": FONT_SIZE, "labelColor": INK, "titleColor": SOFT},
+    **{"titleFontWeight": "normal", "labelLimit": 0, "titleLimit": 0},
+}
+CONFIG: dict[str, Any] = {
+    "background": PAPER,
+    "font": "Helvetica, Arial, sans-serif",
+    "padding": 12,
+    "view": {"stroke": None},
+    "title": {
+        **{"anchor": "start", "frame": "bounds", "color": INK, "fontSize": TITLE_SIZE, "limit": 0, "offset": 12},
+        **{"subtitleColor": SOFT, "subtitleFontSize": FONT_SIZE, "subtitleLineHeight": 15, "subtitlePadding": 6},
+    },
+    "axis": {**_WORDS, "gridColor": GRID, "domainColor": SOFT, "ticks": False, "labelPadding": 5, "titlePadding": 8},
+    # The title of the upright axis lies level above it, where it can be read.
+    "axisY": {
+        **{"titleAngle": 0, "titleAlign": "left", "titleBaseline": "bottom", "titleX": 0, "titleY": -20},
+        "domain": False,
+    },
+    "legend": {**_WORDS, "orient": "top", "title": None, "symbolSize": 70, "columnPadding": 18, "offset": 10},
+}
+"""Configuration of every Vega-Lite specification."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Color, dash pattern and shape of one item."""
+
+    color: str
+    """One of `DARK`."""
+    dash: tuple[int, ...] = SOLID
+    """Lengths of dashes and gaps [px]."""
+    shape: str = "circle"
+
+
+def style(index: int) -> Style:
+    """Return the style of the `index`-th unordered thing; they repeat after eight."""
+    place = index % len(_CATEGORIES)
+    return Style(list(_CATEGORIES)[place], _DASHES[place], _SHAPES[place])
+
+
+def ordered_style(position: float) -> Style:
+    """Return the style of an ordered thing, 0 for the least and 1 for the greatest: one of 25 shades."""
+    colors = list(_SCALE)
+    return Style(colors[round(min(max(position, 0.0), 1.0) * (len(colors) - 1))])
+
+
+def text_width(letters: int, size: float = FONT_SIZE) -> int:
+    """Return about how wide a text is, in px."""
+    return round(LETTER * size * letters)
+
+
+# Axes and data
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Quantity and range of one axis."""
+
+    title: str
+    """In words, with the unit and n."""
+    log: bool = False
+    percent: bool = False
+    """The values are shares, written in percent; the axis goes from 0 to 1."""
+    low: float | None = None
+    """Where the axis begins; None: as the data want."""
+    high: float | None = None
+    names: tuple[str, ...] = ()
+    """Names of the places 0, 1, 2, ...: a list, not a scale."""
+
+    def bounds(self, values: Sequence[float]) -> tuple[float, float]:
+        """Return the ends of the axis: 0 is included unless the axis is logarithmic or sets its own limits."""
+        low, high = (0.0, 1.0) if self.percent else (min(values, default=0.0), max(values, default=1.0))
+        if not (self.percent or self.log):
+            low, high = min(low, 0.0), max(high, 0.0)
+            margin = 0.04 * (high - low or 1.0)
+            low, high = low - margin * (low < 0.0), high + margin
+        low, high = low if self.low is None else self.low, high if self.high is None else self.high
+        return low, high if high > low else low + 1.0
+
+    def ticks(self, high: float, grid: bool, values: Sequence[float] = ()) -> alt.Axis:
+        """Return the marks of an axis whose values reach `high`; at `values` where they are given."""
+        import altair as alt
+
+        marks: dict[str, Any] = {"grid": grid, "labelFlush": False, "tickCount": 6}
+        if self.names:
+            marks |= {"labelAngle": 0, "labelOverlap": False}
+        elif self.percent:
+            values = values or (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+            marks |= {"labelExpr": "format(100 * datum.value, '~g') + ' %'"}
+        elif self.log:
+            low = self.low or high / 1e3
+            first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
+            values = [10.0**k for k in range(first, last + 1)]
+            values += [high] if values and high >= 2.0 * values[-1] else []
+            marks |= {"format": ",.0f" if low >= 1.0 else "~g"}
+        elif high >= 10_000.0:
+            marks |= {"labelExpr": "format(datum.value, '~s')"}
+        marks |= {"values": list(values)} if values else {}
+        return alt.Axis(**marks)
+
+    def channel(self, kind: Any, field: str, values: Sequence[float], grid: bool = False) -> Any:
+        """Return a position channel with room for `values`; `kind` is `alt.X` or `alt.Y`."""
+        import altair as alt
+
+        low, high = self.bounds(values)
+        scale = alt.Scale(type="log" if self.log else "linear", domain=[low, high], nice=False)
+        scale = alt.Scale(domain=list(self.names)) if self.names else scale
+        of = "nominal" if self.names else "quantitative"
+        return kind(field, type=of, title=self.title or None, axis=self.ticks(high, grid), scale=scale)
+
+    def tooltip(self, field: str) -> alt.Tooltip:
+        """Return what is shown when the pointer is on a point."""
+        import altair as alt
+
+        shown = {"type": "nominal"} if self.names else {"type": "quantitative"}
+        shown |= {} if self.names else {"format": ".1%" if self.percent else ",.4~g"}
+        return alt.Tooltip(field, title=self.title, **shown)  # type: ignore[arg-type]
+
+
+def _looks(things: Sequence[Any], legend: bool = False) -> tuple[alt.Color, alt.StrokeDash, alt.Shape]:
+    """Return the channels that give each thing its color, dash pattern and shape, by the field `label`."""
+    import altair as alt
+
+    def scale(name: str) -> alt.Scale:
+        values = [getattr(each.style, name) for each in things]
+        return alt.Scale(domain=[each.label for each in things], range=values)
+
+    shown: Any = alt.Legend(symbolOpacity=1) if legend else None
+    return (
+        alt.Color("label:N", title=None, legend=shown, scale=scale("color")),
+        alt.StrokeDash("label:N", title=None, legend=None, scale=scale("dash")),
+        alt.Shape("label:N", title=None, legend=shown, scale=scale("shape")),
+    )
+
+
+def chart(rows: Iterable[Mapping[str, Any]]) -> alt.Chart:
+    """Return a chart without marks, with its data in it."""
+    import altair as alt
+
+    return alt.Chart(alt.InlineData(values=[dict(row) for row in rows]))
+
+
+def number(value: float) -> float | None:
+    """Return a value as a figure holds it: with six digits; None unless it is finite."""
+    return float(f"{value:.6g}") if np.isfinite(value) else None
+
+
+def _finite(arrays: Iterable[FloatArray | Sequence[float] | None]) -> list[float]:
+    """Return the finite values of arrays, of those that are there."""
+    joined = np.concatenate([np.zeros(0), *(np.ravel(array) for array in arrays if array is not None)])
+    return [float(value) for value in joined[np.isfinite(joined)]]
+
+
+# Curves
+
+FEWEST_JOINED = 3
+"""Fewer points are not joined by a line: nothing is known between two."""
+_LINE, _NAME, _BAR = 13, 24, 5
+"""Height of a line of text [px]; letters of a curve's name in one line; room for a bar at the right [px]."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Points in order of x, each perhaps within an interval."""
+
+    label: str
+    """Written at its end; no other curve of the figure has it."""
+    x: FloatArray
+    """Shape (points,)."""
+    y: FloatArray
+    style: Style
+    lower: FloatArray | None = None
+    """Lower bounds, shape (points,); nan: no interval there."""
+    upper: FloatArray | None = None
+    members: FloatArray | None = None
+    """Thin lines of what the curve is the mean of, shape (members, points)."""
+    marked: bool = False
+    """Whether every point has a mark."""
+    named: bool = True
+    """Whether its label is written."""
+    intervals: Literal["band", "bars", "last"] = "band"
+    """How intervals are drawn: a band, a bar at each point, or one bar at the right for the last point alone."""
+
+    def _points(self, x: Axis) -> list[tuple[int, Row, Row]]:
+        """Return index, place and interval ({}: none) of every known point."""
+        found = []
+        for k in np.flatnonzero(np.isfinite(self.y)).tolist():
+            at = {"x": x.names[int(self.x[k])] if x.names else number(self.x[k]), "label": self.label}
+            known = self.lower is not None and self.upper is not None and np.isfinite(self.lower[k])
+            bounds = {"lower": number(self.lower[k]), "upper": number(self.upper[k])} if known else {}  # type: ignore[index]
+            found.append((k, at, bounds))
+        return found
+
+
+@dataclass(frozen=True)
+class Level:
+    """A level line over the whole width: a value that does not depend on x."""
+
+    label: str
+    y: float
+    lower: float
+    """Of its interval; nan: none."""
+    upper: float
+    style: Style
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A vertical line with a label."""
+
+    at: float
+    label: str
+
+
+def curve_chart(
+    lines: Sequence[Curve],
+    x: Axis,
+    y: Axis,
+    *,
+    markers: Sequence[Marker] = (),
+    levels: Sequence[Level] = (),
+    steps: bool = False,
+    width: int = WIDTH,
+) -> alt.LayerChart:
+    """Return a chart of curves: two points are never joined by a line, and every curve is labeled at its end.
+
+    With `steps` a value holds until the next point. `width` is that of the whole figure [px].
+    """
+    import altair as alt
+
+    ys = _finite([values for each in lines for values in (each.y, each.lower, each.upper, each.members)])
+    ys += _finite([[each.y, each.lower, each.upper] for each in levels])
+    xs = _finite(each.x for each in lines)
+    names = _end_names(lines, levels, x, y.bounds(ys), x.bounds(xs)[1])
+    lasts = [row for row in names if row.get("lower") is not None]
+    longest = max((len(word) for row in names for word in row["text"]), default=0)
+    plot = max(width - 75 - text_width(longest) - _BAR * len(lasts), width // 3)
+    end = plot + _BAR * len(lasts)
+    x_value: Any = alt.XValue
+    x2_value: Any = alt.X2Value
+    across, up = x.channel(alt.X, "x", xs), y.channel(alt.Y, "y", ys, grid=True)
+    span = (y.channel(alt.Y, "lower", ys, grid=True), alt.Y2("upper"))
+    color, dash, shape = _looks([*lines, *levels])
+    layers = _marker_layers(markers, across, x, xs)
+
+    def add(rows: Sequence[Row], mark: str, *channels: Any, **style: Any) -> None:
+        if rows:
+            layers.append(getattr(chart(rows), f"mark_{mark}")(**style).encode(*channels, color))
+
+    joined, dots, bands, bars, members = _curve_rows(lines, x)
+    flat = [{"label": each.label, **{k: number(getattr(each, k)) for k in ("y", "lower", "upper")}} for each in levels]
+    kind = {"interpolate": "step-after" if steps else "linear"}
+    tips = [alt.Tooltip("label:N", title="curve"), x.tooltip("x"), y.tooltip("y")]
+    add(bands, "area", across, *span, opacity=0.14, **kind)
+    add([row for row in flat if row["lower"] is not None], "rect", *span, opacity=0.1)
+    add(flat, "rule", up, dash, size=1.6)
+    add(members, "line", across, up, alt.Detail("member:N"), size=0.9, opacity=0.6, **kind)
+    add(bars, "rule", across, *span, size=1.8, opacity=0.55)
+    add(joined, "line", across, up, dash, size=2, **kind)
+    add(dots, "point", across, up, shape, size=55, filled=True, opacity=1)
+    add([*joined, *dots], "point", across, up, tips, size=90, filled=True, opacity=0)
+    for k, row in enumerate(lasts):
+        add([row], "rule", x_value(plot + 4 + _BAR * k), *span, size=2.6, opacity=0.7)
+    add(names, "rule", across, up, alt.Y2("at"), x2_value(end + 9), size=0.7, opacity=0.7)
+    text = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
+    add(names, "text", x_value(end + 13), alt.Y("at:Q"), alt.Text("text:N"), **text)
+    return alt.LayerChart(layer=layers, width=plot, height=HEIGHT)
+
+
+def _curve_rows(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
+    """Return the data of lines, marks, bands, bars and thin lines."""
+    joined, dots, bands, bars, members = parts = tuple(list[Row]() for _ in range(5))
+    for each in lines:
+        points = each._points(x)
+        whole = len(points) >= FEWEST_JOINED
+        for k, at, interval in points:
+            point = at | {"y": number(each.y[k])}
+            joined += [point] if whole else []
+            dots += [point] if each.marked or not whole else []
+            if interval and each.intervals != "last":
+                (bands if each.intervals == "band" and whole else bars).append(at | interval)
+            if each.members is not None and whole:
+                values = [(n, number(row[k])) for n, row in enumerate(each.members)]
+                members += [at | {"y": value, "member": n} for n, value in values if value is not None]
+    return parts
+
+
+def _end_names(
+    lines: Sequence[Curve], levels: Sequence[Level], x: Axis, bounds: tuple[float, float], last: float
+) -> list[Row]:
+    """Return the names, moved apart where they would overlap, and where the thin lines to their curves begin."""
+    rows: list[Row] = []
+    for each in lines:
+        if each.named and (points := each._points(x)):
+            k, at, interval = points[-1]
+            rows.append(at | {"y": float(each.y[k])} | (interval if each.intervals == "last" else {}))
+    rows += [{"x": x.names[-1] if x.names else last, "y": each.y, "label": each.label} for each in levels]
+    for row in rows:
+        unbroken = row["label"].replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
+        row["text"] = textwrap.wrap(unbroken, _NAME) or [""]
+    most = max((len(row["text"]) for row in rows), default=1)
+    unit = (bounds[1] - bounds[0]) / HEIGHT
+    room = (0.5 * _LINE * most - 4) * unit  # a name of several lines stays beside the area between the axes
+    wanted = np.array([row["y"] for row in rows])
+    places = spread(wanted, (_LINE * most + 2) * unit, bounds[0] + room, bounds[1] - room)
+    for row, place in zip(rows, places, strict=True):
+        row |= {"y": number(row["y"]), "at": number(place)}
+    return rows
+
+
+def _marker_layers(markers: Sequence[Marker], across: alt.X, x: Axis, xs: Sequence[float]) -> list[alt.Chart]:
+    """Draw vertical lines with labels on the side with space."""
+    import altair as alt
+
+    layers = []
+    for k, each in enumerate(markers):
+        ends = np.array([*x.bounds(xs), each.at])
+        low, high, at = np.log(ends) if x.log else ends
+        left = (at - low) / (high - low) > 0.6 or (k == 0 and len(markers) > 1)
+        base = chart([{"x": number(each.at), "text": each.label}]).encode(across)
+        layers.append(base.mark_rule(color=SOFT, strokeDash=[2, 2]))
+        where: dict[str, Any] = {"align": "right", "dx": -4} if left else {"align": "left", "dx": 4}
+        text = base.mark_text(baseline="bottom", color=SOFT, fontSize=FONT_SIZE, **where)
+        layers.append(text.encode(alt.Text("text:N"), y=alt.value(-3)))
+    return layers
+
+
+def spread(wanted: FloatArray, gap: float, low: float, high: float) -> FloatArray:
+    """Move positions as little as possible (least squares) so that neighbors are at least `gap` apart.
+
+    With w sorted and z_i = w_i - i * gap the answer is the isotonic regression of z [Barlow et al., 1972], shifted into
+    [low, high] where there is room: with too many positions, `high` is exceeded. The order stays that of `wanted`.
+    """
+    from scipy.optimize import isotonic_regression
+
+    if not len(wanted):
+        return wanted
+    order, gaps = np.argsort(wanted, kind="stable"), np.arange(len(wanted)) * gap
+    placed = np.empty(len(wanted))
+    placed[order] = np.maximum(np.minimum(isotonic_regression(wanted[order] - gaps).x, high - gaps[-1]), low) + gaps
+    return placed
+
+
+# Rows of points or bars
+
+
+@dataclass(frozen=True)
+class Points:
+    """One point in each of several rows, perhaps within an interval."""
+
+    label: str
+    """In the legend."""
+    rows: Sequence[int]
+    """In which rows, shape (points,)."""
+    x: FloatArray
+    style: Style
+    lower: FloatArray | None = None
+    """Lower bounds, shape (points,); nan: no interval there."""
+    upper: FloatArray | None = None
+    members: Sequence[Sequence[float]] | None = None
+    """For each point the values it is the mean of, drawn as small rings."""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """One bar in each of several rows, from 0."""
+
+    label: str
+    rows: Sequence[int]
+    """In which rows, shape (bars,)."""
+    x: FloatArray
+    texts: Sequence[str]
+    """Written behind the bars, shape (bars,)."""
+    style: Style
+    whole: FloatArray | None = None
+    """Pale bars behind them: what x is a part of."""
+
+
+def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: int = WIDTH) -> alt.LayerChart:
+    """Return a chart of points in rows with these names, with a legend where there is more than one kind.
+
+    Kinds are drawn below each other in every row. `width` is that of the whole figure [px].
+    """
+    import altair as alt
+
+    color, _, shape = _looks(points, legend=len(points) > 1)
+    y, offset = _row_channels(names, points)
+    rows, rings = list[Row](), list[Row]()
+    for each in points:
+        for k, row in enumerate(each.rows):
+            at = {"label": each.label, "row": names[row]}
+            bounds = [np.nan if array is None else array[k] for array in (each.lower, each.upper)]
+            rows.append(at | dict(zip(("x", "low", "high"), map(number, (each.x[k], *bounds)), strict=True)))
+            rings += [at | {"x": number(value)} for value in (each.members[k] if each.members else ())]
+    values = _finite([array for each in points for array in (each.x, each.lower, each.upper)])
+    values += [ring["x"] for ring in rings]
+    across = x.channel(alt.X, "x", values, grid=True)
+    tips = [alt.Tooltip("row:N", title="row"), alt.Tooltip("label:N", title="kind"), x.tooltip("x")]
+    tips += [alt.Tooltip(f"{bound}:Q", title=f"{bound} end of the interval") for bound in ("low", "high")]
+    ranges = chart(row for row in rows if row["low"] is not None).mark_rule(size=2.4, opacity=0.5)
+    layers = [ranges.encode(y, offset, x.channel(alt.X, "low", values, grid=True), alt.X2("high"), color)]
+    if rings:
+        ring = chart(rings).mark_point(size=30, filled=False, strokeWidth=1.3, opacity=1)
+        layers.append(ring.encode(y, offset, across, color, shape))
+    dot = chart(row for row in rows if row["x"] is not None).mark_point(size=75, filled=True, opacity=1)
+    layers.append(dot.encode(y, offset, across, color, shape, tips))
+    plot, height = row_size(names, len(points), width)
+    return alt.LayerChart(layer=layers, width=plot, height=height)
+
+
+def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = WIDTH) -> alt.LayerChart:
+    """Return a chart of bars in rows with these names. Where a row has several, each text begins with its bar's label.
+
+    The axis begins at 0; room for the texts is added. `width` is that of the whole figure [px].
+    """
+    import altair as alt
+
+    color, _, _ = _looks(bars)
+    y, offset = _row_channels(names, bars, line=True)
+    rows: list[Row] = []
+    for each in bars:
+        for k, row in enumerate(each.rows):
+            text = f"{each.label}: {each.texts[k]}" if len(bars) > 1 else each.texts[k]
+            end = number(each.x[k] if each.whole is None else each.whole[k])
+            rows.append({"label": each.label, "row": names[row], "x": number(each.x[k]), "end": end, "text": text})
+    plot, height = row_size(names, len(bars), width)
+    most = max((row["end"] for row in rows), default=0.0) or 1.0
+    # So long that every text finds room behind its bar.
+    room = [(plot - 14 - text_width(len(row["text"])), row["end"]) for row in rows if row["end"]]
+    unit = max(min((pixels / end for pixels, end in room), default=plot / most), plot / most / 4)
+    scale = alt.Scale(domain=[0.0, plot / unit], nice=False)
+    axis = x.ticks(most, grid=False, values=_round_ticks(most, 0.0 if x.percent else 1.0))
+    axis.domain, axis.titleAnchor = False, "start"
+
+    def across(field: str) -> alt.X:
+        return alt.X(field, type="quantitative", title=x.title, axis=axis, scale=scale)
+
+    base, layers = chart(rows), []
+    if any(each.whole is not None for each in bars):
+        layers.append(base.mark_bar(opacity=0.3).encode(y, offset, across("end"), color))
+    layers.append(base.mark_bar().encode(y, offset, across("x"), color))
+    text = base.mark_text(align="left", baseline="middle", dx=4, fontSize=FONT_SIZE, color=INK)
+    layers.append(text.encode(y, offset, across("end"), alt.Text("text:N")))
+    return alt.LayerChart(layer=layers, width=plot, height=height)
+
+
+def row_size(names: Sequence[str], lines: int, width: int) -> tuple[int, int]:
+    """Return width and height [px] of the area between the axes of a figure with rows of so many lines each."""
+    words = text_width(max(map(len, names), default=0)) + 45
+    return max(width - words, width // 3), len(names) * max(26, 19 * lines + 9)
+
+
+def _row_channels(names: Sequence[str], things: Sequence[Any], line: bool = False) -> tuple[alt.Y, alt.YOffset]:
+    import altair as alt
+
+    axis = alt.Axis(labelPadding=10, domain=line)
+    y = alt.Y("row:N", title=None, scale=alt.Scale(domain=list(names), paddingInner=0.3, paddingOuter=0.1), axis=axis)
+    labels = [each.label for each in things]
+    return y, alt.YOffset("label:N", scale=alt.Scale(domain=labels, paddingInner=0.12))
+
+
+def _round_ticks(most: float, least_step: float) -> list[float]:
+    """Return 0 and the multiples of 1, 2 or 5 times a power of ten up to `most`, six at most."""
+    power = 10.0 ** math.floor(math.log10(most / 5.0))
+    step = max(next(power * k for k in (1, 2, 5, 10) if power * k * 5.0 >= most * (1.0 - 1e-9)), least_step)
+    return [float(f"{k * step:.6g}") for k in range(math.floor(most / step + 1e-9) + 1)]
+
+
+# Figures
+
+Format = Literal["png", "svg", "pdf"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A chart with its title and note."""
+
+    name: str
+    """For files and anchors: lower-case letters and digits, dashes between them, see `slug`."""
+    title: str
+    """What is seen."""
+    chart: alt.LayerChart | alt.HConcatChart
+    note: str = ""
+    """Sentences: what intervals are, and over how many."""
+    heading: str = ""
+    """Such as the task: written before the title where a picture stands alone."""
+    wide: bool = False
+    """Whether the figure needs the whole width of a page."""
+
+    def __post_init__(self) -> None:
+        if re.fullmatch(r"[a-z0-9]+([-_][a-z0-9]+)*", self.name) is None:
+            raise PerdureError(f"A figure cannot be named {self.name!r}: letters a to z, digits and dashes; see slug.")
+
+    @cached_property
+    def spec(self) -> dict[str, Any]:
+        """The Vega-Lite specification, without title and note."""
+        return {**self.chart.to_dict(validate=False), "config": CONFIG}
+
+    def standalone(self) -> dict[str, Any]:
+        """Return the specification of a picture that stands alone: heading, title and note above the chart."""
+        width = WIDE if self.wide else WIDTH
+        letters, big = (round(width / text_width(100, size) * 100) for size in (FONT_SIZE, TITLE_SIZE * 1.15))
+        title = ": ".join(filter(None, (self.heading, self.title)))
+        lines = {"text": textwrap.wrap(title, big), "subtitle": textwrap.wrap(self.note, letters)}
+        return {**self.spec, "title": lines}
+
+
+def render(figure: Figure, kind: Format = "png") -> bytes:
+    """Return a figure as the bytes of a file: "png", "svg" or "pdf".
+
+    The same figure gives the same PNG and SVG, byte for byte; a PDF holds the time at which it was made.
+
+    Raises:
+        PerdureError: Another format.
+    """
+    import vl_convert
+
+    if kind not in FORMATS:
+        raise PerdureError(f"A figure cannot be written as {kind!r}; formats are {', '.join(FORMATS)}.")
+    spec, how = figure.standalone(), dict[str, Any](allowed_base_urls=[])
+    if kind == "svg":
+        return str(vl_convert.vegalite_to_svg(spec, **how)).encode()
+    if kind == "pdf":
+        return bytes(vl_convert.vegalite_to_pdf(spec, **how))
+    return _deflate(bytes(vl_convert.vegalite_to_png(spec, scale=PNG_SCALE, **how)))
+
+
+def _deflate(png: bytes) -> bytes:
+    """Compress a PNG again: vl-convert's own is 2.5 times as large (measured)."""
+    head, pixels, place = png[:33], b"", 33  # signature and header
+    while place < len(png):
+        (size,) = struct.unpack(">I", png[place : place + 4])
+        if png[place + 4 : place + 8] == b"IDAT":
+            pixels += png[place + 8 : place + 8 + size]
+        place += 12 + size
+    parts = (b"IDAT" + zlib.compress(zlib.decompress(pixels), 6), b"IEND")
+    return head + b"".join(struct.pack(">I", len(p) - 4) + p + struct.pack(">I", zlib.crc32(p)) for p in parts)
+
+
+def save(figures: Iterable[Figure], folder: Path, formats: Sequence[Format] = ("png",)) -> None:
+    """Write figures as files named after them into a folder; PerdureError for an unknown format."""
+    for figure in figures:
+        for kind in formats:
+            write_atomic(folder / f"{figure.name}.{kind}", render(figure, kind))
+
+
+def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:
+    """Return figures with a number behind each name that is in `taken` already; names are added to it."""
+    found = []
+    for figure in figures:
+        name, number = figure.name, 2
+        while name in taken:
+            name, number = f"{figure.name}-{number}", number + 1
+        taken.add(name)
+        found.append(replace(figure, name=name))
+    return found
+
+
+@cache
+def javascript() -> str:
+    """Return Vega, Vega-Lite and Vega-Embed as one script that needs no network."""
+    import vl_convert
+
+    bundle: Any = vl_convert.javascript_bundle  # its stub demands a snippet, which it does not need
+    return str(bundle())
+
+
+def script_json(value: Any) -> str:
+    """Return JSON that may stand in an HTML script element: nothing in it can end the element."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+
+
+def slug(*words: str) -> str:
+    """Convert words to a file name that is valid on all systems."""
+    return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")[:80].strip("-") or "figure"

@@ -1,0 +1,230 @@
+"""Advisory locks, which the kernel releases when their process dies; files that are replaced atomically."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import secrets
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from perdure.errors import PerdureError
+
+# Advisory file locks, which the kernel releases when their process dies.
+
+
+def acquire(path: Path, wait: bool = False) -> int | None:
+    """Lock the file at `path`; create it if it does not exist.
+
+    Args:
+        path: The lock file. Its folder must exist.
+        wait: Wait for another holder instead of giving up.
+
+    Returns:
+        An open file descriptor that holds the lock until `release`, or None when somebody else holds it.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            lock_file(descriptor, path, wait)
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        except BaseException:
+            os.close(descriptor)
+            raise
+        if is_still_at(descriptor, path):
+            return descriptor
+        # Between open and flock the former holder removed the file: what we locked is no longer at this path.
+        os.close(descriptor)
+
+
+def lock_file(descriptor: int, path: Path, wait: bool, shared: bool = False) -> None:
+    """Lock an open file, which lies at `path`.
+
+    Raises:
+        BlockingIOError: Another process has locked it, and `wait` is False.
+        PerdureError: Its file system has no locks.
+    """
+    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    try:
+        fcntl.flock(descriptor, kind if wait else kind | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
+            text = f"{path.parent} is on a file system without file locks (flock); choose another"
+            raise PerdureError(text) from error
+        raise
+
+
+def is_locked(path: Path) -> bool:
+    """Return whether a process holds the lock at `path`; needs no permission to write, and removes nothing."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        lock_file(descriptor, path, wait=False, shared=True)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def is_still_at(descriptor: int, path: Path) -> bool:
+    """Return whether the open file `descriptor` is the one that now lies at `path`."""
+    try:
+        there = os.stat(path)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(os.fstat(descriptor), there)
+
+
+def release(descriptor: int, path: Path) -> None:
+    """Remove the lock file, then release the lock, so that no process locks a deleted file."""
+    path.unlink(missing_ok=True)
+    os.close(descriptor)
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Hold the lock at `path` for the duration of a block; wait for it if needed."""
+    descriptor = acquire(path, wait=True)
+    assert descriptor is not None
+    try:
+        yield
+    finally:
+        release(descriptor, path)
+
+
+# Replace a file atomically: readers see the old or the new file, also after a crash or on a full disk.
+
+
+def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
+    """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
+
+    Missing folders are made. A symbolic link at `path` stays, its target is replaced. The permissions of the old file
+    stay. What a killed writer of the same path left behind is removed.
+
+    Args:
+        path: Where the file shall be.
+        data: Bytes, or text that is encoded as UTF-8 without changing line ends.
+
+    Returns:
+        `path` as a `Path`.
+
+    Raises:
+        OSError: The disk is full, the folder cannot be written, `path` is a device, ...; it names `path`, and the old
+            file is untouched.
+    """
+    target = Path(os.path.realpath(path))
+    payload = data.encode() if isinstance(data, str) else data
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(target)
+        mode = _mode(target)
+        temporary, descriptor = _open_temporary(target)
+        try:
+            _write_all(descriptor, payload)
+            if mode is not None:
+                os.fchmod(descriptor, mode)
+            os.replace(temporary, target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        finally:
+            os.close(descriptor)
+        sync(target.parent)
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
+    return Path(path)
+
+
+def write_result(path: Path, data: bytes) -> Path:
+    """Write a result atomically; if that fails, save it to a new temporary folder.
+
+    Raises:
+        PerdureError: The result is in the temporary folder; the message names it and how to continue.
+        OSError: It could not be written to the temporary folder either.
+    """
+    try:
+        return write_atomic(path, data)
+    except OSError as error:
+        try:
+            kept = write_atomic(Path(tempfile.mkdtemp(prefix="perdure-kept-"), path.name), data)
+        except OSError:
+            raise error from None
+        raise PerdureError(
+            f"{os.fspath(path)}: {error.strerror}; the finished result is kept in {kept}: make the disk writable, "
+            f"copy it to {os.fspath(path)} and run the same command"
+        ) from error
+
+
+def sync(path: Path) -> None:
+    """Make the content of a file, or the names inside a folder, durable (POSIX: fsync)."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _mode(target: Path) -> int | None:
+    """Return the permissions of the file at `target`; None if there is none."""
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "is not a regular file", target)
+    return stat.S_IMODE(mode) if stat.S_ISREG(mode) else None
+
+
+def _write_all(descriptor: int, payload: bytes) -> None:
+    view = memoryview(payload)
+    while view:
+        view = view[os.write(descriptor, view) :]
+    os.fsync(descriptor)
+
+
+def _open_temporary(target: Path) -> tuple[Path, int]:
+    """Make a new locked file beside `target`; the lock shows other processes that its writer is alive."""
+    while True:
+        temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        try:
+            lock_file(descriptor, temporary, wait=True)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            os.close(descriptor)
+            raise
+        if is_still_at(descriptor, temporary):
+            return temporary, descriptor
+        os.close(descriptor)  # another writer took it for a leftover before it was locked
+
+
+def _remove_leftovers(target: Path) -> None:
+    prefix = _prefix(target)
+    for entry in list(os.scandir(target.parent)):
+        if entry.name.startswith(prefix) and entry.is_file(follow_symlinks=False):
+            with suppress(OSError):
+                _remove_if_dead(Path(entry.path))
+
+
+def _remove_if_dead(leftover: Path) -> None:
+    descriptor = os.open(leftover, os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        leftover.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _prefix(target: Path) -> str:
+    # A long name leaves no room for a token within the 255 bytes a file name may have. Bytes that are no UTF-8 are left
+    # out: some file systems refuse them, and the cut may leave half a character.
+    return f".{os.fsencode(target.name)[:180].decode(errors='ignore')}.partial-"

@@ -1,5 +1,0 @@
-"""Errors of studies."""
-
-
-class StudyError(ValueError):
-    """A study, a scale, a claim or a table is invalid. The message says what to do."""

@@ -1,0 +1,101 @@
+"""``python -m studies NAME``: run a study from the root of a clone of the repository."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from perdure.cli.flags import Cores, On
+from perdure.cli.parse import check_folder
+from perdure.errors import PerdureError
+from perdure.runs import Store, Unit, check_on, read_unit_progress, run_missing
+from perdure.runs.progress import count_states, show_progress, total_share
+
+
+@dataclass(frozen=True)
+class StudyFlags:
+    """Run a study: train, evaluate, analyze. An interrupted command continues when you run it again.
+
+    Several commands share a study, also on several machines: each takes what no other is working on.
+    """
+
+    name: tyro.conf.Positional[Literal["horizon", "placement"]]
+    """The study."""
+    scale: str = "smoke"
+    """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""
+    out: Path | None = None
+    """Folder of the results; by default results/NAME for thesis and runs/NAME-SCALE for the others. Runs are kept in
+    its folder runs."""
+    on: On = "local"
+    cores: Cores = None
+    phases: tuple[int, ...] | None = None
+    """Only these phases of the study, by number; its default phases if left out."""
+    status: bool = False
+    """Show the progress, also of a study that is running, and exit."""
+    analyze_only: bool = False
+    """Write tables and figures again from the results that exist; train and evaluate nothing."""
+    collect: Path | None = None
+    """Of horizon: copy the finished runs in this folder, such as one of `perdure train --out`, into the results, then
+    analyze."""
+
+
+def main(args: list[str]) -> None:
+    """Run the command line; an error that a user can cause ends in one line and exit code 2."""
+    try:
+        run(tyro.cli(StudyFlags, args=args, prog="python -m studies"))
+    except KeyboardInterrupt:
+        print("studies: interrupted; run the same command to continue", file=sys.stderr)
+        raise SystemExit(130) from None
+    except (ValueError, OSError) as error:
+        if not (isinstance(error, OSError) or type(error).__module__.partition(".")[0] in ("perdure", "studies")):
+            raise
+        print(f"studies: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def run(flags: StudyFlags) -> None:
+    """Run, show or analyze a study."""
+    study: Any = import_module(f"studies.{flags.name}.study")
+    if flags.scale not in study.SCALES:
+        raise PerdureError(f"study {flags.name} has no scale {flags.scale!r}; its scales are {', '.join(study.SCALES)}")
+    out = flags.out or study.SCALES[flags.scale] or Path("runs", f"{flags.name}-{flags.scale}")
+    check_folder(out)
+    store = out / "runs"
+    if flags.collect is not None:
+        if flags.name != "horizon":
+            raise PerdureError("--collect belongs to the study horizon")
+        print(f"{len(study.collect(flags.collect, out))} tables and policies written")
+    elif not flags.analyze_only:
+        check_on(flags.on)
+        units = study.plan(flags.scale, flags.phases or study.PHASES, store)
+        if flags.status:
+            print(f"study {flags.name}, scale {flags.scale}, in {out}\n{status_text(units, store)}")
+            return
+        print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
+        waiting = lambda: print("studies: another command is running the rest; waiting for it", file=sys.stderr)  # noqa: E731
+        with show_progress(f"study {flags.name}") as observe:
+            run_missing(units, store, flags.on, flags.cores, observe, waiting)
+    written = study.analyze(flags.scale, out)
+    print(f"{len(written)} tables, figures and pages written, such as {written[-1].resolve()}")
+
+
+def status_text(units: Sequence[Unit], folder: Path) -> str:
+    """Return how many units are finished, and the share of the work, by what they run."""
+    store, lines = Store(folder), list[str]()
+    for function in dict.fromkeys(unit.function for unit in units):
+        mine = [unit for unit in units if unit.function == function]
+        status = {unit.key: read_unit_progress(store, unit.key, unit.config, unit.size) for unit in mine}
+        failed = sum(store.note_path("failures", key).exists() for key in status)
+        name = function.rpartition(":")[2].replace("_", " ")
+        lines.append(f"  {name:16} {count_states(status)}, {failed} failed ({total_share(status):.0%} of the work)")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

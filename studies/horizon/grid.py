@@ -1,0 +1,191 @@
+"""The grid of training runs and evaluations. Immutable; extend it by a line.
+
+A *setting* is a task with a preset of hyperparameters: "HalfCheetah-v3" (RL Baselines3 Zoo, as in the thesis) or
+"Hopper-v3@cleanrl" (CleanRL's; with the Zoo's settings Hopper learns to stand still).
+A *row* is a setting, a method and training seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from perdure.errors import PerdureError
+
+ZOO, CLEANRL = "zoo", "cleanrl"
+PHASES = {
+    1: "the thesis' four methods on HalfCheetah, Hopper, Swimmer and Walker2d; figure 3-1",
+    2: "the thesis' four methods on Ant",
+    3: "controls: random horizon, fixed horizon, linear with random horizon, average reward",
+    4: "gamma, ten workers, short episodes on more tasks",
+    5: "Humanoid, three methods, coarser C",
+    6: "pilots: size of the embedding, FiLM, a dm_control task, a Shadow hand that reaches for goals",
+}
+DEFAULT_PHASES = (1, 2, 3)
+GAMMAS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
+
+FOUR = ("ppo", "ppo-undiscounted", "linear", "geometric")
+CONTROLS = ("random-horizon", "geometric-fixed", "linear-random", "ppo-average-reward")
+VARIANTS = ("geometric-5", "geometric-10", "geometric-film")
+SWEPT = ("geometric", "geometric-fixed", *VARIANTS)
+"""Methods whose input depends on C."""
+LINEAR = ("linear", "linear-random", "linear-10-workers")
+"""Methods to which every constant C > 0 is the same input, phi = 1."""
+
+MAIN_SETTINGS = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3@cleanrl", "Swimmer-v3", "Walker2d-v3@cleanrl")
+"""One setting of each task: RL Zoo's, but CleanRL's for Hopper, which stands still under RL Zoo's, and Walker2d."""
+
+CONSTANTS = tuple(f"constant:{c}" for c in range(0, 1001, 100))
+SLOW = ("Humanoid", "Hand")
+"""Robots that take long to simulate: fewer clocks."""
+COARSE = ("constant:100", "constant:300", "constant:500", "constant:1000")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Training runs of one method in one setting."""
+
+    task: str
+    method: str
+    preset: str
+    seeds: tuple[int, ...]
+    phase: int
+    gamma: float | None = None
+    """Replaces the preset's gamma; the method's name then says so."""
+    evaluated: bool = True
+    """False where only the learning curves are kept."""
+
+    @property
+    def setting(self) -> str:
+        """Task and preset, such as "Hopper-v3@cleanrl"."""
+        return self.task if self.preset == ZOO else f"{self.task}@{self.preset}"
+
+    @property
+    def key(self) -> str:
+        """Place in the stores, such as "Hopper-v3/geometric@cleanrl"."""
+        return f"{self.task}/{self.method}" if self.preset == ZOO else f"{self.task}/{self.method}@{self.preset}"
+
+
+@dataclass(frozen=True)
+class Split:
+    """Start states for one purpose. Splits share none."""
+
+    name: str
+    first_seed: int
+    seeds: int
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A scale of the study."""
+
+    name: str
+    rows: tuple[Row, ...]
+    splits: tuple[Split, ...]
+    """Validation, on which C is chosen, and test, on which everything is reported."""
+    steps: int
+    """Test horizon."""
+    swept: tuple[str, ...]
+    """Clocks of the geometric method, see `perdure.evaluate.Extrapolation`."""
+    training_steps: int | None = None
+    """Replaces the preset's number."""
+
+    def clocks(self, row: Row) -> tuple[str, ...]:
+        """Return the clocks under which a row is evaluated; () for a method without time-to-go input."""
+        if row.method in LINEAR:
+            return ("countdown", "constant:500")
+        if row.method not in SWEPT:
+            return ()
+        if row.task.startswith(SLOW):
+            return (*COARSE, "countdown")
+        if row.method != "geometric" and self.swept == ("sweep",):
+            return (*CONSTANTS, "countdown")
+        return self.swept
+
+    def row(self, setting: str, method: str) -> Row | None:
+        """Return the row of a setting and method; None where there is none."""
+        return next((row for row in self.rows if (row.setting, row.method) == (setting, method)), None)
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Settings in the order of the rows."""
+        return tuple(dict.fromkeys(row.setting for row in self.rows))
+
+
+def _rows(
+    tasks: Iterable[str], preset: str, methods: Iterable[str], count: int, phase: int, without: Sequence[str] = ()
+) -> tuple[Row, ...]:
+    methods = tuple(methods)
+    return tuple(
+        Row(task, method, preset, tuple(range(count)), phase, evaluated=method not in without)
+        for task in tasks
+        for method in methods
+    )
+
+
+def _gammas(task: str, preset: str) -> tuple[Row, ...]:
+    return tuple(Row(task, f"ppo-gamma-{gamma:g}", preset, tuple(range(3)), 4, gamma) for gamma in GAMMAS)
+
+
+THESIS_ROWS = (
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, FOUR, 10, 1),
+    *_rows(("HalfCheetah-v3",), ZOO, (*FOUR, "ppo-short"), 5, 1),
+    *_rows(("Swimmer-v3",), ZOO, FOUR, 5, 1),
+    *_rows(("Hopper-v3",), ZOO, FOUR, 5, 1, without=("ppo-undiscounted", "linear")),
+    *_rows(("Walker2d-v3",), ZOO, FOUR, 5, 1),
+    *_rows(("Ant-v3",), ZOO, FOUR, 5, 2),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, CONTROLS, 3, 3),
+    *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, CONTROLS, 3, 3),
+    *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, ("linear-10-workers",), 3, 4),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, ("ppo-short", "linear-10-workers"), 3, 4),
+    *_rows(("Ant-v3",), ZOO, ("ppo-short",), 3, 4),
+    *_gammas("Hopper-v3", CLEANRL),
+    *_gammas("HalfCheetah-v3", ZOO),
+    *_rows(("Humanoid-v3",), ZOO, ("ppo", "ppo-undiscounted", "geometric"), 3, 5),
+    *_rows(("Hopper-v3",), CLEANRL, ("geometric-10", "geometric-film"), 3, 6),
+    *_rows(("Walker2d-v3",), CLEANRL, ("geometric-5", "geometric-film"), 3, 6),
+    *_rows(("HalfCheetah-v3",), ZOO, ("geometric-5", "geometric-film"), 3, 6),
+    *_rows(("WalkerWalk-v1", "HandReachDense-v3"), CLEANRL, ("ppo", "geometric"), 3, 6),
+)
+LAPTOP_ROWS = (
+    *_rows(("Hopper-v3",), CLEANRL, (*FOUR, "random-horizon", "geometric-fixed"), 5, 1),
+    *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 5, 1),
+    *_rows(("Walker2d-v3",), CLEANRL, ("ppo", "ppo-undiscounted", "geometric"), 3, 1),
+)
+SMOKE_ROWS = (*_rows(("InvertedPendulum-v4",), ZOO, (*FOUR, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),)
+
+GRIDS = {
+    grid.name: grid
+    for grid in (
+        Grid(
+            "smoke",
+            SMOKE_ROWS,
+            (Split("validation", 1000, 2), Split("test", 2000, 3)),
+            2_000,
+            ("constant:100", "constant:500", "periodic:500", "countdown"),
+            training_steps=4_096,
+        ),
+        Grid(
+            "laptop",
+            LAPTOP_ROWS,
+            (Split("validation", 1000, 2), Split("test", 2000, 5)),
+            100_000,
+            (*CONSTANTS, "periodic:500", "countdown"),
+        ),
+        Grid("thesis", THESIS_ROWS, (Split("validation", 1000, 2), Split("test", 2000, 10)), 100_000, ("sweep",)),
+    )
+}
+
+
+def make_grid(scale: str, phases: Sequence[int]) -> Grid:
+    """Return the grid of a scale with the rows of some phases.
+
+    Raises:
+        PerdureError: No row belongs to these phases.
+    """
+    grid = GRIDS[scale]
+    rows = tuple(row for row in grid.rows if row.phase in phases)
+    if not rows:
+        known = ", ".join(str(phase) for phase in sorted({row.phase for row in grid.rows}))
+        raise PerdureError(f"phases {list(phases)} hold no row of scale {scale}; its phases are {known}")
+    return replace(grid, rows=rows)

@@ -1,0 +1,438 @@
+"""The frozen tables of the study, and what the analysis reads from them.
+
+| table | one row is |
+|---|---|
+| `episodes.parquet` | one deployed episode: a policy, a clock, a start state |
+| `learning.parquet` | a fiftieth of a training run: the mean of the training episodes that ended in it |
+| `mechanism.parquet` | one measure of one training run's short rollouts, perhaps at a number of steps to go |
+| `clocks.parquet` | the clock that a rule without a sweep chose for one training run |
+
+`setting` is a task with its preset, such as "Hopper-v3@cleanrl"; `train_seed` is the training run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from perdure.errors import PerdureError
+from perdure.report.estimates import LANE_FAILURES, VERDICT, thin
+from perdure.runs import write_atomic
+from studies.files import parquet_bytes, read_parquet_file
+from studies.horizon.claims import Condition
+from studies.horizon.grid import Grid, Row
+
+TEST, VALIDATION = "test", "validation"
+RUN = ("setting", "method", "train_seed")
+WITHIN = 1000
+"""Steps of the measures "return within" and "failed within"."""
+LATE = 0.1
+"""Share of the test horizon, at its end, of "reward late"; of the training steps, of "training return"."""
+CURVE_POINTS = 80
+"""Recorded steps that are kept of an episode, at most: what a figure draws."""
+LEARNING_POINTS = 50
+MEASURED = (
+    *("return", "return within", "reward late", "gain", "failed share", "failed within", "ended share", "hold share"),
+    *("hold", "level", "steps to failure"),
+)
+"""Measures of `claims.MEASURES` that episodes give."""
+MECHANISM = ("fall rate", "value error", "value variance", "action dependence")
+"""Measures of the mechanism table that are one number for each training run."""
+VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never worked", "cannot tell")
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A frozen table, declared once."""
+
+    file: str
+    key: tuple[str, ...]
+    """Rows of one key come together, and new ones replace old ones."""
+    columns: Mapping[str, pl.DataType | type[pl.DataType]]
+
+    def read(self, out: Path) -> pl.DataFrame:
+        """Return the table in a folder of results; it has no rows if there is none.
+
+        Raises:
+            PerdureError: The file is damaged, or has other columns.
+        """
+        path = out / self.file
+        if not path.is_file():
+            return pl.DataFrame(schema=self.columns)
+        frame = read_parquet_file(path)
+        if dict(frame.schema) != dict(pl.DataFrame(schema=self.columns).schema):
+            raise PerdureError(f"{path}: its columns must be {', '.join(self.columns)}, with the types of results.py")
+        return frame
+
+    def add(self, out: Path, rows: pl.DataFrame) -> Path:
+        """Write the table with new rows in the place of old ones of their keys; the same rows give the same bytes."""
+        new = rows.select(pl.col(name).cast(kind) for name, kind in self.columns.items())
+        kept = self.read(out).join(new.select(self.key).unique(), on=self.key, how="anti", maintain_order="left")
+        order = [
+            name for name, kind in self.columns.items() if not pl.DataFrame(schema={"x": kind})["x"].dtype.is_nested()
+        ]
+        return write_atomic(out / self.file, parquet_bytes(pl.concat([kept, new]).sort(order)))
+
+
+EPISODES = Frozen(
+    "episodes.parquet",
+    (*RUN, "split"),
+    {
+        "setting": pl.String,
+        "method": pl.String,
+        "split": pl.String,  # "test", or "validation", on which C is chosen
+        "train_seed": pl.Int64,
+        "clock": pl.String,  # as on a command line: "constant:500", "countdown" (to the test horizon), "none"
+        "clock_kind": pl.String,
+        "clock_steps": pl.Float64,
+        "eval_seed": pl.Int64,  # the start state
+        "train_horizon": pl.Float64,
+        "test_horizon": pl.Int64,
+        "end_reason": pl.String,
+        "end_step": pl.Int64,
+        "idle_rate": pl.Float64,  # rewards per step of an idle robot, of the policy in training, of a published policy
+        "reference_rate": pl.Float64,
+        "level_rate": pl.Float64,
+        "policy_state": pl.String,
+        "outcome": pl.String,
+        "failed_step": pl.Int64,
+        "end_hold": pl.Float64,
+        "ever_idle": pl.Boolean,
+        "return": pl.Float64,
+        "left_first": pl.String,  # observation component that was first to leave its training range
+        "return_within": pl.Float64,  # return of the first 1,000 steps
+        "reward_late": pl.Float64,  # reward per step in the last tenth
+        "curve_steps": pl.List(pl.Int32),  # of test episodes: recorded steps, and the return so far at each
+        "curve": pl.List(pl.Float32),
+    },
+)
+LEARNING = Frozen(
+    "learning.parquet",
+    RUN,
+    {
+        "setting": pl.String,
+        "method": pl.String,
+        "train_seed": pl.Int64,
+        "step": pl.Float64,  # training steps at the end of this fiftieth
+        "episodes": pl.Int64,
+        "return": pl.Float64,
+        "length": pl.Float64,
+    },
+)
+MECHANISMS = Frozen(
+    "mechanism.parquet",
+    RUN,
+    {
+        "setting": pl.String,
+        "method": pl.String,
+        "train_seed": pl.Int64,
+        "measure": pl.String,
+        "at": pl.Int64,  # steps to go, or C of "change"; null for a measure of the whole run
+        "result": pl.Float64,
+    },
+)
+CLOCKS = Frozen(
+    "clocks.parquet",
+    (*RUN, "rule"),
+    {
+        "setting": pl.String,
+        "method": pl.String,
+        "rule": pl.String,
+        "train_seed": pl.Int64,
+        "clock": pl.String,
+        "lane_steps": pl.Int64,
+    },
+)
+
+
+def name_clocks(table: pl.DataFrame) -> pl.DataFrame:
+    """Return clocks as on a command line: "constant:500", "periodic:500", "countdown" (to the test horizon)."""
+    number = pl.col("clock_steps").fill_nan(0.0).cast(pl.Int64).cast(pl.String)
+    whole = (pl.col("clock_kind") == "countdown") & (pl.col("clock_steps") == pl.col("test_horizon"))
+    plain = whole | (pl.col("clock_kind") == "none")
+    return table.with_columns(
+        clock=pl.when(plain).then("clock_kind").otherwise(pl.col("clock_kind") + ":" + number),
+    )
+
+
+def freeze_episodes(table: pl.DataFrame, setting: str, method: str, split: str) -> pl.DataFrame:
+    """Return the rows of `EPISODES` of an evaluation.
+
+    Args:
+        table: Columns of `perdure.report.schema`: a row for each episode and recorded step.
+        setting: Of all of them, as the other arguments.
+        method: As the grid names it.
+        split: Name of the start states.
+    """
+    episode = ("train_seed", "clock", "eval_seed")
+    table = name_clocks(table).sort(*episode, "step")
+    horizon, steps = int(table["test_horizon"][0]), table["step"].unique().sort().to_numpy()
+
+    def last_before(step: float) -> int:
+        return int(steps[np.searchsorted(steps, step, side="right") - 1])
+
+    within, before = last_before(min(WITHIN, horizon)), last_before((1.0 - LATE) * horizon)
+    kept = [int(step) for step in steps[thin(steps, CURVE_POINTS)]] if split == TEST else []
+    so_far, step = pl.col("return"), pl.col("step")
+    rows = table.group_by(episode, maintain_order=True).agg(
+        pl.exclude("step", "return", "alive").last(),
+        so_far.last(),
+        so_far.filter(step == within).first().alias("return_within"),
+        ((so_far.last() - so_far.filter(step == before).first()) / (horizon - before)).alias("reward_late"),
+        step.filter(step.is_in(kept)).alias("curve_steps"),
+        so_far.filter(step.is_in(kept)).alias("curve"),
+        pl.col("end_detail").last().str.extract(r"(observation\[\d+\]) left").alias("left_first"),
+    )
+    named = rows.with_columns(setting=pl.lit(setting), method=pl.lit(method), split=pl.lit(split))
+    return named.select(pl.col(name).cast(kind) for name, kind in EPISODES.columns.items())
+
+
+def freeze_learning(episodes: pl.DataFrame, setting: str, method: str, train_seed: int) -> pl.DataFrame:
+    """Return the rows of `LEARNING` of a training run, from its episodes: "step" (of the end), "return", "length"."""
+    last = float(episodes["step"].max() or 1.0)  # type: ignore[arg-type]
+    place = (pl.col("step") / last * LEARNING_POINTS).ceil().clip(1, LEARNING_POINTS)
+    return (
+        episodes.group_by(step=place * last / LEARNING_POINTS)
+        .agg(pl.len().alias("episodes"), pl.col("return").mean(), pl.col("length").mean())
+        .sort("step")
+        .select(
+            pl.lit(setting).alias("setting"), pl.lit(method).alias("method"), pl.lit(train_seed).alias("train_seed"),
+            "step", "episodes", "return", "length",
+        )
+    )  # fmt: skip
+
+
+def measure(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return episodes with the verdict and the measures.
+
+    A policy that never worked has failed from the start: hold 0, no steps to failure. Where the verdict is "cannot
+    tell", what says whether an episode failed is null.
+    """
+
+    def judged(found: pl.Expr) -> pl.Expr:
+        return pl.when(VERDICT != "cannot tell").then(found.cast(pl.Float64))
+
+    horizon, idle = pl.col("test_horizon"), pl.col("idle_rate")
+    never = pl.col("policy_state") == "never worked"
+    ended = pl.col("end_reason").is_in(["terminated", "diverged"])
+    failed = pl.col("outcome").is_in(LANE_FAILURES) | never
+    steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
+    gain = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("level_rate") - idle) * horizon)
+    within = pl.min_horizontal(WITHIN, horizon)
+    return episodes.with_columns(
+        verdict=VERDICT,
+        **{
+            "return within": pl.col("return_within"),
+            "reward late": pl.col("reward_late"),
+            "gain": gain,
+            "failed share": judged(failed),
+            "failed within": judged(failed & (steps < within)),
+            "ended share": ended.cast(pl.Float64),
+            "hold share": judged(VERDICT == "holds"),
+            "hold": pl.when(ended | never).then(0.0).otherwise(pl.col("end_hold")),
+            "level": (pl.col("reference_rate") - idle) / (pl.col("level_rate") - idle),
+            "steps to failure": judged(steps),
+        },
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The rows of the frozen tables that belong to a grid, in its order. What is not there yet is missing."""
+
+    grid: Grid
+    episodes: pl.DataFrame
+    """Of `EPISODES`, with the columns of `measure`."""
+    learning: pl.DataFrame
+    mechanism: pl.DataFrame
+    rules: pl.DataFrame
+
+    def runs(self, split: str = TEST) -> pl.DataFrame:
+        """Return the means of each clock and training run on one split, number of episodes and shares of verdicts."""
+        return self._runs[split]
+
+    @cached_property
+    def _runs(self) -> dict[str, pl.DataFrame]:
+        keys = ("setting", "method", "clock", "clock_kind", "clock_steps", "train_seed")
+        shares = [(pl.col("verdict") == name).mean().alias(name) for name in VERDICTS if name != "holds"]
+        means = [pl.col(name).mean() for name in MEASURED]
+        runs = (
+            self.episodes.group_by("split", "row", *keys)
+            .agg(pl.len().alias("episodes"), *means, *shares)
+            .sort("row", "clock_kind", "clock_steps", "train_seed")
+        )
+        return {split: runs.filter(pl.col("split") == split).drop("split", "row") for split in (TEST, VALIDATION)}
+
+    @cached_property
+    def _by_row(self) -> dict[tuple[str, str, str], pl.DataFrame]:
+        return {
+            (split, setting, method): part
+            for split, runs in self._runs.items()
+            for (setting, method), part in runs.partition_by("setting", "method", as_dict=True).items()
+        }
+
+    def of(self, row: Row, split: str = TEST) -> pl.DataFrame:
+        """Return the runs of one row on one split; an empty frame where it is not evaluated."""
+        return self._by_row.get((split, row.setting, row.method), pl.DataFrame())
+
+    @cached_property
+    def training(self) -> pl.DataFrame:
+        """Mean return of the last training episodes: setting, method, train_seed, "training return"."""
+        first = (1.0 - LATE) * pl.col("step").max().over(RUN)
+        late = self.learning.filter(pl.col("step") > first * (1.0 + 1e-9))
+        mean = (pl.col("return") * pl.col("episodes")).sum() / pl.col("episodes").sum()
+        return late.group_by(RUN, maintain_order=True).agg(mean.alias("training return"))
+
+    @cached_property
+    def run_measures(self) -> pl.DataFrame:
+        """The measures of `MECHANISM`, one row for each training run; null where a measure has no meaning."""
+        whole = self.mechanism.filter(pl.col("at").is_null())
+        wide = whole.pivot(on="measure", index=RUN, values="result", maintain_order=True)
+        missing = [pl.lit(None, pl.Float64).alias(name) for name in MECHANISM if name not in wide.columns]
+        return wide.with_columns(missing).select(*RUN, *MECHANISM)
+
+    def values(self, setting: str, condition: Condition, measure: str = "return") -> dict[int, float]:
+        """Return a measure of each training run under a condition, by training seed; {} where it is not there."""
+        row = self.grid.row(setting, condition.method)
+        if row is None:
+            return {}
+        if measure in MEASURED:
+            test = self.of(row)
+            return {} if test.is_empty() else under(test, self.clocks(row, condition.clock), measure)
+        table = self.training if measure == "training return" else self.run_measures
+        found = table.filter((pl.col("setting") == setting) & (pl.col("method") == condition.method))
+        return {seed: value for seed, value in found.select("train_seed", measure).iter_rows() if value is not None}
+
+    def start_states(self, setting: str, method: str) -> int:
+        """Return the number of test start states of each training run; 0 where none is evaluated."""
+        runs = self._by_row.get((TEST, setting, method), pl.DataFrame())
+        return 0 if runs.is_empty() else int(runs["episodes"].min())  # type: ignore[arg-type]
+
+    def swept(self, setting: str, method: str, kind: str) -> dict[float, str]:
+        """Return C to clock, by rising C, of the test episodes under clocks of one kind."""
+        runs = self._by_row.get((TEST, setting, method), pl.DataFrame())
+        if runs.is_empty():
+            return {}
+        clocks = runs.filter(pl.col("clock_kind") == kind).select("clock_steps", "clock").unique().sort("clock_steps")
+        return dict(clocks.iter_rows())
+
+    def clocks(self, row: Row, rule: str) -> dict[int, str]:
+        """Return the clock that a rule gives each training run of a row; {} if the results do not decide it."""
+        test, validation = self.of(row), self.of(row, VALIDATION)
+        if rule in ("chosen", "chosen periodic"):
+            kind = "constant" if rule == "chosen" else "periodic"
+            known = not validation.is_empty() and kind in validation["clock_kind"]
+            return cross_validated(validation, kind) if known else {}
+        if rule in ("value", "bandit"):
+            mine = (pl.col("setting") == row.setting) & (pl.col("method") == row.method) & (pl.col("rule") == rule)
+            return dict(self.rules.filter(mine).select("train_seed", "clock").iter_rows())
+        if rule == "best":
+            return dict.fromkeys(row.seeds, optimistic(test)) if "constant" in test["clock_kind"] else {}
+        return dict.fromkeys(row.seeds, rule)
+
+    def deployed(self, setting: str, condition: Condition) -> pl.DataFrame:
+        """Return the test episodes of a condition, by training seed and start state; none where it is not evaluated."""
+        row = self.grid.row(setting, condition.method)
+        if row is None or self.of(row).is_empty():
+            return self.episodes.clear()
+        clocks = self.clocks(row, condition.clock)
+        wanted = pl.DataFrame({"train_seed": list(clocks), "clock": list(clocks.values())}, schema=_WANTED)
+        mine = (pl.col("setting") == setting) & (pl.col("method") == condition.method) & (pl.col("split") == TEST)
+        return self.episodes.filter(mine).join(wanted, on=list(_WANTED), how="semi").sort("train_seed", "eval_seed")
+
+    def published_rate(self, setting: str) -> float:
+        """Return the reward per step of a published policy; nan where none is known."""
+        rates = self.episodes.filter((pl.col("setting") == setting) & (pl.col("split") == TEST))["level_rate"]
+        return float(rates[0]) if len(rates) else float("nan")
+
+
+_WANTED = {"train_seed": pl.Int64, "clock": pl.String}
+
+
+def read_results(grid: Grid, out: Path) -> Results:
+    """Read the frozen tables in a folder of results.
+
+    Raises:
+        PerdureError: A table is damaged.
+    """
+    return select(grid, *(table.read(out) for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)))
+
+
+def select(
+    grid: Grid, episodes: pl.DataFrame, learning: pl.DataFrame, mechanism: pl.DataFrame, clocks: pl.DataFrame
+) -> Results:
+    """Return the rows of the frozen tables that belong to a grid."""
+    seeds = [
+        (row.setting, row.method, seed, place, row.evaluated)
+        for place, row in enumerate(grid.rows)
+        for seed in row.seeds
+    ]
+    kinds = {**{name: LEARNING.columns[name] for name in RUN}, "row": pl.Int64, "evaluated": pl.Boolean}
+    order = pl.DataFrame(seeds, schema=kinds, orient="row")
+
+    def known(frame: pl.DataFrame) -> pl.DataFrame:
+        return frame.join(order, on=RUN).sort("row", "train_seed", maintain_order=True)
+
+    seed, split = pl.col("eval_seed"), pl.col("split")
+    spans = [
+        (split == each.name) & (seed >= each.first_seed) & (seed < each.first_seed + each.seeds) for each in grid.splits
+    ]
+    mine = known(episodes).filter(pl.any_horizontal(spans) & pl.col("evaluated"))
+    others = (known(each).drop("row", "evaluated") for each in (learning, mechanism, clocks))
+    return Results(grid, measure(mine), *others)
+
+
+def cross_validated(validation: pl.DataFrame, kind: str = "constant", measure: str = "return") -> dict[int, str]:
+    """Return the clock of each training run: that under which the *other* runs earn most on validation start states.
+
+    Neither the run nor the test start states take part in the choice. With a single training run it is chosen by that
+    run itself. Of equally good clocks the first one counts.
+
+    Args:
+        validation: Runs of one row, as `Results.of` gives them.
+        kind: Of the clocks to choose among: "constant" or "periodic".
+        measure: What shall be high.
+
+    Raises:
+        PerdureError: There is no clock of that kind.
+    """
+    runs = _kind(validation, kind, VALIDATION)
+    seeds = runs["train_seed"].unique().sort().to_list()
+    return {
+        seed: _best(runs.filter(pl.col("train_seed") != seed) if len(seeds) > 1 else runs, measure) for seed in seeds
+    }
+
+
+def optimistic(test: pl.DataFrame, kind: str = "constant", measure: str = "return") -> str:
+    """Return the clock with the highest mean over training runs on the very start states that are reported."""
+    return _best(_kind(test, kind, TEST), measure)
+
+
+def under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
+    """Return the measure of each training run under its clock, by training seed.
+
+    {} where a run is not evaluated under its clock: the others would be runs that selected themselves. A run whose
+    measure has no value (null) is left out.
+    """
+    values = {(seed, clock): value for seed, clock, value in test.select("train_seed", "clock", measure).iter_rows()}
+    if not all(pair in values for pair in clocks.items()):
+        return {}
+    found = {seed: values[seed, clock] for seed, clock in sorted(clocks.items())}
+    return {seed: value for seed, value in found.items() if value is not None}
+
+
+def _kind(runs: pl.DataFrame, kind: str, split: str) -> pl.DataFrame:
+    found = runs.filter(pl.col("clock_kind") == kind)
+    if found.is_empty():
+        raise PerdureError(f"there is no {kind} clock to choose among on the {split} start states")
+    return found
+
+
+def _best(runs: pl.DataFrame, measure: str) -> str:
+    means = runs.group_by("clock", "clock_steps").agg(pl.col(measure).mean()).sort("clock_steps")
+    return str(means["clock"][int(means[measure].arg_max() or 0)])

@@ -1,0 +1,270 @@
+"""Short rollouts: why a policy holds or falls (units of the stage "mechanism"), and a clock without a sweep ("clocks").
+
+Mechanism: every lane has a horizon T drawn as in training (evenly over its distribution) and counts down to it.
+Measured are reward and falls against the steps to go (thesis, 3.5.1: robots lurch forward at the end), error and spread
+of the critic (3.2.3), and how much the action depends on the time-to-go input.
+
+The return to go of a step is what the critic was trained to predict: the sum of rewards up to the lane's horizon where
+its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
+bootstrap the value is determined only up to a constant, so there is nothing to compare.
+
+    value error     root mean square of (return to go - value) / standard deviation of the returns to go
+    value variance  variance of (return to go - value) / variance of the returns to go; 0: all explained
+
+The critic was trained on the noisy policy and is tested on its mean.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from perdure.envs import make_world
+from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.horizon import Clock, Constant, Countdown
+from perdure.policy import ClosedLoop, LanePolicy, Policy, load_policy
+from perdure.policy.network import one_thread
+from perdure.runs import Work, write_atomic
+
+RESULT = "result.json"
+FIRST_SEED = 3_500_000
+"""World seed of lane 0. Evaluation seeds, which begin at 1,000,000, never come here."""
+LANES = 8
+WITHOUT_END = 1000.0
+"""Steps that stand for a training horizon without an end."""
+BIN = 50
+"""Steps to go that are counted together; the bin 50 holds 1 to 50."""
+MOST_TAIL = 1000
+"""Steps after the horizon that a discounted return to go counts at most."""
+FORGOTTEN = 0.01
+"""A reward this strongly discounted is left out."""
+ASKED = tuple(range(0, 1001, 100))
+OWN = 500
+"""The C that others are compared with."""
+MOST_STATES = 400
+HALVING_LANES, HALVING_STEPS = 2, 500
+"""Start states of each candidate in each round of halving, and steps in the first."""
+HALVING_SEED = 4000
+"""First of the start states of halving, which no split uses."""
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """n lanes for at most m steps. After a lane's end: rewards 0, observations nan."""
+
+    observations: FloatArray
+    """What was acted on, shape (m, n, observation size)."""
+    rewards: FloatArray
+    """Shape (m, n)."""
+    lengths: NDArray[np.int64]
+    """Steps each lane made, shape (n,)."""
+    fell: NDArray[np.bool_]
+    """Whether the task ended the lane, shape (n,)."""
+
+    @property
+    def made(self) -> NDArray[np.bool_]:
+        """Which steps were made, shape (m, n)."""
+        return np.arange(len(self.rewards))[:, None] < self.lengths[None, :]
+
+    @property
+    def lane_steps(self) -> int:
+        """Steps of all lanes together."""
+        return int(self.lengths.sum())
+
+
+def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Rollout:
+    """Run a policy in one lane for each clock, each from a different start state, without a horizon."""
+    lanes = len(clocks)
+    world = make_world(policy.task.name, [FIRST_SEED + lane for lane in range(lanes)])
+    observations = np.full((steps, lanes, policy.task.observation_size), np.nan)
+    rewards = np.zeros((steps, lanes))
+    lengths, fell = np.full(lanes, steps), np.zeros(lanes, bool)
+    try:
+        loop = ClosedLoop(world, [LanePolicy(policy, clock) for clock in clocks])
+        with one_thread():
+            for step in range(steps):
+                if not len(loop.running):
+                    break
+                moved = loop.advance()
+                observations[step, moved.lanes] = moved.before
+                rewards[step, moved.lanes] = np.nan_to_num(moved.step.rewards)
+                ended = moved.lanes[moved.step.ended]
+                lengths[ended] = step + 1
+                fell[moved.lanes[moved.step.terminated]] = True
+    finally:
+        world.close()
+    return Rollout(observations, rewards, lengths, fell)
+
+
+def draw_horizons(policy: Policy, lanes: int) -> NDArray[np.int64]:
+    """Return training horizons, evenly over their distribution, shape (lanes,)."""
+    drawn = np.asarray(policy.protocol.horizon.from_uniform((np.arange(lanes) + 0.5) / lanes), np.float64)
+    return np.where(np.isfinite(drawn), drawn, WITHOUT_END).astype(np.int64)
+
+
+def thinned(rollout: Rollout, most: int) -> FloatArray:
+    """Return visited states, at most so many, evenly over steps and lanes; shape (states, observation size)."""
+    states: FloatArray = rollout.observations[rollout.made]
+    return states[:: -(-len(states) // most)]
+
+
+def measure(work: Work, *, path: str) -> None:
+    """Write the mechanism measures of one policy as [name, at, value], `at` null for those of the whole run."""
+    policy = load_policy(path)
+    horizons = draw_horizons(policy, LANES)
+    timed = policy.protocol.embedding is not None
+    rollout = roll_out(
+        policy,
+        [Countdown(float(horizon)) if timed else None for horizon in horizons],
+        int(horizons.max()) + (tail_steps(policy) if has_target(policy) else 0),
+    )
+    curves = [(rewards_to_go(rollout, horizons), "steps to go")]
+    whole = {"fall rate": fall_rate(rollout, horizons), **value_measures(policy, rollout, horizons)}
+    if timed:
+        changes = action_changes(policy, rollout)
+        curves.append((changes, "C"))
+        whole["action dependence"] = float(changes.filter(pl.col("C") != OWN)["change"].to_numpy().mean())
+    rows = [
+        [name, at, float(value)]
+        for frame, place in curves
+        for name in frame.columns
+        if name != place
+        for at, value in frame.select(place, name).iter_rows()
+    ]
+    rows += [[name, None, value] for name, value in whole.items()]
+    write_atomic(work.folder / RESULT, json.dumps([row for row in rows if math.isfinite(row[2])]) + "\n")
+
+
+def choose_clock(work: Work, *, path: str, candidates: list[float], most_steps: int) -> None:
+    """Write the clock that successive halving finds, and the steps it took."""
+    clock, steps = choose_by_halving(load_policy(path), [Constant(each) for each in candidates], most_steps)
+    found = [{"rule": "bandit", "clock": f"constant:{clock.steps:.0f}", "lane_steps": steps}]
+    write_atomic(work.folder / RESULT, json.dumps(found) + "\n")
+
+
+def bins_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the bin of each step that was made within its lane's horizon, 0 for all others; shape (m, n)."""
+    left = horizons[None, :] - np.arange(len(rollout.rewards))[:, None]
+    bins: NDArray[np.int64] = np.where(rollout.made & (left > 0), -(-left // BIN) * BIN, 0)
+    return bins
+
+
+def rewards_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> pl.DataFrame:
+    """Return reward per step, steps and falls in each bin: "steps to go", "reward", "steps", "falls"."""
+    bins = bins_to_go(rollout, horizons)
+    fell = np.zeros(bins.shape)
+    for lane in np.flatnonzero(rollout.fell):
+        fell[rollout.lengths[lane] - 1, lane] = 1.0
+    frame = pl.DataFrame({"steps to go": bins.ravel(), "reward": rollout.rewards.ravel(), "falls": fell.ravel()})
+    within = frame.filter(pl.col("steps to go") > 0)
+    return (
+        within.group_by("steps to go")
+        .agg(pl.col("reward").mean(), steps=pl.len().cast(pl.Int64), falls=pl.col("falls").sum().cast(pl.Int64))
+        .sort("steps to go")
+    )
+
+
+def fall_rate(rollout: Rollout, horizons: NDArray[np.int64]) -> float:
+    """Return falls for each 1,000 steps within the horizon."""
+    within = np.minimum(rollout.lengths, horizons)
+    falls = (rollout.fell & (rollout.lengths <= horizons)).sum()
+    return float(1000.0 * falls / within.sum())
+
+
+def has_target(policy: Policy) -> bool:
+    """Return whether the value of a policy means a return that a rollout can measure.
+
+    With a gamma of 0.999 and a bootstrap, rewards of the next 4,603 steps count: more than are simulated.
+    """
+    protocol = policy.protocol
+    measurable = protocol.end == "terminated" or (protocol.gamma < 1.0 and tail_steps(policy) <= MOST_TAIL)
+    return measurable and policy.has_critic and policy.return_scale is not None
+
+
+def tail_steps(policy: Policy) -> int:
+    """Return how many steps after the horizon a return to go needs."""
+    protocol = policy.protocol
+    if protocol.end == "terminated" or not 0.0 < protocol.gamma < 1.0:
+        return 0
+    return math.ceil(math.log(FORGOTTEN) / math.log(protocol.gamma))
+
+
+def returns_to_go(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]) -> FloatArray:
+    """Return what was earned from each step on, shape (m, n)."""
+    rewards = rollout.rewards
+    if policy.protocol.end == "terminated":
+        rewards = np.where(np.arange(len(rewards))[:, None] < horizons[None, :], rewards, 0.0)
+    found, following = np.empty_like(rewards), np.zeros(rewards.shape[1])
+    for step in range(len(rewards) - 1, -1, -1):
+        following = rewards[step] + policy.protocol.gamma * following
+        found[step] = following
+    return found
+
+
+def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]) -> dict[str, float]:
+    """Return "value error" and "value variance"; nothing without a target."""
+    if not has_target(policy):
+        return {}
+    within = bins_to_go(rollout, horizons) > 0
+    elapsed = np.broadcast_to(np.arange(len(within), dtype=np.float64)[:, None], within.shape)[within]
+    horizon = np.broadcast_to(horizons.astype(np.float64)[None, :], within.shape)[within]
+    values = policy.value(rollout.observations[within], elapsed, horizon)
+    returns = returns_to_go(policy, rollout, horizons)[within]
+    spread = float(returns.std()) if len(returns) > 1 else 0.0
+    if spread == 0.0:
+        return {}
+    difference = returns - values
+    error = math.sqrt(float((difference**2).mean())) / spread
+    return {"value error": error, "value variance": float(difference.var()) / spread**2}
+
+
+def action_changes(policy: Policy, rollout: Rollout) -> pl.DataFrame:
+    """Return the mean change of the action for each C: columns "C", "change".
+
+    In visited states the policy is asked what it would do with C steps to go in an episode of 1,000. The change is
+    |action(C) - action(500)|, averaged over states and components, as a share of the width of the action box.
+    """
+    states = thinned(rollout, MOST_STATES)
+    width = np.asarray(policy.task.action_high) - np.asarray(policy.task.action_low)
+    own = _actions(policy, states, OWN)
+    changes = [float((np.abs(_actions(policy, states, c) - own) / width).mean()) for c in ASKED]
+    return pl.DataFrame({"C": list(ASKED), "change": changes})
+
+
+def _actions(policy: Policy, states: FloatArray, steps: int) -> FloatArray:
+    # Not phi(0, C): the linear embedding is 1 there for every C.
+    horizons = np.full(len(states), float(ASKED[-1]))
+    return policy.act_at(states, horizons - steps, horizons)
+
+
+def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps: int) -> tuple[Constant, int]:
+    """Choose C by successive halving with short rollouts; return it, and the steps simulated.
+
+    Every candidate runs from a few start states for a short time; the better half runs again from new start states,
+    twice as long, and so on until one is left [Karnin, Koren and Somekh, 2013, "Almost Optimal Exploration in
+    Multi-Armed Bandits"; Jamieson and Talwalkar, 2016]. A fall costs: the score is the return by the steps asked for.
+
+    Args:
+        policy: With a time-to-go input.
+        candidates: At least one, by rising C; of equally good ones the first stays.
+        most_steps: No rollout is longer.
+    """
+    left = list(candidates)
+    steps, seed, made = min(HALVING_STEPS, most_steps), HALVING_SEED, 0
+    while len(left) > 1:
+        lanes = [LaneSpec(0, clock, seed + k) for clock in left for k in range(HALVING_LANES)]
+        records = evaluate_lanes([policy], lanes, steps)
+        made += int(records.end_step.sum())
+        earned = records.returns[:, -1].reshape(len(left), HALVING_LANES).mean(axis=1)
+        keep = sorted(range(len(left)), key=lambda k: -earned[k])[: (len(left) + 1) // 2]
+        left = [left[k] for k in sorted(keep)]
+        steps, seed = min(2 * steps, most_steps), seed + HALVING_LANES
+    return left[0], made

@@ -1,0 +1,196 @@
+"""The study of chapter 3: its units of work, its frozen tables, and its analysis.
+
+Units (`perdure.runs`) work in a store: training runs, evaluations, short rollouts. `collect` copies what is finished
+into the frozen tables (`results.py`) and policies without critics; the analysis reads only these.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from perdure.errors import PerdureError
+from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.horizon import Constant
+from perdure.learn import PPOConfig, method_config
+from perdure.policy import load_policy, save_policy
+from perdure.report import read_table
+from perdure.report.charts import render
+from perdure.runs import Store, Unit, Work, write_atomic
+from perdure.runs.progress import total_share
+from studies.files import include_tables, read_parquet_file, write_csv
+from studies.horizon.grid import DEFAULT_PHASES, GRIDS, SWEPT, Grid, Row, make_grid
+from studies.horizon.results import (
+    CLOCKS,
+    EPISODES,
+    LEARNING,
+    MECHANISMS,
+    TEST,
+    freeze_episodes,
+    freeze_learning,
+    read_results,
+)
+from studies.horizon.rollouts import LANES, RESULT
+
+if TYPE_CHECKING:
+    from perdure.learn.run import TrainRun
+
+QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and does a constant time-to-go help?"
+SCALES = {
+    "smoke": None,
+    "laptop": None,
+    "thesis": Path("results", "horizon"),
+}
+"""Name of a scale to the folder of its results, if they are kept in the repository."""
+PHASES = DEFAULT_PHASES
+POLICY, TABLE = "policy.safetensors", "lanes.parquet"
+EVALUATION, MECHANISM, RULES = "evaluation", "mechanism", "clocks"
+"""Stages after the training: the beginning of the keys of their units."""
+
+
+def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
+    """Return the units of a scale: training runs, then what comes after each of them."""
+    return list(grid_units(make_grid(scale, phases), store))
+
+
+def grid_units(grid: Grid, store: Path) -> Iterator[Unit]:
+    """Yield the units of a grid.
+
+    Methods whose input depends on C are evaluated on validation start states too, where C is chosen.
+    """
+    for row in grid.rows:
+        run = train_run(grid, row)
+        for seed in row.seeds:
+            training = run.unit(seed)
+            yield training
+            if row.evaluated:
+                yield from _later_units(grid, row, seed, training, (store / training.key / POLICY).resolve())
+
+
+def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) -> Iterator[Unit]:
+    def unit(stage: str, function: str, settings: dict[str, Any], size: float) -> Unit:
+        config = {"training": dict(training.config), **settings}
+        arguments = {"path": str(path), **settings}
+        return Unit(f"{stage}/{row.key}/seed-{seed}", config, function, arguments, (training.key,), size)
+
+    clocks = grid.clocks(row)
+    for split in grid.splits:
+        if split.name == TEST or row.method in SWEPT:
+            settings = {"clocks": list(clocks), "steps": grid.steps, "first": split.first_seed, "seeds": split.seeds}
+            size = 0.3 * grid.steps * split.seeds * _count(clocks, grid.steps)
+            yield unit(f"{EVALUATION}/{split.name}", f"{__name__}:evaluate", settings, size)
+    yield unit(MECHANISM, "studies.horizon.rollouts:measure", {}, 1500.0 * LANES)
+    if row.method in SWEPT:
+        known = Extrapolation((Path("any"),), grid.steps, clocks).deployment_clocks(None)
+        candidates = sorted(float(each.steps) for each in known if isinstance(each, Constant) and each.steps > 0)
+        settings = {"candidates": candidates, "most_steps": grid.steps}
+        yield unit(RULES, "studies.horizon.rollouts:choose_clock", settings, 50_000.0)
+
+
+def _count(clocks: Sequence[str], steps: int) -> int:
+    return len(Extrapolation((Path("any"),), steps, tuple(clocks)).deployment_clocks(None)) if clocks else 1
+
+
+def train_run(grid: Grid, row: Row) -> TrainRun:
+    """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`."""
+    from perdure.learn.run import TrainRun
+
+    base = "ppo" if row.gamma is not None else row.method
+    return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset, base_method=base)
+
+
+def row_config(grid: Grid, row: Row) -> PPOConfig:
+    """Return the learner's settings of a row."""
+    from perdure.envs import make_world
+
+    world = make_world(row.task, [0])
+    size = world.spec.observation_size
+    world.close()
+    config = method_config("ppo" if row.gamma is not None else row.method, row.task, size, row.preset)
+    if row.gamma is not None:
+        config = replace(config, protocol=replace(config.protocol, gamma=row.gamma))
+    return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)
+
+
+def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first: int, seeds: int) -> None:
+    """Evaluate one policy in this process and leave its table; an interrupted attempt keeps its finished episodes."""
+    store = work.folder / "episodes"
+    if not (work.folder / TABLE).is_file():
+        evaluation = Extrapolation((Path(path),), steps, tuple(clocks) or ("default",), seeds, first_eval_seed=first)
+        evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+        (store / TABLE).replace(work.folder / TABLE)
+    shutil.rmtree(store, ignore_errors=True)
+
+
+def collect(store: Path, out: Path) -> list[Path]:
+    """Copy the finished units of a store into the frozen tables and policies under `out`, and return the files.
+
+    Training runs of `perdure train --out STORE` are units of it too, whether or not a grid names them.
+
+    Raises:
+        PerdureError: There is no finished training run.
+    """
+    if not store.is_dir():
+        raise PerdureError(f"there are no training runs in {store}")
+    finished = Store(store)
+    keys = [key for key in finished.keys("") if key.count("/") >= 2]
+    parts: dict[str, list[pl.DataFrame]] = {table.file: [] for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)}
+    policies = []
+    for key in keys:
+        folder, (*stage, task, variant, seed) = finished.get(key), key.split("/")
+        method, _, preset = variant.partition("@")
+        setting, train_seed = f"{task}@{preset}" if preset else task, int(seed.removeprefix("seed-"))
+        if not stage:
+            if (folder / POLICY).is_file():  # of some early runs only the curves were kept
+                policy = load_policy(folder / POLICY).without_critic()
+                policies.append(save_policy(policy, out / "policies" / task / variant / f"{seed}.safetensors"))
+            curve = read_parquet_file(folder / "episodes.parquet")
+            parts[LEARNING.file].append(freeze_learning(curve, setting, method, train_seed))
+        elif stage[0] == EVALUATION:
+            parts[EPISODES.file].append(freeze_episodes(read_table(folder / TABLE)[0], setting, method, stage[1]))
+        else:
+            rows = json.loads((folder / RESULT).read_text())
+            table = MECHANISMS if stage[0] == MECHANISM else CLOCKS
+            named = {"setting": setting, "method": method, "train_seed": train_seed}
+            found = [
+                named | (dict(zip(("measure", "at", "result"), row, strict=True)) if table is MECHANISMS else row)
+                for row in rows
+            ]
+            parts[table.file].append(pl.DataFrame(found, schema=table.columns))
+    if not parts[LEARNING.file]:
+        raise PerdureError(f"there is no finished training run in {store}")
+    written = [
+        table.add(out, pl.concat(parts[table.file]))
+        for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)
+        if parts[table.file]
+    ]
+    return [*written, *policies]
+
+
+def analyze(scale: str, out: Path) -> list[Path]:
+    """Write tables and figures from the frozen tables, and include tables in the page if there is one.
+
+    Finished units of the study's own store, OUT/runs, are collected first.
+
+    Raises:
+        PerdureError: There are no frozen tables.
+    """
+    from studies.horizon.figures import all_figures
+    from studies.horizon.tables import all_tables, page_tables
+
+    if (out / "runs").is_dir():
+        collect(out / "runs", out)
+    if not (out / LEARNING.file).is_file():
+        raise PerdureError(f"there are no results of the study horizon in {out}; run it first, or name another --out")
+    results = read_results(GRIDS[scale], out)
+    written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in all_tables(results).items()]
+    for figure in all_figures(results):
+        written.append(write_atomic(out / "figures" / f"{figure.name}.svg", render(figure, "svg")))
+    page = out / "README.md"
+    return [*written, include_tables(page, page_tables(results))] if page.is_file() else written

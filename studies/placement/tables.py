@@ -1,0 +1,342 @@
+"""The committed tables of the study, the rows of new logs in them, and the tables that pages include."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from perdure.errors import PerdureError
+from perdure.home.evaluate.analysis import AT_RELEASE, GROUP, SAME_PLACEMENT, Analysis, paired_difference
+from perdure.home.evaluate.comparison import describe_task, interval_text
+from perdure.home.evaluate.outcomes import COUNTINGS, Counting
+from perdure.home.sim.objects import KINDS
+from studies.files import read_csv, write_csv
+from studies.placement.grid import STRATEGIES, TASKS, THREE, WORLDS
+from studies.placement.measurements import CASES, SCHEMAS
+
+Tables = dict[str, pl.DataFrame]
+"""Tables by name, with names of strategies as logs have them ("ik drag")."""
+Row = dict[str, Any]
+BOUNDS = ("estimate", "lower", "upper")
+_KEYS = {"task": pl.String, "split": pl.String, "strategy": pl.String, "world": pl.String}
+_PAIR = {"task": pl.String, "split": pl.String, "world": pl.String, "first": pl.String, "second": pl.String}
+COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
+    "success": {
+        **_KEYS,
+        **dict.fromkeys(("train_seeds", "eval_seeds", "episodes"), pl.Int64),
+        **{f"{way} {name}": pl.Float64 for way in COUNTINGS for name in ("mean", "lower", "upper")},
+        **{f"{way} standard_error": pl.Float64 for way in COUNTINGS},
+        **{"method": pl.String, "did_not_last": pl.Int64, "earlier_run": pl.Boolean},
+    },
+    "seeds": {**_KEYS, "train_seed": pl.Int64, **dict.fromkeys(COUNTINGS, pl.Float64)},
+    "stages": {**_KEYS, "counting": pl.String, "stage": pl.String, "mean": pl.Float64},
+    "outcomes": {**_KEYS, "outcome": pl.String, "count": pl.Int64},
+    "modes": {**_KEYS, "counting": pl.String, "stage": pl.String, "cause": pl.String, "count": pl.Int64},
+    "kinds": {
+        **_KEYS,
+        **{"kind": pl.String, "cylinder": pl.Boolean, "placements": pl.Int64, "failures": pl.Int64},
+        **dict.fromkeys(AT_RELEASE, pl.Float64),
+    },
+    "hand-overs": {**_KEYS, "outcome": pl.String, "count": pl.Int64},
+    "differences": {
+        **_PAIR,
+        **{"units": pl.Int64, "method": pl.String},
+        **{f"{what} {name}": pl.Float64 for what in ("episodes", "placements") for name in BOUNDS},
+    },
+    "release-speed": {
+        **{"interval": pl.Int64, "in_motion": pl.Boolean, "objects": pl.String, "placements": pl.Int64},
+        **{"share_stayed": pl.Float64, "median_speed": pl.Float64},
+    },
+    **SCHEMAS,
+}
+"""Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `earlier_run`: the logs
+were not kept. `differences` are second minus first; `interval` counts from 0 between `EDGES`."""
+OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
+OPTIONAL |= {"world", "median_speed", "let_go_outside"}
+PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
+"""Strategies that are compared over the same episodes: (first, second), second minus first."""
+GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
+"""Collision shape to what tables call objects of that shape."""
+SHAPES = ("apples", "cans", "bowls", "boxes")
+EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
+"""Bounds of the intervals of release speed in [m/s]."""
+INTERVALS = (*(f"{low:g} to {high:g}" for low, high in pairwise(EDGES[:-1])), f"over {EDGES[-2]:g}")
+FEWEST = 20
+"""Placements; with fewer, the figure draws no point and the table shows no share."""
+
+
+def full_name(strategy: str = "strategy") -> pl.Expr:
+    """Return the name of a strategy in its world, "ik drag"."""
+    return pl.concat_str(pl.col(strategy), pl.lit(" "), pl.col("world")).str.strip_chars_end()
+
+
+def read_tables(folder: Path) -> Tables:
+    """Return the tables in a folder of CSV files; those of which there is no file have no rows.
+
+    Raises:
+        PerdureError: A file is damaged.
+    """
+    tables = {name: read_csv(folder / f"{name}.csv", columns, OPTIONAL) for name, columns in COLUMNS.items()}
+    for name, table in tables.items():
+        if "world" in table.columns:
+            table = table.with_columns(pl.col("world").fill_null(""))
+            tables[name] = (
+                table.with_columns(strategy=full_name()).drop("world") if "strategy" in table.columns else table
+            )
+    return tables
+
+
+def write_tables(folder: Path, tables: Tables) -> list[Path]:
+    """Write all tables that have rows as CSV; the same tables give the same bytes."""
+    written = []
+    for name, table in tables.items():
+        if "strategy" in table.columns:
+            parts = pl.col("strategy").str.splitn(" ", 2).struct
+            table = table.with_columns(strategy=parts[0], world=parts[1].fill_null(""))
+        if len(table):
+            written.append(write_csv(folder / f"{name}.csv", table.select(COLUMNS[name].keys())))
+    return written
+
+
+def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame) -> Tables:
+    """Return tables in which rows of logs replace rows about the same; all others stay."""
+    new = {name: getattr(analysis, name) for name in ("success", "seeds", "stages", "outcomes", "modes", "kinds")}
+    new["modes"] = new["modes"].filter(counting="stabilizing")
+    new["success"] = new["success"].with_columns(earlier_run=False)
+    new["hand-overs"] = hand_overs
+    merged, subjects = dict(known), analysis.success.select(GROUP)
+    for name, table in new.items():
+        kept = known[name].join(subjects, on=GROUP, how="anti", maintain_order="left")
+        columns = table.select(pl.col(each).cast(kind) for each, kind in kept.schema.items())
+        merged[name] = pl.concat([kept, columns]).sort(GROUP, maintain_order=True)
+    pairs = known["differences"]
+    for side in ("first", "second"):
+        named = subjects.rename({"strategy": "name"})
+        pairs = (
+            pairs.with_columns(name=full_name(side)).join(named, on=("task", "split", "name"), how="anti").drop("name")
+        )
+    fresh = pl.DataFrame(list(_differences(analysis)), schema=COLUMNS["differences"])
+    order = ("task", "split", "second", "first", "world")
+    return {**merged, "differences": pl.concat([pairs, fresh]).sort(order)}
+
+
+def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
+    for task, split in analysis.success.select("task", "split").unique(maintain_order=True).rows():
+        episodes, placements = (t.filter(task=task, split=split) for t in (analysis.episodes, analysis.placements))
+        for world in WORLDS:
+            for pair in PAIRS:
+                before, after = (f"{strategy} {world}".strip() for strategy in pair)
+                try:
+                    won = paired_difference(episodes.filter(strategy=before), episodes.filter(strategy=after))
+                    put = placements.filter(strategy=before), placements.filter(strategy=after)
+                    stayed = paired_difference(*put, keys=SAME_PLACEMENT)
+                except PerdureError:  # they share no episode or no placement
+                    continue
+                yield {
+                    **{"task": task, "split": split, "world": world, "first": pair[0], "second": pair[1]},
+                    **{"units": won.count, "method": won.method},
+                    **{f"episodes {name}": float(getattr(won, name)) for name in BOUNDS},
+                    **{f"placements {name}": float(getattr(stayed, name)) for name in BOUNDS},
+                }
+
+
+def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
+    """Return how many placements of each group and interval of speed there are, and which share stayed.
+
+    Counted are all `eval` placements with drag only. Placements of policies alone (`rl`, `delta-N`) are kept apart from
+    those of strategies that come to rest before they release.
+    """
+    place = pl.col("strategy").str.strip_suffix(" drag")
+    rows = placements.filter(pl.col("strategy").str.ends_with(" drag"), place.is_in(STRATEGIES), split="eval")
+    counted = rows.group_by(
+        pl.Series("interval", np.digitize(rows["object_speed"].to_numpy(), EDGES[1:], right=True)),
+        in_motion=(place == "rl") | place.str.starts_with("delta-"),
+        objects=pl.col("kind").replace_strict({name: GROUPS[kind.shape] for name, kind in KINDS.items()}),
+    ).agg(placements=pl.len(), share_stayed=pl.col("stabilizing").mean(), median_speed=pl.col("object_speed").median())
+    columns = COLUMNS["release-speed"]
+    return counted.select(pl.col(name).cast(kind) for name, kind in columns.items()).sort(*list(columns)[:3])
+
+
+def chosen(
+    tables: Tables, split: str, world: str | None = None, places: Iterable[str] = STRATEGIES
+) -> list[dict[str, Any]]:
+    """Return rows of `success` with their `place` and `world`, by task, world and strategy."""
+    rows = []
+    for row in tables["success"].filter(split=split).iter_rows(named=True):
+        place, _, where = row["strategy"].partition(" ")
+        if place in places and world in (None, where):
+            rows.append({**row, "place": place, "world": where})
+    order = list(WORLDS)
+    return sorted(
+        rows, key=lambda row: (TASKS.index(row["task"]), order.index(row["world"]), STRATEGIES.index(row["place"]))
+    )
+
+
+def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
+    """Return a success with its 95 % interval: "18.6 % [0, 43]"; nothing for no row."""
+    return "" if row is None else interval_text({**row, f"{way} standard_error": None}, way, digits=0)
+
+
+def _size(row: Mapping[str, Any]) -> str:
+    seeds = row["train_seeds"] * row["eval_seeds"]
+    return f"{row['train_seeds']} x {row['eval_seeds']} x {row['episodes'] // seeds}"
+
+
+def _points(row: Mapping[str, Any], what: str) -> str:
+    middle, low, high = (f"{100 * row[f'{what} {name}']:.1f}" for name in BOUNDS)
+    return f"{middle} [{low}, {high}]"
+
+
+def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
+    return pl.DataFrame(list(rows))
+
+
+def _by_place(tables: Tables, split: str, worlds: Iterable[str], places: Iterable[str] = THREE) -> pl.DataFrame:
+    """Return success with a row for each task and world, a column for each strategy."""
+    rows: dict[tuple[str, str], dict[str, str]] = {}
+    for row in chosen(tables, split, places=places):
+        if row["world"] in worlds:
+            key = row["task"], row["world"]
+            rows.setdefault(key, {"task": describe_task(key[0]), "world": WORLDS[key[1]]})[f"`{row['place']}`"] = share(
+                row
+            )
+    return pl.DataFrame(list(rows.values()), infer_schema_length=None).fill_null("")
+
+
+def readme_table(tables: Tables) -> pl.DataFrame:
+    """Return success on unseen layouts, drag only, for the README."""
+    names = ("policy alone (`rl`)", "stop, then release (`stop`)", "stop, lower by 5 cm, release (`ik`)")
+    found = _by_place(tables, "eval", ("drag",)).drop("world")
+    return found.rename(dict(zip(found.columns[1:], names, strict=True)))
+
+
+def strategy_table(tables: Tables) -> pl.DataFrame:
+    """Return success on unseen layouts, drag only, of every strategy."""
+    rows = []
+    for row in chosen(tables, "eval", "drag"):
+        seeds = tables["seeds"].filter(task=row["task"], split="eval", strategy=row["strategy"])["stabilizing"]
+        by_seed = ", ".join(f"{100 * each:.0f}" for each in seeds)
+        names = {"task": describe_task(row["task"]), "strategy": f"`{row['place']}`", "seeds x episodes": _size(row)}
+        counts = {"goal-stabilizing": share(row), "by training seed": by_seed, "latched": share(row, "latched")}
+        rows.append({**names, **counts})
+    return _table(rows)
+
+
+def difference_table(tables: Tables) -> pl.DataFrame:
+    """Return the paired differences between three strategies, drag only."""
+    shown = (pl.col("first").is_in(THREE), pl.col("second").is_in(THREE))
+    found = tables["differences"].filter(*shown, split="eval", world="drag")
+    return _table(
+        {
+            **{"task": describe_task(row["task"]), "difference": f"`{row['second']}` - `{row['first']}`"},
+            "episodes that succeed [points]": _points(row, "episodes"),
+            "placements that stay [points]": _points(row, "placements"),
+        }
+        for row in found.sort("task", "second", "first", descending=[True, True, False]).iter_rows(named=True)
+    )
+
+
+def layout_table(tables: Tables) -> pl.DataFrame:
+    """Return latched success on known layouts and on the unseen one."""
+    unseen = {(row["task"], row["place"]): row for row in chosen(tables, "eval", "drag")}
+    return _table(
+        {
+            **{"task": describe_task(row["task"]), "strategy": f"`{row['place']}`"},
+            "val (known layouts)": share(row, "latched"),
+            "eval (unseen layout)": share(unseen.get((row["task"], row["place"])), "latched"),
+        }
+        for row in chosen(tables, "val", "drag")
+    )
+
+
+def mode_table(tables: Tables) -> pl.DataFrame:
+    """Return the number of failed episodes by stage and cause, drag only, unseen layouts."""
+    groups = {
+        "pick": pl.col("stage").str.starts_with("pick"),
+        "place: rolled": pl.col("stage").str.starts_with("place") & (pl.col("cause") == "rolled"),
+        "place: tipped": pl.col("stage").str.starts_with("place") & (pl.col("cause") == "tipped"),
+        "place: other": pl.col("stage").str.starts_with("place") & ~pl.col("cause").is_in(["rolled", "tipped"]),
+        "doors and drawers": pl.col("stage").str.contains("^(open|close)"),
+    }
+    rows = []
+    for row in chosen(tables, "eval", "drag", THREE):
+        modes = tables["modes"].filter(task=row["task"], split="eval", strategy=row["strategy"])
+        counts = {name: str(modes.filter(of)["count"].sum()) for name, of in groups.items()}
+        failed = f"{modes['count'].sum()} of {row['episodes']}"
+        rows.append({"task": describe_task(row["task"]), "strategy": f"`{row['place']}`", "failed": failed, **counts})
+    return _table(rows)
+
+
+def speed_table(tables: Tables) -> pl.DataFrame:
+    """Return which share of placements stayed, one row for each interval of release speed."""
+    counts, rows = tables["release-speed"], []
+    for number, name in enumerate(INTERVALS):
+        row = {"release speed [m/s]": name}
+        for moving in (True, False):
+            for group in SHAPES:
+                part = counts.filter(interval=number, in_motion=moving, objects=group).select(
+                    "placements", "share_stayed"
+                )
+                n, stayed = part.row(0) if len(part) else (0, 0.0)
+                few = f"{round(stayed * n)} of {n}" if n else "-"
+                cell = f"{100 * stayed:.0f} % of {n}" if n >= FEWEST else few
+                row[f"{group}, {'in motion' if moving else 'stopped'}"] = cell
+        rows.append(row)
+    return _table(rows)
+
+
+def hand_over_table(tables: Tables) -> pl.DataFrame:
+    """Return placements by descent and speed of the hand-over."""
+    return _table(
+        {
+            **{"descent": f"{row['descent']:.2f} m", "speed": f"{row['speed']:.2f} m/s"},
+            "did not stay": f"{row['not_stable']} of {row['placements']}",
+            "height at release": f"{100 * row['release_height']:.1f} cm",
+            "object speed at release": f"{row['object_speed']:.3f} m/s",
+            "out of reach, blocked": f"{row['out_of_reach']}, {row['blocked']}",
+        }
+        for row in tables["hand-over"].iter_rows(named=True)
+    )
+
+
+def noise_table(tables: Tables) -> pl.DataFrame:
+    """Return apples that stayed by noise, without and with the halt."""
+    words = {"none": "none, as in evaluation", "exp(-2)": "exp(-2), as at the end of training"}
+    found = {(row["halts"], row["noise"], row["parts"]): row for row in tables["halt-in-noise"].iter_rows(named=True)}
+
+    def stayed(*case: Any) -> str:
+        if (row := found.get(case)) is None:
+            return ""
+        part = f" ({100 * row['stayed'] / row['commanded']:.0f} %)" if row["commanded"] else ""
+        return f"{row['stayed']} of {row['commanded']}{part}"
+
+    return _table(
+        {
+            "noise (standard deviation)": words.get(noise, noise)
+            if parts == "base and arm"
+            else f"{noise}, {parts} only",
+            "policy releases by itself": stayed(False, noise, parts),
+            "robot stops for 0.5 s, then releases": stayed(True, noise, parts),
+        }
+        for halts, noise, parts in CASES
+        if halts
+    )
+
+
+PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
+    "success": readme_table,
+    "strategies": strategy_table,
+    "differences": difference_table,
+    "worlds": lambda tables: _by_place(tables, "eval", WORLDS),
+    "layouts": layout_table,
+    "modes": mode_table,
+    "release-speed": speed_table,
+    "hand-over": hand_over_table,
+    "halt-in-noise": noise_table,
+}
+"""Name after `table:` in a page to the function that makes the table."""

@@ -1,0 +1,253 @@
+"""Robots with a known answer: reward traces within the training horizon and far beyond it.
+
+`CHOSEN_ON` are the cases on which thresholds and window lengths were tried. `LABELED` are others, looked at only
+afterwards; they use other rates, offsets, periods and seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from perdure.evaluate.episodes import window_steps
+from perdure.policy.reference import BIN_STEPS, Reference
+
+T, EPISODES = 1000, 20
+
+Rewards = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+"""Step numbers from 1 -> rewards."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot. `never worked` and `cannot tell` are said of its policy, the rest of its episode."""
+
+    name: str
+    expected: str
+    within: Rewards
+    """Its rewards within the training horizon."""
+    beyond: Rewards | None = None
+    """Its rewards in deployment; by default the same function."""
+    idle: float = 0.0
+    """Reward per step of the zero action; random actions earn `spread` less."""
+    spread: float = 0.0
+    task: float = math.nan
+    steps: int = 20_000
+    ends: int | None = None
+    reason: str = "survived"
+    falls_within: int | None = None
+    """Step at which its reference episodes end."""
+
+    def reference(self) -> Reference:
+        rng = np.random.default_rng(abs(hash_of(self.name)))
+        length = self.falls_within or T
+        rewards = np.zeros((EPISODES, T))
+        for episode in range(EPISODES):
+            rewards[episode, :length] = self.within(np.arange(1, length + 1), rng)
+        bins = rewards.reshape(EPISODES, T // BIN_STEPS, BIN_STEPS).sum(axis=2)
+        ended = np.full(EPISODES, self.falls_within is not None)
+        return Reference(T, bins, np.full(EPISODES, length), ended, np.zeros(1), np.ones(1))
+
+    def lane(self) -> tuple[np.ndarray, np.ndarray, int, str]:
+        """Steps, returns, end step and end reason of one long episode."""
+        rng = np.random.default_rng(abs(hash_of(self.name)) + 1)
+        lasts = self.ends or self.steps
+        rewards = np.zeros(self.steps)
+        rewards[:lasts] = (self.beyond or self.within)(np.arange(1, lasts + 1), rng)
+        marks = window_steps(self.steps)
+        return marks, rewards.cumsum()[marks - 1], lasts, self.reason
+
+
+def hash_of(name: str) -> int:
+    return sum(ord(letter) * 31**k for k, letter in enumerate(name)) % 2**31
+
+
+def steady(rate: float, noise: float = 0.3) -> Rewards:
+    return lambda step, rng: rate + noise * rng.standard_normal(len(step))
+
+
+def switch(at: int, before: Rewards, after: Rewards) -> Rewards:
+    return lambda step, rng: np.where(step <= at, before(step, rng), after(step, rng))
+
+
+def sparse(every: float, size: float) -> Rewards:
+    """A reward now and then, after exponential waiting times."""
+    return lambda step, rng: size * (rng.random(len(step)) < 1.0 / every)
+
+
+def periodic(period: int, size: float, low: float = 0.0) -> Rewards:
+    """Paid in the second half of each period; the phase is drawn."""
+
+    def rewards(step: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        phase = rng.integers(period)
+        return np.where((step + phase) % period >= period / 2, size, low)
+
+    return rewards
+
+
+def drift(begin: float, end: float, over: int) -> Rewards:
+    return lambda step, rng: begin + (end - begin) * np.minimum(step / over, 1.0) + 0.2 * rng.standard_normal(len(step))
+
+
+def bonus(at_start: float, rewards: Rewards) -> Rewards:
+    return lambda step, rng: rewards(step, rng) + at_start * (step == 1)
+
+
+def work_and_pause(period: int, size: float, share: float) -> Rewards:
+    """Pays in the first part of each period, from the start on."""
+    return lambda step, rng: size * ((step - 1) % period < share * period) + 0.05 * rng.standard_normal(len(step))
+
+
+def penalties(every: float, size: float, rewards: Rewards) -> Rewards:
+    return lambda step, rng: rewards(step, rng) - size * (rng.random(len(step)) < 1.0 / every)
+
+
+def glitch(at: int, size: float, rewards: Rewards) -> Rewards:
+    return lambda step, rng: rewards(step, rng) + size * (step == at)
+
+
+def bouts(share: float, length: int, rewards: Rewards, other: Rewards) -> Rewards:
+    """Stretches of `length` steps of which a share is spent otherwise."""
+
+    def mixed(step: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        other_bouts = rng.random(len(step) // length + 1) < share
+        return np.where(other_bouts[(step - 1) // length], other(step, rng), rewards(step, rng))
+
+    return mixed
+
+
+CHOSEN_ON = (
+    Case("steady", "holds", steady(3.0), idle=1.0),
+    Case("lies down at 7,000", "fails silently", steady(3.0), switch(7000, steady(3.0), steady(1.0, 0.01)), idle=1.0),
+    Case("slows to half", "decays", steady(4.0), drift(4.0, 2.0, 10_000)),
+    Case("rare rewards", "holds", sparse(80, 10.0)),
+    Case("rare rewards stop", "fails silently", sparse(80, 10.0), switch(5000, sparse(80, 10.0), steady(0.0, 0.0))),
+    Case("gait with a period of 300", "holds", periodic(300, 2.0)),
+    Case("cost task", "holds", steady(-1.0), idle=-6.0),
+    Case("cost task, lost", "fails silently", steady(-1.0), switch(9000, steady(-1.0), steady(-6.5)), idle=-6.0),
+    Case("stands", "never worked", steady(1.0, 0.001), idle=0.97, task=3.1),
+    Case("falls", "falls", steady(2.0), ends=3700, reason="terminated"),
+    # pauses, single odd rewards, few windows
+    Case("bonus, then half", "decays", bonus(3000.0, steady(3.0)), bonus(3000.0, steady(1.5))),
+    Case("recovers late", "decays", steady(3.0), switch(4000, steady(3.0), switch(17_500, steady(0.0), steady(3.0)))),
+    Case("pauses half of the time, and at the end", "decays", steady(3.0), work_and_pause(5000, 3.0, 0.5)),
+    Case(
+        "pauses half of the time, not at the end", "decays", steady(3.0), work_and_pause(5000, 3.0, 0.5), steps=22_500
+    ),
+    Case("pauses a fifth of the time", "holds", steady(3.0), work_and_pause(4000, 3.0, 0.8)),
+    Case("period of 3,000, seen in pieces", "holds", periodic(3000, 2.0), steps=100_000),
+    Case("0.9 to 0.7", "decays", steady(3.0), drift(2.7, 2.1, 18_000)),
+    Case("stands still near the end", "decays", steady(3.0), switch(18_900, steady(3.0), steady(0.0))),
+    Case("one odd reward while it stands still", "fails silently", steady(3.0), glitch(19_500, 3000.0, steady(0.0))),
+    Case("heavy tails", "holds", lambda step, rng: 1.0 + rng.standard_t(2, len(step))),
+)
+
+SLIDES_BACK = steady(-0.7)
+LIES = steady(1.0, 0.002)
+
+LABELED = (
+    # healthy
+    Case("walks", "holds", steady(4.8), idle=0.9, task=4.9),
+    Case("walks slowly", "holds", steady(1.6), idle=0.9, task=4.9),
+    Case("gets better", "holds", steady(2.0), drift(2.0, 5.0, 15_000)),
+    Case("loses a tenth", "holds", steady(5.0), drift(5.0, 4.5, 12_000)),
+    Case(
+        "stumbles once and goes on",
+        "holds",
+        steady(3.0),
+        switch(6000, steady(3.0), switch(6400, steady(0.0), steady(3.0))),
+    ),
+    Case("noise twice the rate", "holds", steady(1.0, 2.0)),
+    Case("offset of +100", "holds", steady(103.0), idle=100.0),
+    Case("offset of -100", "holds", steady(-97.0), idle=-100.0),
+    Case("tiny unit", "holds", steady(0.003, 0.0003), idle=0.001),
+    Case("huge unit", "holds", steady(3e6, 3e5), idle=1e6),
+    Case("cost of energy", "holds", steady(-0.4), idle=-2.0),
+    Case("sparse, every 150 steps", "holds", sparse(150, 5.0)),
+    Case("sparse, every 400 steps", "holds", sparse(400, 1.0), steps=100_000),
+    Case("sparse cost", "holds", sparse(100, -1.0), idle=-0.5),
+    Case("period of 90", "holds", periodic(90, 3.0, -1.0)),
+    Case("period of 700", "holds", periodic(700, 1.0)),
+    Case("bonus at the start", "holds", bonus(500.0, steady(1.5))),
+    Case("penalty at the start", "holds", bonus(-500.0, steady(1.5))),
+    Case("last window incomplete", "holds", steady(2.5), steps=12_345),
+    Case("a quarter of the time idle, as in training", "holds", bouts(0.25, 50, steady(3.0), steady(0.0))),
+    Case("healthy for a million steps", "holds", steady(3.0), steps=1_000_000),
+    Case("pauses 600 of 3,000 steps", "holds", steady(2.0), work_and_pause(3000, 2.2, 0.8)),
+    Case("period of 2,400, seen in pieces", "holds", periodic(2400, 3.0), steps=100_000),
+    Case("1.1 to 0.82", "holds", steady(5.0), drift(5.5, 4.1, 17_000)),
+    Case(
+        "stumbles near the end",
+        "holds",
+        steady(2.0),
+        switch(19_000, steady(2.0), switch(19_300, steady(0.0), steady(2.0))),
+    ),
+    Case("penalties, as in training", "holds", penalties(250, 100.0, steady(2.0)), idle=-1.0),
+    Case("only falls cost, and it never falls", "holds", steady(0.0, 0.0), idle=-2.0),
+    Case("a first step worth the whole episode", "holds", bonus(3000.0, steady(3.0))),
+    # silent failures
+    Case("on its back from the start", "fails silently", steady(3.5), LIES, idle=1.0, task=4.1),
+    Case(
+        "on its back within the first window", "fails silently", steady(3.5), switch(150, steady(3.5), LIES), idle=1.0
+    ),
+    Case("on its back near the end", "fails silently", steady(3.5), switch(17_000, steady(3.5), LIES), idle=1.0),
+    Case("slides backwards from the start", "fails silently", steady(5.0), SLIDES_BACK),
+    Case("slides backwards later", "fails silently", steady(5.0), switch(4000, steady(5.0), SLIDES_BACK)),
+    Case("sparse rewards end", "fails silently", sparse(150, 5.0), switch(8000, sparse(150, 5.0), steady(0.0, 0.0))),
+    Case("period ends", "fails silently", periodic(500, 2.0), switch(9000, periodic(500, 2.0), steady(0.0, 0.01))),
+    Case("cost grows", "fails silently", steady(-0.4), drift(-0.4, -2.2, 9000), idle=-2.0),
+    Case("offset, stops", "fails silently", steady(-97.0), switch(5000, steady(-97.0), steady(-100.0)), idle=-100.0),
+    Case("bonus at the start, then nothing", "fails silently", bonus(500.0, steady(1.5)), bonus(500.0, steady(0.0))),
+    Case("drifts to nothing", "fails silently", steady(3.0), drift(3.0, 0.0, 14_000)),
+    Case("bonus, then on its back", "fails silently", bonus(2000.0, steady(2.0)), bonus(2000.0, LIES), idle=1.0),
+    Case(
+        "slides back, last window incomplete",
+        "fails silently",
+        steady(2.0),
+        switch(11_000, steady(2.0), SLIDES_BACK),
+        steps=17_777,
+    ),
+    Case("stops at step 40", "fails silently", steady(3.5), switch(40, steady(3.5), LIES), idle=1.0),
+    Case("one odd reward while on its back", "fails silently", steady(4.0), glitch(18_300, 5000.0, LIES), idle=1.0),
+    Case(
+        "on its back after an early stumble",
+        "fails silently",
+        steady(3.0),
+        switch(2000, steady(3.0), switch(2800, LIES, switch(9000, steady(3.0), LIES))),
+        idle=1.0,
+    ),
+    # decay
+    Case("works a third of the time", "decays", steady(2.0), work_and_pause(6000, 2.0, 1 / 3)),
+    Case(
+        "idle in the middle", "decays", steady(2.0), switch(3000, steady(2.0), switch(13_000, steady(0.0), steady(2.0)))
+    ),
+    Case("1.0 to 0.68", "decays", steady(5.0), drift(5.0, 3.4, 17_000)),
+    Case(
+        "cost with an offset, half lost",
+        "decays",
+        steady(-27.0),
+        switch(7000, steady(-27.0), steady(-28.6)),
+        idle=-30.0,
+    ),
+    Case("loses a half", "decays", steady(6.0), drift(6.0, 3.0, 10_000)),
+    Case("loses two thirds at once", "decays", steady(3.0), switch(5000, steady(3.0), steady(1.0))),
+    Case("works half of the time", "decays", steady(4.0), bouts(0.5, 100, steady(4.0), steady(0.0))),
+    # ends
+    Case("falls at once", "falls", steady(3.0), ends=30, reason="terminated", falls_within=30),
+    Case("falls late", "falls", steady(3.0), ends=19_990, reason="terminated"),
+    Case("blows up", "diverges", steady(3.0), ends=800, reason="diverged"),
+    # policies that never worked
+    Case("stands since training", "never worked", LIES, idle=0.97, task=3.1),
+    Case("sways a little", "never worked", steady(1.05), idle=1.0, task=4.1),
+    Case("sways a little on a task without a level", "never worked", steady(1.05, 0.05), idle=1.0, spread=0.5),
+    Case("crawls backwards", "never worked", steady(-0.5)),
+    Case("random walk of the reward", "never worked", steady(0.0, 3.0)),
+    Case("costs more than idle", "never worked", steady(-9.0), idle=-8.0),
+    # what cannot be judged
+    Case("rewards too rare for the evaluation", "unknown", sparse(900, 100.0), steps=6_000),
+    Case("shorter than its windows", "unknown", sparse(300, 5.0), steps=1500),
+    Case("cut by its environment", "cut", steady(3.0), ends=5000, reason="truncated"),
+)

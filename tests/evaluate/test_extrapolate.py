@@ -1,0 +1,352 @@
+"""A whole evaluation on real tasks: the same table however it is cut into groups, and after whatever interruption."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scripted import policy_for
+
+from perdure.envs import make_world
+from perdure.errors import OtherSourceWarning, PerdureError
+from perdure.evaluate import Extrapolation, ExtrapolationResult, LaneSpec, evaluate_files, evaluate_lanes
+from perdure.evaluate.episodes import split
+from perdure.evaluate.reference import read_idle
+from perdure.evaluate.stored import _finished, _versions, evaluate_group
+from perdure.horizon import Constant, Countdown, Periodic
+from perdure.policy import TaskInfo, find_policy, save_policy
+from perdure.report import SCHEMA_VERSION, read_table
+from perdure.runs import Store, Work
+
+HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
+FIVE_HUNDRED = Constant(500.0)
+LANE = ["policy", "clock", "eval_seed", "step"]
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policies")
+    plain = save_policy(policy_for(HOPPER, seed=1), folder / "plain.safetensors")
+    timed = save_policy(policy_for(HOPPER, seed=2, phi=True, method="linear"), folder / "timed.safetensors")
+    return plain, timed
+
+
+@pytest.fixture(scope="module")
+def evaluation(policies):
+    return Extrapolation(policies, steps=60, clocks=("default", "periodic:20", "countdown"), eval_seeds=2)
+
+
+@pytest.fixture(scope="module")
+def whole(evaluation, tmp_path_factory):
+    """In one process, one group."""
+    return evaluate_files(
+        evaluation, tmp_path_factory.mktemp("whole"), cores=1, on="here", command="perdure extrapolate ..."
+    )
+
+
+def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
+    lanes = whole.final().select("policy", "clock", "eval_seed").sort(pl.all()).rows()
+    expected = [
+        ("linear", clock, seed) for clock in ("constant(500)", "countdown(60)", "periodic(20)") for seed in (0, 1)
+    ]
+    assert lanes == [*expected, ("ppo", "none", 0), ("ppo", "none", 1)]
+
+
+def test_the_table_is_one_that_reports_read_with_the_command_that_made_it(whole):
+    frame, metadata = read_table(whole.path)
+    assert frame.sort(LANE).equals(whole.frame.select(frame.columns).sort(LANE))
+    assert metadata["command"] == "perdure extrapolate ..."
+
+
+def groups(keys):
+    return {key for key in keys if key.startswith("groups")}
+
+
+def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
+    summary = whole.summary()
+    assert summary["lanes"].to_list() == [2] * 4
+    lane = whole.final().filter(pl.col("policy") == "ppo")
+    row = summary.filter(pl.col("policy") == "ppo")
+    assert row["mean_return"].item() == pytest.approx(sum(lane["return"]) / 2)
+    assert row["policy_state"].item() == "never worked"
+    assert row["median_failed_step"].item() == 0.0, "what never worked has failed from the start"
+
+
+def test_the_median_time_to_failure_is_that_of_kaplan_and_meier(whole):
+    def median(*failed_steps):
+        """Lanes that fall at these steps, of 60; None: holds."""
+        ends = pl.DataFrame({"eval_seed": range(len(failed_steps)), "failed_step": failed_steps})
+        lanes = pl.concat([whole.frame.filter(pl.col("policy") == "ppo").head(1)] * len(ends)).with_columns(
+            step=pl.lit(60), test_horizon=pl.lit(60), policy_state=pl.lit("worked"), eval_seed=ends["eval_seed"],
+            failed_step=ends["failed_step"].fill_null(60),
+            outcome=pl.when(ends["failed_step"].is_null()).then(pl.lit("holds")).otherwise(pl.lit("falls")),
+        )  # fmt: skip
+        return ExtrapolationResult(lanes, None).summary()["median_failed_step"].item()
+
+    assert median(10, 20, 30, 40) == 20.0
+    assert median(10, 20, None, None) == 20.0
+    assert median(10, None, None, None) is None
+    assert median(*range(1, 25)) == 12.0, "24 successive failures multiply to a share of 0.5000000000000001"
+
+
+def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_process(
+    evaluation, whole, tmp_path, monkeypatch
+):
+    """Four groups; the evaluation is killed after one. What was finished is not computed again."""
+    small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_lanes=2)
+
+    def die(status):
+        if any(key.startswith("groups") and each.state == "finished" for key, each in status.items()):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_files(small, tmp_path, cores=1, observe=die)
+    done = set(Store(tmp_path).keys("groups"))
+    assert 0 < len(done) < 4
+    assert not (tmp_path / "lanes.parquet").exists()
+    monkeypatch.setattr("perdure.runs.store.source_digest", lambda: "another")
+    resumed = []
+    with pytest.warns(OtherSourceWarning, match=f"{len(done)} of {len(done)}"):
+        result = evaluate_files(small, tmp_path, cores=2, observe=lambda status: resumed.append(set(status)))
+    assert set(Store(tmp_path).keys("groups")) == done | groups(resumed[-1])
+    assert not done & resumed[-1]
+    assert result.frame.equals(whole.frame)
+
+
+def test_finished_lanes_are_not_run_again_however_they_were_grouped(evaluation, whole, tmp_path):
+    started = []
+
+    def extrapolated(eval_seeds, cores, **changes):
+        asked = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
+        observe = lambda status: started.append(set(status))  # noqa: E731
+        return evaluate_files(asked, tmp_path, cores=cores, on="here", observe=observe)
+
+    extrapolated(1, 2, max_lanes=3)
+    first = set(Store(tmp_path).keys("groups"))
+    more = extrapolated(2, 1)
+    assert more.frame.equals(whole.frame)
+    assert groups(started[0]) == first
+    assert started[-1] == set(Store(tmp_path).keys("groups")) - first, "idle robots and references were measured before"
+    lanes = [len(Store(tmp_path).config(key)["lanes"]) for key in started[-1]]
+    assert sum(lanes) == 4, "one more start state of four pairs of policy and clock"
+    started.clear()
+    assert extrapolated(2, 2, max_lanes=1).frame.equals(whole.frame)
+    assert started == []
+
+
+def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whole, tmp_path):
+    waited = []
+    with Store(tmp_path).exclusive("extrapolate"):
+        second = threading.Thread(
+            target=lambda: evaluate_files(evaluation, tmp_path, on="here", waiting=lambda: waited.append(True))
+        )
+        second.start()
+        second.join(3.0)
+        assert waited == [True]
+        assert second.is_alive()
+        assert not (tmp_path / "lanes.parquet").exists()
+    second.join()
+    assert read_table(tmp_path / "lanes.parquet")[0].equals(read_table(whole.path)[0])
+
+
+def test_one_policy_under_two_names_is_refused(policies, tmp_path):
+    copy = tmp_path / "copy.safetensors"
+    copy.write_bytes(policies[0].read_bytes())
+    with pytest.raises(PerdureError, match="hold the same policy"):
+        evaluate_files(Extrapolation((policies[0], copy), steps=5), tmp_path / "out", cores=1)
+
+
+@pytest.mark.parametrize("lane", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]])
+def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
+    store = Store(tmp_path)
+    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions("InvertedPendulum-v4"), "lanes": [lane]}
+    with store.workspace("groups/a", config):
+        pass
+    with pytest.raises(PerdureError, match="groups/a"):
+        _finished(store, 5, config["versions"])
+
+
+@pytest.mark.parametrize("at", [0.6, 0.9])
+def test_a_damaged_group_of_lanes_is_named(evaluation, tmp_path, at):
+    small = replace(evaluation, steps=50)
+    evaluate_files(small, tmp_path, on="here")
+    path = next(tmp_path.glob("groups/*/lanes.parquet"))
+    content = bytearray(path.read_bytes())
+    place = int(at * len(content))
+    content[place : place + 40] = 40 * b"\xff"
+    path.write_bytes(content)
+    with pytest.raises(PerdureError, match="are damaged: remove its folder groups"):
+        evaluate_files(small, tmp_path, on="here")
+
+
+def test_policies_of_one_run_in_two_folders_have_two_labels(tmp_path):
+    """The files differ in their critic alone."""
+    policy = policy_for(HOPPER, seed=1)
+    paths = [tmp_path / name / "seed-0" / "policy.safetensors" for name in ("a", "b")]
+    save_policy(policy, paths[0])
+    save_policy(policy.without_critic(), paths[1])
+    result = evaluate_files(Extrapolation(tuple(paths), 5, eval_seeds=1), on="here")
+    labels = result.frame["policy"].unique(maintain_order=True)
+    assert [str(path) in label for path, label in zip(paths, labels, strict=True)] == [True, True]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{}", '{"zero": NaN, "random": 0}', '{"zero": "0", "random": 0}'])
+def test_a_damaged_measurement_of_an_idle_robot_is_named(tmp_path, text):
+    (tmp_path / "idle.json").write_text('{"zero": 1, "random": 0.5}')
+    assert read_idle(tmp_path).rate == 1
+    (tmp_path / "idle.json").write_text(text)
+    with pytest.raises(PerdureError, match=r"idle\.json"):
+        read_idle(tmp_path)
+
+
+def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_path):
+    work = Work(tmp_path, 1, lambda *done, **facts: None)
+    file = {"path": str(policies[0]), "digest": "0" * 64, "task": "Hopper-v3", "horizon": None}
+    with pytest.raises(PerdureError, match="has changed"):
+        evaluate_group(work, files={"0" * 64: file}, lanes=[["0" * 64, None, 0]], steps=5)
+
+
+def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(PerdureError, match="exit code 1"):
+        evaluate_files(evaluation, tmp_path, cores=1)
+    assert Store(tmp_path).keys("groups") == ()
+
+
+class TestStarts:
+    def test_the_same_evaluation_seed_starts_from_the_same_state_under_every_policy_and_clock(self):
+        plain, timed = policy_for(HOPPER, seed=1), policy_for(HOPPER, seed=2, phi=True)
+        lanes = [
+            LaneSpec(policy, clock, seed)
+            for policy, clock in ((0, None), (1, Constant(5.0)), (1, Periodic(5.0)))
+            for seed in (3, 4)
+        ]
+        asked = []
+
+        class Watched:
+            def __init__(self, task, seeds):
+                self.inside = make_world(task, seeds)
+
+            def __getattr__(self, name):
+                return getattr(self.inside, name)
+
+            def reset(self, *arguments):
+                observations = self.inside.reset(*arguments)
+                asked.append(observations.copy())
+                return observations
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("perdure.evaluate.episodes.make_world", Watched)
+            evaluate_lanes([plain, timed], lanes, 3)
+        (starts,) = asked
+        by_seed = {
+            seed: {starts[i].tobytes() for i, lane in enumerate(lanes) if lane.eval_seed == seed} for seed in (3, 4)
+        }
+        assert [len(states) for states in by_seed.values()] == [1, 1]
+        assert by_seed[3] != by_seed[4]
+
+    def test_an_evaluation_seed_does_not_depend_on_how_many_are_evaluated(self):
+        policy = [policy_for(HOPPER)]
+        many = evaluate_lanes(policy, [LaneSpec(0, None, seed) for seed in range(4)], 30)
+        one = evaluate_lanes(policy, [LaneSpec(0, None, 2)], 30)
+        assert one.returns[0].tobytes() == many.returns[2].tobytes()
+
+
+class TestClocks:
+    def clocks(self, *texts, steps=700, default=FIVE_HUNDRED):
+        found = Extrapolation(("p",), steps=steps, clocks=texts)
+        return list(found.deployment_clocks(default))
+
+    def test_are_read_in_order_and_each_once(self):
+        found = self.clocks("countdown", "constant:5", "default", "constant(500)", "periodic:0.0", "countdown:700")
+        assert found == [Countdown(700.0), Constant(5.0), Constant(500.0), Periodic(0.0)]
+
+    def test_a_policy_without_a_clock_of_its_own_has_no_default(self):
+        assert self.clocks("default", "constant:1", default=None) == [Constant(1.0)]
+
+    def test_the_sweep_is_the_thesis_grid_with_the_countdown(self):
+        found = self.clocks("sweep")
+        hundreds = [100.0 * i for i in range(11)]
+        assert [c.steps for c in found if isinstance(c, Constant)] == hundreds
+        assert [c.steps for c in found if isinstance(c, Periodic)] == hundreds[1:]
+        assert [c.steps for c in found if isinstance(c, Countdown)] == [700.0]
+        assert len(found) == 22
+
+    @pytest.mark.parametrize("text", ["constant:-1", "constant", "sundial:3", "periodic:x", ""])
+    def test_that_make_no_sense_are_refused_at_the_door(self, text):
+        with pytest.raises(PerdureError):
+            self.clocks(text)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"steps": 0}, "steps"),
+        ({"eval_seeds": 0}, "eval_seeds"),
+        ({"max_lanes": 0}, "max_lanes"),
+        ({"clocks": ()}, "clock"),
+        ({"policies": ()}, "policy"),
+        ({"policies": "mine"}, "policies must be a tuple, got 'mine'"),
+        ({"policies": (3,)}, "policies must be a list or tuple of strings or paths"),
+        ({"clocks": "constant:5"}, "clocks must be a tuple, got 'constant:5'"),
+        ({"clocks": (5,)}, "clocks must be a list or tuple of strings"),
+        ({"modules": "mine"}, "modules must be a tuple, got 'mine'"),
+        ({"steps": 1.5}, "steps must be a whole number, got 1.5"),
+        ({"first_eval_seed": 2**31 - 1}, r"first_eval_seed \+ eval_seeds must be at most 2146483648, got 2147483647"),
+    ],
+)
+def test_an_evaluation_of_nothing_is_refused_by_name(policies, change, word):
+    with pytest.raises(PerdureError, match=word):
+        Extrapolation(**({"policies": policies} | change))
+
+
+def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):
+    """The lanes are those of the files: none is run again."""
+    (tmp_path / "mine").mkdir()
+    mine = shutil.copy(policies[0], tmp_path / "mine" / "policy.safetensors")
+    named = Extrapolation((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
+    first = evaluate_files(named, tmp_path / "out", on="here")
+    started = []
+    files = Extrapolation((find_policy("Hopper-v3/ppo"), mine), 20, eval_seeds=1)
+    again = evaluate_files(files, tmp_path / "out", on="here", observe=started.append)
+    assert again.frame.equals(first.frame)
+    assert started == []
+
+
+def test_policies_for_two_tasks_are_refused(policies, tmp_path):
+    other = save_policy(policy_for(TaskInfo("Swimmer-v3", 8, (-1.0,) * 2, (1.0,) * 2)), tmp_path / "swimmer")
+    with pytest.raises(PerdureError, match=r"Hopper-v3, Swimmer-v3"):
+        evaluate_files(Extrapolation((policies[0], other), steps=5), tmp_path / "out")
+
+
+@given(lanes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
+def test_groups_hold_every_lane_once_in_order_even_and_small_enough(lanes, size, parts):
+    every = [LaneSpec(0, None, seed) for seed in range(lanes)]
+    groups = split(every, size, parts)
+    assert [lane for group in groups for lane in group] == every
+    lengths = [len(group) for group in groups]
+    assert max(lengths) <= size
+    assert max(lengths) - min(lengths) <= 1
+    assert len(groups) % parts == 0 or len(groups) == lanes  # no worker idles while another has its last group
+
+
+def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, monkeypatch):
+    name = "perdure_test_hostile"
+    trace = tmp_path / "imported"
+    (tmp_path / f"{name}.py").write_text(f"import pathlib; pathlib.Path({str(trace)!r}).touch()")
+    monkeypatch.syspath_prepend(tmp_path)
+    task = TaskInfo(f"gymnasium:{name}:Id-v0", 11, (-1.0,) * 3, (1.0,) * 3)
+    policy = save_policy(policy_for(task, seed=1), tmp_path / "policy.safetensors")
+    with pytest.raises(ValueError, match=f"imports the Python module {name}; .* --modules {name}"):
+        evaluate_files(Extrapolation((policy,), 10), tmp_path / "out", cores=1)
+    assert not trace.exists()
+    with pytest.raises(ValueError, match="no task named"):
+        evaluate_files(Extrapolation((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
+    assert trace.exists()

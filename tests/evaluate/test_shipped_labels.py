@@ -1,0 +1,39 @@
+"""What `perdure list policies` says of the shipped policies, found again in the physics."""
+
+from collections import Counter
+
+import pytest
+
+from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.policy.files import LABELS, find_policy
+
+EXPECTED = {
+    ("HalfCheetah-v3/geometric", "constant(0)"): "fails silently",
+    ("HalfCheetah-v3/geometric", "constant(500)"): "holds",
+    ("HalfCheetah-v3/ppo", "none"): "holds",
+    ("Hopper-v3/geometric", "constant(0)"): "falls",
+    ("Hopper-v3/geometric", "constant(500)"): "holds",
+    ("Hopper-v3/geometric-zoo", "constant(500)"): "never worked",
+    ("Hopper-v3/linear-random", "constant(500)"): "fails silently",
+    ("Hopper-v3/ppo", "none"): "falls",
+    ("Hopper-v3/ppo-zoo", "none"): "never worked",
+    ("Walker2d-v3/geometric", "constant(500)"): "holds",
+    ("Walker2d-v3/ppo", "none"): "falls",
+}
+"""The commonest verdict over ten start states in 100,000 steps."""
+
+
+def test_every_label_is_checked():
+    assert {name for name, _ in EXPECTED} == set(LABELS)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize(("name", "clock"), EXPECTED)
+def test_a_label_is_true(tmp_path, name, clock):
+    given = "default" if clock == "none" else f"constant:{clock[9:-1]}"
+    result = evaluate_files(Extrapolation((find_policy(name),), clocks=(given,), eval_seeds=10), tmp_path, cores=1)
+    verdicts = Counter(
+        row["policy_state"] if row["policy_state"] != "worked" else row["outcome"]
+        for row in result.final().iter_rows(named=True)
+    )
+    assert verdicts.most_common(1)[0][0] == EXPECTED[name, clock]

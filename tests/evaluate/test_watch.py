@@ -1,0 +1,173 @@
+"""Films show the very episode that was judged, around the step at which it fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from perdure.envs import make_world
+from perdure.errors import PerdureError
+from perdure.evaluate.watch import BELOW, SUBTITLE, TITLE, Judge, RobotCamera, find_render_env, replay, watch
+from perdure.film import GAP, RED, strip_height
+from perdure.horizon import Constant
+from perdure.policy import load_policy
+
+pytest.importorskip("mujoco")
+NOTHING_LEFT, ALWAYS = Constant(0.0), Constant(500.0)
+STEPS, SIZE = 400, (96, 64)
+TOP, BOTTOM = (strip_height([(size, []) for size in sizes]) for sizes in ((TITLE, SUBTITLE), (BELOW,)))
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return load_policy("Hopper-v3/geometric")
+
+
+@pytest.fixture(scope="module")
+def render_env(policy):
+    return find_render_env(policy.task.name, policy.task.observation_size)
+
+
+@pytest.fixture(scope="module")
+def film(policy, tmp_path_factory):
+    path = tmp_path_factory.mktemp("film") / "film.mp4"
+    return watch(
+        policy, path, clock=NOTHING_LEFT, beside=ALWAYS, until_failure=True, steps=STEPS, eval_seeds=2, size=SIZE
+    )
+
+
+def pictures(path):
+    reader = imageio_ffmpeg.read_frames(str(path))
+    width, height = next(reader)["size"]
+    return [np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader]
+
+
+def has_frame(panel):
+    """Whether the panel's picture has a red edge; compression changes colors a little."""
+    edge = panel[TOP + 1 : TOP + 4, 4:-4].reshape(-1, 3).mean(axis=0)
+    return bool(np.abs(edge - RED).max() < 40)
+
+
+class TestAFilmOfAFall:
+    def test_has_the_episode_that_holds_on_the_left_and_the_fall_on_the_right(self, film):
+        left, right = film.lanes
+        assert (left.clock, left.outcome, left.end_step) == (ALWAYS, "holds", STEPS)
+        assert (right.clock, right.outcome) == (NOTHING_LEFT, "falls")
+        assert left.eval_seed == right.eval_seed == 0
+        assert 50 < right.failed_step < 350
+        assert film.sentences[1] == f"always 0 steps to go, start state 0: falls at step {right.failed_step}"
+
+    def test_shows_the_fall_a_second_before_its_end(self, film):
+        """25 pictures a second, one for each five steps of 0.008 s; the right panel gets a red frame at the fall."""
+        shown = pictures(film.path)
+        assert len(shown) == film.pictures
+        failed = film.lanes[1].failed_step
+        assert len(shown) == (failed + 125 - 1) // 5 + 1
+        width = SIZE[0]
+        assert shown[0].shape == (TOP + SIZE[1] + BOTTOM, 2 * width + GAP, 3)
+        steps = 1 + 5 * np.arange(len(shown))
+        assert [has_frame(each[:, width + GAP :]) for each in shown] == (steps >= failed).tolist()
+        assert not any(has_frame(each[:, :width]) for each in shown)
+
+    def test_moves(self, film):
+        shown = pictures(film.path)
+        body = np.stack([each[TOP + 8 : TOP + SIZE[1] - 8, 8 : SIZE[0] - 8] for each in shown]).astype(float)
+        assert np.abs(np.diff(body, axis=0)).mean() > 0.5
+
+    def test_is_of_the_environment_that_it_names(self, film):
+        assert film.world.startswith("Hopper-v4, Gymnasium")
+
+
+class TestTheReplay:
+    @pytest.fixture
+    def lane(self, film):
+        return film.lanes[1]
+
+    def test_pays_what_the_judged_episode_paid_and_goes_on_after_its_end(self, policy, lane, render_env):
+        instants = list(replay(policy, lane, render_env, lane.end_step + 30))
+        assert [each.step for each in instants] == list(range(1, lane.end_step + 31))
+        assert instants[lane.end_step - 1].total == pytest.approx(lane.total, rel=1e-12)
+        assert instants[-1].total == instants[lane.end_step - 1].total
+
+    @pytest.mark.parametrize("change", [{"total": 0.0}, {"end_step": 60}, {"clock": ALWAYS}, {"eval_seed": 5}])
+    def test_of_another_episode_than_the_judged_one_is_refused(self, policy, lane, render_env, change):
+        with pytest.raises(PerdureError, match=r"is not the one that was judged|when it was filmed"):
+            list(replay(policy, replace(lane, **change), render_env, STEPS))
+
+    def test_is_not_disturbed_by_the_camera(self, policy, lane, render_env):
+        totals = []
+        for instant in replay(policy, lane, render_env, lane.end_step):
+            if instant.step == 20:
+                with RobotCamera(instant.env, SIZE) as camera:
+                    assert camera.take().std() > 5
+            totals.append(instant.total)
+        assert totals[-1] == lane.total
+
+
+def test_without_a_failure_there_is_no_film_and_no_file(policy, tmp_path):
+    with pytest.raises(PerdureError, match="none of 1 episodes of 400 steps fails under constant"):
+        watch(policy, tmp_path / "film.mp4", clock=ALWAYS, until_failure=True, steps=STEPS, eval_seeds=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("film.avi", {}, "written as .mp4 or .gif, not as film.avi"),
+        ("film.mp4", {"steps": 0}, "at least 1, got 0"),
+    ],
+)
+def test_wrong_numbers_and_names_are_refused(policy, tmp_path, name, options, message):
+    with pytest.raises(PerdureError, match=message):
+        watch(policy, tmp_path / name, **options)
+
+
+def test_clocks_for_a_policy_without_time_are_refused(tmp_path):
+    plain = load_policy("Hopper-v3/ppo")
+    for options in ({"clock": ALWAYS}, {"beside": ALWAYS}):
+        with pytest.raises(PerdureError, match="no time-to-go input"):
+            watch(plain, tmp_path / "film.mp4", **options)
+
+
+class TestTwins:
+    @pytest.mark.parametrize(
+        ("task", "env_id"),
+        [("Hopper-v3", "Hopper-v4"), ("Ant-v5", "Ant-v5"), ("gymnasium:Hopper-v5", "Hopper-v5")],
+    )
+    def test_have_the_dynamics_of_the_task(self, task, env_id):
+        assert find_render_env(task, 11).env_id == env_id
+
+    @pytest.mark.parametrize("task", ["Ant-v3", "Humanoid-v3", "Humanoid-v4", "Ant-v4", "Walker2d-v3"])
+    def test_give_observations_of_the_same_length_and_zero_forces_where_envpool_does(self, task):
+        world = make_world(task, [0])
+        theirs = world.reset()[0]
+        world.step(np.zeros((1, world.spec.action_size)))
+        env = find_render_env(task, world.spec.observation_size).build()
+        ours = env.reset(seed=0)[0]
+        for _ in range(5):
+            ours = env.step(env.action_space.sample())[0]
+        assert ours.shape == theirs.shape
+        if task in ("Ant-v3", "Humanoid-v3", "Humanoid-v4"):
+            assert not theirs[-84:].any()
+            assert not ours[-84:].any()
+        assert ours[:20].all()
+
+    @pytest.mark.parametrize("task", ["CheetahRun-v1", "perdure/HomePlace-v0", "Hopper-v9"])
+    def test_do_not_exist_for_other_tasks(self, task):
+        with pytest.raises(PerdureError, match=f"{task} cannot be filmed"):
+            find_render_env(task, 11)
+
+    def test_are_mujoco_environments(self):
+        with pytest.raises(PerdureError, match="Pendulum-v1 is not a MuJoCo environment"):
+            find_render_env("gymnasium:Pendulum-v1", 3).build()
+
+
+def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_env):
+    judge = Judge(policy, render_env.open(), 50)
+    assert judge.policy.reference is not policy.reference
+    assert judge.scale.state == "worked"
+    assert judge.scale.idle == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"
+    assert judge.scale.reference == pytest.approx(policy.reference.rate, rel=0.2)

@@ -1,0 +1,269 @@
+"""Both ways of counting on stories, step by step."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perdure.errors import PerdureError
+from perdure.home.tasks.tasks import (
+    NOTHING,
+    PREPARE_GROCERIES,
+    SET_TABLE,
+    SOMETHING_ELSE,
+    TIDY_HOUSE,
+    Stabilizing,
+    WorldFacts,
+    goal_stabilizing,
+    handling_of,
+    latch,
+    latched_stages,
+    stabilizing_stages,
+)
+
+HOME, AWAY = 0.0, 1.0  # distance of an object from its goal
+HANDLE = SOMETHING_ELSE
+
+
+def story(*steps, targets=2):
+    """Facts from rows (distances of the targets, held, drawer, fridge)."""
+    distance = np.array([row[0] for row in steps], dtype=float)
+    objects = np.zeros((len(steps), targets, 3))
+    objects[..., 0] = distance
+    held, drawer, fridge = (np.array([row[k] for row in steps]) for k in (1, 2, 3))
+    return WorldFacts(objects, np.zeros((targets, 3)), held, drawer.astype(float), fridge.astype(float))
+
+
+SET_TABLE_STORY = (
+    ((AWAY, AWAY), NOTHING, 0.0, 0.0),
+    ((AWAY, AWAY), HANDLE, 0.45, 0.0),  # open_0
+    ((AWAY, AWAY), 0, 0.45, 0.0),  # pick_0
+    ((HOME, AWAY), 0, 0.45, 0.0),
+    ((HOME, AWAY), NOTHING, 0.45, 0.0),  # place_0
+    ((HOME, AWAY), HANDLE, 0.05, 0.0),  # close_0
+    ((HOME, AWAY), HANDLE, 0.05, 1.5),  # open_1
+    ((HOME, AWAY), 1, 0.05, 1.5),  # pick_1
+    ((HOME, HOME), NOTHING, 0.05, 1.5),  # place_1
+    ((HOME, HOME), HANDLE, 0.05, 0.1),  # close_1
+)
+REACHED_AT = {
+    "open_0": 1,
+    "pick_0": 2,
+    "place_0": 4,
+    "close_0": 5,
+    "open_1": 6,
+    "pick_1": 7,
+    "place_1": 8,
+    "close_1": 9,
+}
+
+
+def first_steps(task, facts):
+    """The step at which each stage is first reached, None for never."""
+    history = latched_stages(task, facts)
+    return {s.name: int(np.argmax(h)) if h.any() else None for s, h in zip(task.stages, history.T, strict=True)}
+
+
+def test_a_set_table_episode_reaches_its_stages_one_by_one():
+    assert first_steps(SET_TABLE, story(*SET_TABLE_STORY)) == REACHED_AT
+
+
+# one thing goes wrong at one step; the stages from the named one on are never reached
+MISHAPS = {
+    "drawer not out far enough": (1, ((AWAY, AWAY), HANDLE, 0.39, 0.0), None),  # out at the next step, with the bowl
+    "bowl never in the hand": (slice(2, 4), ((AWAY, AWAY), HANDLE, 0.45, 0.0), "pick_0"),
+    "bowl put beside the goal": (slice(4, 10), ((0.16, HOME), NOTHING, 0.05, 1.5), "place_0"),
+    "bowl not let go": (slice(4, 10), ((HOME, HOME), 0, 0.05, 1.5), "place_0"),
+    "drawer left open": (slice(5, 10), ((HOME, HOME), NOTHING, 0.11, 0.1), "close_0"),
+    "bowl rolls off before the drawer is closed": (slice(5, 10), ((0.16, HOME), NOTHING, 0.05, 0.1), "close_0"),
+    "fridge not open enough": (slice(6, 9), ((HOME, AWAY), 1, 0.05, 1.41), "open_1"),
+    "apple never in the hand": (7, ((HOME, AWAY), HANDLE, 0.05, 1.5), "pick_1"),
+    "apple put beside the goal": (slice(8, 10), ((HOME, 0.16), NOTHING, 0.05, 0.1), "place_1"),
+    "fridge left ajar": (9, ((HOME, HOME), NOTHING, 0.05, 0.16), "close_1"),
+    "bowl knocked off at the end": (9, ((0.16, HOME), NOTHING, 0.05, 0.1), "close_1"),
+    "apple rolls off at the end": (9, ((HOME, 0.16), NOTHING, 0.05, 0.1), "close_1"),
+}
+
+
+@pytest.mark.parametrize("mishap", MISHAPS)
+def test_one_mishap_keeps_a_set_table_episode_from_the_stage_it_belongs_to(mishap):
+    where, row, missed = MISHAPS[mishap]
+    rows = list(SET_TABLE_STORY)
+    for k in range(*where.indices(len(rows))) if isinstance(where, slice) else [where]:
+        rows[k] = row
+    steps = first_steps(SET_TABLE, story(*rows))
+    names = list(REACHED_AT)
+    expected = names[: names.index(missed)] if missed else names
+    assert [name for name, step in steps.items() if step is not None] == expected
+
+
+def test_latched_counting_keeps_a_placement_that_rolls_away_at_once():
+    rows = [((AWAY,) * 3, 0, 0, 0), ((0.149, AWAY, AWAY), NOTHING, 0, 0), ((AWAY,) * 3, NOTHING, 0, 0)]
+    history = latched_stages(PREPARE_GROCERIES, story(*rows, targets=3))
+    assert history[:, 1].tolist() == [False, True, True]
+
+
+def test_drift_of_an_earlier_object_shows_in_the_next_stage_only():
+    rows = [
+        ((AWAY,) * 3, 0, 0, 0),
+        ((HOME, AWAY, AWAY), NOTHING, 0, 0),
+        ((0.2, AWAY, AWAY), 1, 0, 0),  # the second object is picked while the first one lies outside
+        ((0.2, HOME, AWAY), NOTHING, 0, 0),
+        ((HOME, HOME, AWAY), 1, 0, 0),  # ... and is back: the pick counts now
+    ]
+    steps = first_steps(PREPARE_GROCERIES, story(*rows, targets=3))
+    assert (steps["pick_0"], steps["place_0"], steps["pick_1"], steps["place_1"]) == (0, 1, 4, None)
+
+
+def test_one_step_may_reach_several_stages_but_never_leaves_one_out():
+    both = story(((HOME, AWAY, AWAY, AWAY, AWAY), 1, 0, 0), targets=5)[0]
+    reached = np.zeros(10, dtype=bool)
+    assert not latch(TIDY_HOUSE, reached, both).any()  # pick_1 holds, but pick_0 was never reached
+    reached[:2] = True
+    assert latch(TIDY_HOUSE, reached, both).tolist() == [True] * 3 + [False] * 7
+    opened_and_held = story(((AWAY, AWAY), 0, 0.45, 0.0))[0]
+    assert latch(SET_TABLE, np.zeros(8, dtype=bool), opened_and_held).tolist() == [True, True] + [False] * 6
+
+
+ROWS = st.tuples(
+    st.tuples(st.sampled_from([HOME, AWAY]), st.sampled_from([HOME, AWAY])),
+    st.sampled_from([NOTHING, HANDLE, 0, 1]),
+    st.sampled_from([0.05, 0.45]),
+    st.sampled_from([0.1, 1.5]),
+)
+
+
+@given(st.lists(ROWS, min_size=1, max_size=12), st.booleans())
+def test_a_whole_episode_counts_as_its_steps_one_by_one(rows, good_start):
+    facts = story(*([*SET_TABLE_STORY, *rows] if good_start else rows))
+    reached = np.zeros(len(SET_TABLE.stages), dtype=bool)
+    for step, now in enumerate(latched_stages(SET_TABLE, facts)):
+        reached = latch(SET_TABLE, reached, facts[step])
+        assert (now == reached).all()
+
+
+def test_many_lanes_at_once_count_as_each_by_itself():
+    rows = list(SET_TABLE_STORY)
+    other = [*rows[:4], *([rows[3]] * 6)]  # never lets go
+    first, second = story(*rows), story(*other)
+    both = WorldFacts(
+        np.stack([first.object_positions, second.object_positions], axis=1),
+        np.zeros((2, 3)),
+        *(np.stack([getattr(first, n), getattr(second, n)], axis=1) for n in ("held", "drawer", "fridge")),
+    )
+    together = latched_stages(SET_TABLE, both)
+    assert (together[:, 0] == latched_stages(SET_TABLE, first)).all()
+    assert (together[:, 1] == latched_stages(SET_TABLE, second)).all()
+    assert together[-1, 0].all()
+    assert together[-1, 1].sum() == 2
+
+
+# --- goal-stabilizing: one object, six steps: two handled, two of the episode after that, two of settling time
+HANDLED = np.array([True, True, False, False, False, False])[:, None]
+GOOD = (AWAY, HOME, HOME, HOME, HOME, HOME)
+
+
+def single(distances, held=(0, 0, NOTHING, NOTHING, NOTHING, NOTHING)):
+    return story(*(((d,), h, 0, 0) for d, h in zip(distances, held, strict=True)), targets=1)
+
+
+def test_a_placement_that_stays_to_the_end_of_the_settling_time_is_goal_stabilizing():
+    assert goal_stabilizing(single(GOOD), HANDLED, settle_steps=2).tolist() == [True]
+
+
+@pytest.mark.parametrize("step", [2, 3, 4, 5])
+def test_a_placement_left_at_any_one_later_step_is_not(step):
+    distances = list(GOOD)
+    distances[step] = 0.151
+    assert goal_stabilizing(single(distances), HANDLED, settle_steps=2).tolist() == [False]
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_where_the_object_was_while_it_was_handled_does_not_matter(step):
+    distances = list(GOOD)
+    distances[step] = 5.0
+    assert goal_stabilizing(single(distances), HANDLED, settle_steps=2).tolist() == [True]
+
+
+def test_an_object_still_in_the_hand_is_not_placed():
+    held = (0, 0, 0, NOTHING, NOTHING, NOTHING)
+    assert goal_stabilizing(single(GOOD, held), HANDLED, settle_steps=2).tolist() == [False]
+
+
+def test_holding_something_else_later_does_not_spoil_a_placement():
+    held = (0, 0, HANDLE, 1, 2, NOTHING)
+    assert goal_stabilizing(single(GOOD, held), HANDLED, settle_steps=2).tolist() == [True]
+
+
+def test_an_object_the_plan_never_got_to_is_not_placed_wherever_it_is():
+    home = (HOME,) * 6
+    never = np.zeros((6, 1), dtype=bool)
+    assert goal_stabilizing(single(home, (NOTHING,) * 6), never, settle_steps=2).tolist() == [False]
+
+
+def test_only_the_last_handling_counts():
+    handling = np.array([True, False, True, False, False, False])[:, None]
+    distances = (AWAY, AWAY, AWAY, HOME, HOME, HOME)  # misplaced first, then handled again and placed well
+    assert goal_stabilizing(single(distances, (0, -1, 0, -1, -1, -1)), handling, settle_steps=2).tolist() == [True]
+
+
+def test_counting_without_a_settling_time_is_refused():
+    with pytest.raises(PerdureError, match="last 5 steps must be a settling time"):
+        goal_stabilizing(single(GOOD), HANDLED, settle_steps=5)
+    with pytest.raises(PerdureError, match="last 150 steps"):
+        goal_stabilizing(single(GOOD), HANDLED)
+    with pytest.raises(PerdureError, match="handling has 5 steps"):
+        goal_stabilizing(single(GOOD), HANDLED[:5], settle_steps=2)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.2]), st.booleans(), st.booleans()), min_size=1, max_size=12))
+def test_step_by_step_counting_agrees_with_the_definition_read_aloud(rows):
+    """In the goal and out of the hand at every step after the last one at which it was handled, and there is one."""
+    distance, in_hand, handled = zip(*rows, strict=True)
+    held = tuple(0 if h else NOTHING for h in in_hand)
+    handling = np.array(handled)[:, None]
+    counted = goal_stabilizing(single(distance, held), handling, settle_steps=0)[0]
+    last = max((k for k, h in enumerate(handled) if h), default=None)
+    after = [] if last is None else list(range(last + 1, len(rows)))
+    assert counted == (bool(after) and all(distance[k] <= 0.15 and not in_hand[k] for k in after))
+
+
+def test_incremental_counting_can_be_asked_at_any_time():
+    state = Stabilizing.start((1,))
+    asked = []
+    for step in range(6):
+        state = state.after(single(GOOD)[step], HANDLED[step])
+        asked.append(bool(state.counts[0]))
+    assert asked == [False, False, True, True, True, True]
+
+
+def test_an_object_is_handled_from_its_pick_to_the_end_of_its_place():
+    # set_table: pick_0 is skill 4, place_0 skill 8; pick_1 is skill 20, place_1 skill 24; 30 is the settling time
+    active = np.array([0, 3, 4, 6, 8, 9, 19, 20, 24, 25, 30])
+    assert handling_of(SET_TABLE, active).astype(int).T.tolist() == [
+        [0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0],
+        [0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0],
+    ]
+    assert [SET_TABLE.skills[k].skill for k in (4, 8, 20, 24)] == ["pick", "place", "pick", "place"]
+
+
+def test_a_stage_counts_while_every_placement_up_to_it_lasts():
+    reached = np.ones(8, dtype=bool)
+    table = {(True, True): 8, (True, False): 6, (False, True): 2, (False, False): 2}
+    for stays, count in table.items():
+        assert stabilizing_stages(SET_TABLE, reached, np.array(stays)).tolist() == [True] * count + [False] * (
+            8 - count
+        )
+    reached[4:] = False
+    assert stabilizing_stages(SET_TABLE, reached, np.array([True, True])).sum() == 4
+
+
+def test_both_ways_of_counting_differ_exactly_on_a_placement_that_does_not_last():
+    rows = [((AWAY,) * 3, 0, 0, 0), ((HOME, AWAY, AWAY), NOTHING, 0, 0), ((AWAY,) * 3, NOTHING, 0, 0)]
+    facts = story(*rows, targets=3)
+    handling = np.zeros((3, 3), dtype=bool)
+    handling[0, 0] = True
+    latched = latched_stages(PREPARE_GROCERIES, facts)[-1]
+    lasting = stabilizing_stages(PREPARE_GROCERIES, latched, goal_stabilizing(facts, handling, settle_steps=1))
+    assert latched.tolist() == [True, True, False, False, False, False]
+    assert lasting.tolist() == [True, False, False, False, False, False]

@@ -1,0 +1,98 @@
+"""The linear schedule of the step size against its closed form, lr * (1 - (i + 1) / n) as in Stable-Baselines3."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from perdure.errors import PerdureError
+from perdure.horizon import Fixed, HorizonProtocol
+from perdure.learn import PPOConfig
+from perdure.learn.networks import init_params
+from perdure.learn.ppo import Batch, epoch, start_adam
+
+CONFIG = PPOConfig(
+    protocol=HorizonProtocol(None, Fixed(10), "truncated", gamma=0.9, normalizer_gamma=0.9),
+    n_envs=1,
+    n_steps=32,
+    batch_size=8,
+    n_epochs=2,
+    hidden_sizes=(8,),
+    total_steps=4 * 32,
+    learning_rate=1e-2,
+    learning_rate_decay="linear",
+)
+
+
+def one_epoch(config, iteration):
+    keys = jax.random.split(jax.random.key(0), 5)
+    params = init_params(keys[0], 3, 2, config)
+    batch = Batch(
+        jax.random.normal(keys[1], (32, 3)),
+        jax.random.normal(keys[2], (32, 2)),
+        -jnp.ones(32),
+        jax.random.normal(keys[3], (32,)),
+        jax.random.normal(keys[4], (32,)),
+    )
+    adam = start_adam(params)
+    adam = adam._replace(count=adam.count + iteration * 2 * 4)  # two epochs of four minibatches in an iteration
+    return params, epoch(params, adam, batch, jnp.arange(32), config)[0]
+
+
+@pytest.mark.parametrize(("iteration", "share"), [(0, 0.75), (1, 0.5), (2, 0.25)])
+def test_an_iteration_learns_with_its_share_of_the_step_size(iteration, share):
+    constant = replace(CONFIG, learning_rate=share * 1e-2, learning_rate_decay="none")
+    _, decayed = one_epoch(CONFIG, iteration)
+    _, expected = one_epoch(constant, iteration)
+    _, undecayed = one_epoch(replace(constant, learning_rate=1e-2), iteration)
+    for name, value in decayed.items():
+        np.testing.assert_allclose(value, expected[name], rtol=1e-5, atol=1e-7)
+    assert any(np.abs(decayed[name] - undecayed[name]).max() > 1e-4 for name in decayed)
+
+
+def test_the_last_iteration_learns_nothing_as_in_sb3():
+    before, after = one_epoch(CONFIG, 3)
+    for name, value in before.items():
+        np.testing.assert_array_equal(value, after[name])
+
+
+def test_settings_of_older_runs_mean_what_they_meant():
+    old = replace(CONFIG, learning_rate_decay="none")
+    assert "learning_rate_decay" not in old.to_json()
+    assert PPOConfig.from_json(old.to_json()) == old
+    assert PPOConfig.from_json(CONFIG.to_json()) == CONFIG
+
+
+def test_another_word_is_refused():
+    with pytest.raises(PerdureError, match=r"learning_rate_decay is 'cosine'.*'none' or 'linear'"):
+        replace(CONFIG, learning_rate_decay="cosine")
+
+
+@pytest.mark.parametrize(("iteration", "ceiling"), [(0, -1.0), (1, -1.0 - 2.0 / 2.4), (2, -1.0 - 4.0 / 2.4), (3, -3.0)])
+def test_the_noise_stays_below_a_line(iteration, ceiling):
+    """It falls from -1 to -3 in 60 % of four iterations; log_std would move by at most 0.01 in each of 4 Adam steps."""
+    free = replace(CONFIG, log_std_init=-1.0, learning_rate_decay="none")
+    _, capped = one_epoch(replace(free, log_std_end=-3.0), iteration)
+    _, unbound = one_epoch(free, iteration)
+    np.testing.assert_allclose(capped["log_std"], np.minimum(unbound["log_std"], ceiling), rtol=1e-6)
+    assert (np.asarray(unbound["log_std"]) > -1.05).all()
+    np.testing.assert_array_equal(capped["policy.0.weight"], unbound["policy.0.weight"])
+
+
+def test_a_ceiling_above_the_start_is_refused():
+    with pytest.raises(PerdureError, match=r"log_std_fall is \(0.5, 0.5\)"):
+        replace(CONFIG, log_std_fall=(0.5, 0.5))
+    late = replace(CONFIG, log_std_end=-1.0, log_std_fall=(0.5, 0.9))
+    assert PPOConfig.from_json(late.to_json()) == late
+    with pytest.raises(PerdureError, match=r"log_std_end is 1.*at most log_std_init = 0"):
+        replace(CONFIG, log_std_end=1.0)
+    assert "log_std_end" not in CONFIG.to_json()
+
+
+def test_a_run_of_one_iteration_which_would_learn_nothing_is_refused():
+    with pytest.raises(PerdureError, match=r"total_steps is 32.*more than one rollout of 32 steps"):
+        replace(CONFIG, total_steps=32)
+    replace(CONFIG, total_steps=32, learning_rate_decay="none")
+    replace(CONFIG, total_steps=33)

@@ -1,0 +1,94 @@
+"""Tables and figures agree with results of known answer."""
+
+import polars as pl
+import pytest
+from known_results import HORIZON, make_results
+
+from studies.horizon.figures import all_figures
+from studies.horizon.tables import choice_table, condition_table, gain_table, page_tables
+
+RUNS = {
+    ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
+    ("ppo-short", "none"): {0: None, 1: None, 2: None},
+    ("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0},
+    ("geometric", "constant:500"): {0: None, 1: 10.0, 2: 20.0},
+    ("geometric", "countdown"): {0: 1.0, 1: 2.0, 2: 3.0},
+}
+TWO = ("Swimmer-v3", "HalfCheetah-v3")
+
+
+@pytest.fixture(scope="module")
+def results():
+    return make_results(RUNS)
+
+
+def figures_of(results):
+    return {figure.name: figure for figure in all_figures(results)}
+
+
+def values(spec):
+    """Every row of data in a specification, whichever part of it holds them."""
+    held = [spec.get("data", {}), *(layer.get("data", {}) for layer in spec["layer"])]
+    sets = spec.get("datasets", {})
+    return [row for each in held for row in each.get("values", sets.get(each.get("name"), []))]
+
+
+def test_the_mean_over_tasks_is_student_with_more_freedom():
+    """Two tasks with the same three gains: half the variance of one mean, and 2 + 2 degrees of freedom."""
+    results = make_results(RUNS, tasks=TWO)
+    row = gain_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # gains: 100, 200, 300 of 3,000
+    assert (row["gain"], row["upper"] - row["gain"]) == pytest.approx((200.0 / 3000.0, half))
+    assert "mean of 2 tasks" in str(figures_of(results)["gain"].spec)
+    scores = dict(page_tables(results)["scores"].rows())
+    assert (scores["discounted PPO"], scores["undiscounted PPO"]) == ("0.07 [0.03, 0.10]", "not evaluated")
+
+
+def test_without_a_second_task_there_is_no_mean():
+    assert gain_table(make_results(RUNS, task="Swimmer-v3")).is_empty()
+
+
+def test_a_chosen_clock_that_is_not_yet_evaluated_is_left_out():
+    """Validation chooses C = 100; the test start states so far have C = 500 alone."""
+    test = {("geometric", "constant:500"): {0: 10.0, 1: 10.0, 2: 20.0}}
+    validation = test | {("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0}}
+    assert choice_table(make_results(test, validation)).is_empty()
+
+
+def test_conditions_hold_means_and_intervals(results):
+    row = condition_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    half = 4.302653 * 100.0 / 3**0.5  # Student's t for 2 degrees of freedom
+    assert (row["return"], row["upper"] - row["return"]) == pytest.approx((200.0, half))
+
+
+def test_the_choice_names_its_clocks(results):
+    (row,) = choice_table(results).filter(pl.col("method") == "geometric").to_dicts()
+    assert (row["chosen"], row["optimistic clock"], row["bias"]) == ("constant:100", "constant:100", 0.0)
+
+
+def test_figures_show_what_the_tables_say(results):
+    figures = figures_of(results)
+    assert {"figure-3-1-hopper-v3", "figure-3-2", "figure-a-2-hopper-v3", "survival-hopper-v3"} <= set(figures)
+    shown = [row for row in values(figures["figure-3-2"].spec) if row.get("label") == "discounted PPO" and "low" in row]
+    assert shown
+    assert [row["x"] for row in shown] == pytest.approx([200.0 / (3.0 * HORIZON)] * len(shown), rel=1e-5)
+    bars = {row["method"]: row for row in values(figures["verdicts-hopper-v3"].spec) if row["verdict"] == "holds"}
+    assert bars["discounted PPO"]["share"] == 1.0
+
+
+def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it():
+    results = make_results(RUNS, tasks=("Swimmer-v3", "Ant-v3"))
+    known = pl.when(pl.col("setting") != "Ant-v3").then("level_rate").otherwise(float("nan"))
+    gain = pl.when(pl.col("setting") != "Ant-v3").then("gain").otherwise(float("nan"))
+    object.__setattr__(
+        results, "episodes", results.episodes.with_columns(known.alias("level_rate"), gain.alias("gain"))
+    )
+    figures = figures_of(results)
+    assert {row["row"] for row in values(figures["figure-3-2"].spec)} == {"Swimmer-v3"}
+    assert "Not shown, for want of a published policy: Ant-v3." in figures["figure-3-2"].note
+    assert {row["row"] for row in values(figures["gain"].spec)} == {"Swimmer-v3"}
+
+
+def test_notes_name_the_number_of_training_runs(results):
+    for figure in all_figures(results):
+        assert "training runs" in figure.note or "Training runs" in figure.note

@@ -1,0 +1,392 @@
+"""Intervals, survival curves and differences against what is known beforehand, and against SciPy."""
+
+import math
+import time
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import stats
+
+from perdure.stats import (
+    Difference,
+    Units,
+    bootstrap_interval,
+    compare_paired,
+    compare_unpaired,
+    compare_with,
+    estimate_interval,
+    holm,
+    kaplan_meier,
+    make_units,
+    mean_difference,
+    mean_interval,
+    median_time,
+    survival_interval,
+    t_interval,
+    wilson,
+)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def covered(interval, truth):
+    return float(((interval.lower <= truth) & (truth <= interval.upper)).mean())
+
+
+# Many samples are the columns of one curve: every column has an interval of its own.
+
+
+@pytest.mark.parametrize(
+    ("draw", "truth"),
+    [
+        (lambda r: r.normal(5.0, 2.0, (24, 400)), 5.0),
+        (lambda r: r.exponential(3.0, (40, 400)), 3.0),
+        (lambda r: r.random((30, 400)), 0.5),
+    ],
+)
+def test_a_95_percent_interval_covers_the_true_mean_about_as_often(draw, truth):
+    assert 0.88 <= covered(bootstrap_interval(Units(draw(rng(1)), "x"), rng(), resamples=400), truth) <= 0.99
+
+
+def test_a_50_percent_interval_covers_about_half_the_time_and_a_wrong_mean_is_missed():
+    units = Units(rng(1).normal(5.0, 2.0, (24, 400)), "x")
+    assert 0.40 <= covered(bootstrap_interval(units, rng(), confidence=0.5, resamples=400), 5.0) <= 0.60
+    assert covered(bootstrap_interval(units, rng(), resamples=400), 6.5) < 0.12
+
+
+def test_with_three_units_student_covers_95_percent_and_a_bootstrap_far_less():
+    units = Units(rng(4).normal(5.0, 2.0, (3, 3000)), "x")
+    assert 0.935 < covered(estimate_interval(units, rng()), 5.0) < 0.965
+    assert covered(bootstrap_interval(units, rng(), resamples=200), 5.0) < 0.82
+
+
+def test_students_interval_as_in_the_tables():
+    """t(2) = 4.3027 at 97.5 % and 2.9200 at 95 %: 2 -+ t / sqrt(3)."""
+    three = Units(np.array([1.0, 3.0, 2.0]), "x")
+    interval, narrow = estimate_interval(three, rng()), t_interval(three, confidence=0.9)
+    assert (interval.lower, interval.upper) == pytest.approx((2.0 - 2.484140, 2.0 + 2.484140), abs=1e-5)
+    assert (narrow.lower, narrow.upper) == pytest.approx((2.0 - 1.685854, 2.0 + 1.685854), abs=1e-5)
+    assert interval.method == "Student t"
+    assert estimate_interval(Units(np.arange(9.0), "x"), rng()).method == "Student t"
+    assert estimate_interval(Units(np.arange(10.0), "x"), rng()).method == "bootstrap"
+
+
+@pytest.mark.parametrize("n", [5, 8, 30])
+def test_the_interval_of_the_middle_mean_is_yuens(n):
+    """Beside a group of equal numbers Yuen's test of SciPy has the p value 0.05 at a bound."""
+    values = rng(n).exponential(1.0, n)
+    found = t_interval(Units(values, "x"), "iqm")
+    assert float(found.estimate) == pytest.approx(stats.trim_mean(values, 0.25))
+    for bound in (float(found.lower), float(found.upper)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of precision: the other group has no spread
+            p = stats.ttest_ind(values, np.full(n, bound), equal_var=False, trim=0.25).pvalue
+        assert p == pytest.approx(0.05, abs=1e-6)
+
+
+def test_resampling_episodes_instead_of_runs_misses_the_mean_which_is_why_runs_are_the_units():
+    # 6 runs whose true levels differ (sd 1), 50 episodes each with little noise: the mean is known to +- 1/sqrt(6).
+    source, runs = rng(3), np.repeat(np.arange(6), 50)
+    episodes = np.repeat(source.normal(size=(6, 200)), 50, axis=0) + source.normal(scale=0.1, size=(300, 200))
+    assert covered(mean_interval(episodes, runs, source), 0.0) > 0.88
+    blind = bootstrap_interval(make_units(episodes, np.zeros(300)), source, resamples=300)
+    assert covered(blind, 0.0) < 0.35
+
+
+def test_episodes_are_averaged_within_their_run_whatever_their_number():
+    units = make_units([1.0, 3.0, 10.0, 10.0, 10.0, 10.0], ["a", "a", "b", "b", "b", "b"])
+    assert units.values.tolist() == [2.0, 10.0]
+    assert (units.label, units.count) == ("training seeds", 2)
+    interval = bootstrap_interval(units, rng())
+    assert interval.estimate == 6.0
+    assert (interval.lower, interval.upper) == (2.0, 10.0)
+
+
+def test_one_run_resamples_its_episodes_and_says_so():
+    interval = mean_interval(np.arange(9.0), np.full(9, 7), rng())
+    assert (interval.label, interval.count) == ("evaluation seeds only", 9)
+    assert interval.estimate == 4.0
+    assert 1.5 < interval.lower < 4.0 < interval.upper < 6.5
+
+
+def test_the_iqm_ignores_the_outer_quarters():
+    scores = np.array([-1e6, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 1e9])
+    assert bootstrap_interval(Units(scores, "x"), rng(), "iqm").estimate == 2.5
+    assert bootstrap_interval(Units(scores, "x"), rng(), "mean").estimate == scores.mean()
+
+
+def test_a_two_point_bootstrap_is_the_binomial_distribution():
+    # 40 zeros and 60 ones: the resampled mean is Binomial(100, 0.6) / 100, whose 2.5 % and 97.5 % points are 50 and 69.
+    scores = np.repeat([0.0, 1.0], [40, 60])
+    interval = bootstrap_interval(Units(scores, "x"), rng(), resamples=20_000)
+    assert float(interval.lower) == pytest.approx(0.50, abs=0.011)
+    assert float(interval.upper) == pytest.approx(0.69, abs=0.011)
+
+
+@pytest.mark.parametrize("statistic", ["mean", "iqm"])
+@pytest.mark.parametrize("interval", [bootstrap_interval, estimate_interval])
+def test_degenerate_data_give_an_answer_without_warnings(interval, statistic):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        one = interval(Units(np.array([3.0]), "x"), rng(), statistic)
+        same = interval(Units(np.full(5, 3.0), "x"), rng(), statistic)
+        nearly = interval(Units(np.array([0.0, 1, 1, 1, 1, 1, 1, 1, 9]), "x"), rng(), statistic)
+        broken = interval(Units(np.array([1.0, math.nan, 2.0]), "x"), rng(), statistic)
+        endless = interval(Units(np.array([1.0, math.inf, 2.0]), "x"), rng(), statistic)
+    assert one.estimate == same.estimate == same.lower == same.upper == 3.0
+    assert np.isnan(one.lower)
+    assert np.isnan(one.upper)
+    assert nearly.lower <= nearly.estimate <= nearly.upper
+    assert np.isnan([broken.estimate, broken.lower, endless.estimate, endless.upper]).all()
+
+
+@pytest.mark.parametrize("interval", [bootstrap_interval, estimate_interval])
+def test_a_broken_point_of_a_curve_does_not_break_the_others(interval):
+    curves = np.array([[1.0, math.nan, 5.0], [1.0, 2.0, 7.0], [1.0, 3.0, 9.0]])
+    found = interval(Units(curves, "x"), rng())
+    assert found.estimate[[0, 2]].tolist() == [1.0, 7.0]
+    assert np.isnan(found.estimate[1])
+    assert found.lower[0] == found.upper[0] == 1.0
+    assert found.lower[2] < 7.0 < found.upper[2]
+
+
+def test_the_same_generator_gives_the_same_interval_and_another_a_different_one():
+    units = Units(rng(5).normal(size=(12, 3)), "x")
+    first, again, other = (bootstrap_interval(units, rng(seed)) for seed in (1, 1, 2))
+    assert first.lower.tolist() == again.lower.tolist()
+    assert first.lower.tolist() != other.lower.tolist()
+
+
+def test_the_bootstrap_draws_units_for_all_points_of_a_curve_at_once():
+    """The reference: draw rows, average, take percentiles."""
+    values = rng(5).normal(size=(12, 3))
+    drawn = values.T[..., rng(1).integers(0, 12, (2000, 12))].mean(axis=-1)
+    found = bootstrap_interval(Units(values, "x"), rng(1))
+    np.testing.assert_allclose([found.lower, found.upper], np.quantile(drawn, (0.025, 0.975), axis=-1), rtol=1e-12)
+
+
+def test_thousands_of_curves_are_quick():
+    began = time.process_time()
+    values = rng().normal(size=(8, 200_000))
+    estimate_interval(Units(values, "x"), rng())
+    wilson(rng().random(200_000), 20)
+    assert time.process_time() - began < 2.0  # seconds
+
+
+def test_survival_under_a_known_hazard_is_the_exponential():
+    hazard, steps = 1e-3, np.array([100, 500, 1000, 2000])
+    ends = rng(2).geometric(hazard, size=4000)
+    alive = ends[:, None] > steps
+    curve = survival_interval(alive, np.zeros(4000), rng())
+    truth = np.exp(-hazard * steps)
+    assert np.all((curve.lower - 0.005 < truth) & (truth < curve.upper + 0.005))
+    assert np.all(curve.upper - curve.lower < 0.035)
+    assert not np.any((curve.lower < np.exp(-2 * hazard * steps)) & (np.exp(-2 * hazard * steps) < curve.upper))
+
+
+def test_wilson_reproduces_the_published_example_and_keeps_a_width_at_the_ends():
+    # Newcombe (1998), Statistics in Medicine 17, table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
+    published = {
+        (81, 263): (0.2553, 0.3662),
+        (15, 148): (0.0624, 0.1605),
+        (0, 20): (0.0, 0.1611),
+        (1, 29): (0.0061, 0.1718),
+    }
+    for (hits, count), bounds in published.items():
+        lower, upper = wilson(hits / count, count)
+        assert (float(lower), float(upper)) == pytest.approx(bounds, abs=5e-5)
+    lower, upper = wilson(1.0, 24)
+    assert 0.8 < lower < upper == 1.0
+
+
+@pytest.mark.parametrize("confidence", [0.9, 0.95])
+def test_wilson_is_scipys_for_many_shares_at_once(confidence):
+    lower, upper = wilson(np.arange(21) / 20, 20, confidence)
+    found = [stats.binomtest(k, 20).proportion_ci(confidence, "wilson") for k in range(21)]
+    np.testing.assert_allclose(lower, [each.low for each in found], atol=1e-12)
+    np.testing.assert_allclose(upper, [each.high for each in found], atol=1e-12)
+
+
+def test_survival_of_several_runs_resamples_runs():
+    alive = np.array([1, 1, 1, 1, 0, 0, 0, 0], dtype=bool)
+    curve = survival_interval(alive, [0, 0, 0, 0, 1, 1, 1, 1], rng())
+    assert (curve.estimate, curve.lower, curve.upper) == (0.5, 0.0, 1.0)
+    assert (curve.label, curve.count) == ("training seeds", 2)
+
+
+def test_kaplan_meier_by_hand():
+    """1 of 5 fails at 2; one is cut at 3, as another fails: it still counts; 1 of the 2 left fails at 7."""
+    times, failed = [2.0, 3.0, 3.0, 7.0, 9.0], [True, True, False, True, False]
+    at, share = kaplan_meier(times, failed)
+    assert dict(zip(at.tolist(), share.tolist(), strict=True)) == pytest.approx({2: 0.8, 3: 0.6, 7: 0.3, 9: 0.3})
+    assert median_time(times, failed) == 7.0
+    assert math.isnan(median_time([1.0, 2.0], [False, False]))
+    assert median_time([0.0, 5.0], [True, False]) == 0.0
+
+
+@pytest.mark.parametrize(("values", "runs"), [([], []), ([1.0, 2.0], [0]), (1.0, 0), ([[1.0]], [[0]])])
+def test_shapes_that_do_not_fit_are_refused(values, runs):
+    with pytest.raises(ValueError, match="one run per episode"):
+        make_units(values, runs)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    arrays(np.float64, st.tuples(st.integers(2, 8), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)),
+    st.sampled_from(["mean", "iqm"]),
+)
+def test_percentile_bounds_lie_within_the_data_and_move_with_it(scores, statistic):
+    interval = bootstrap_interval(Units(scores, "x"), rng(), statistic, resamples=100)
+    slack = 1e-9 * (1.0 + np.abs(scores).max())
+    assert np.all(scores.min(axis=0) - slack <= interval.lower)
+    assert np.all(interval.lower <= interval.upper)
+    assert np.all(interval.upper <= scores.max(axis=0) + slack)
+    moved = bootstrap_interval(Units(-scores, "x"), rng(), statistic, resamples=100)
+    assert moved.estimate == pytest.approx(-interval.estimate, abs=float(slack))
+
+
+# Differences
+
+
+@pytest.fixture
+def groups():
+    rng = np.random.default_rng(3)
+    return rng.normal(1.0, 1.0, 5), rng.normal(0.0, 3.0, 9)
+
+
+def test_unpaired_is_welch(groups):
+    found, reference = compare_unpaired(*groups), stats.ttest_ind(*groups, equal_var=False)
+    interval = reference.confidence_interval(0.95)
+    assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
+    assert found.p() == pytest.approx(reference.pvalue)
+    assert found.count == "5 against 9"
+
+
+def test_paired_is_student_over_differences_of_common_runs(groups):
+    left, right = dict(enumerate(groups[0])), dict(enumerate(groups[1]))
+    found, reference = compare_paired(left, right), stats.ttest_rel(groups[0], groups[1][:5])
+    interval = reference.confidence_interval(0.95)
+    assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
+    assert found.p() == pytest.approx(reference.pvalue)
+
+
+def test_pairing_narrows_the_interval_of_runs_that_vary_together():
+    runs = {seed: 10.0 * seed for seed in range(5)}
+    better = {seed: value + 1.0 + 0.01 * seed for seed, value in runs.items()}
+    assert compare_paired(better, runs).lower > 0.0
+    assert compare_unpaired(list(better.values()), list(runs.values())).lower < 0.0
+
+
+def test_against_a_number_is_student(groups):
+    found, reference = compare_with(list(groups[1]), 0.5), stats.ttest_1samp(groups[1], 0.5)
+    assert found.p() == pytest.approx(reference.pvalue)
+
+
+def test_p_of_another_threshold(groups):
+    reference = stats.ttest_ind(groups[0] - 2.0, groups[1], equal_var=False)
+    assert compare_unpaired(*groups).p(2.0) == pytest.approx(reference.pvalue)
+
+
+def test_improvement_is_the_share_of_pairs():
+    assert compare_unpaired([1.0, 3.0], [0.0, 3.0]).improvement == pytest.approx((1 + 0 + 1 + 0.5) / 4)
+
+
+def test_no_spread_has_the_p_value_of_the_permutation_test():
+    found = compare_unpaired([1.0] * 3, [0.0] * 3)
+    assert (found.lower, found.upper) == (1.0, 1.0)
+    assert found.p() == pytest.approx(2 / 20)  # 2 of the 20 ways to choose 3 of 6 are as extreme
+
+
+def test_permutation_of_two_groups_counts_by_hand():
+    """Of the 10 ways to choose 2 of 5, only {8, 9} is as great as the left side: one-sided 1 / 10."""
+    found = compare_unpaired([8.0, 9.0], [1.0, 2.0, 3.0])
+    assert found.permutation_p() == pytest.approx(2 / 10)
+    assert found.permutation_p(6.5) == pytest.approx(1.0)  # shifted by their difference the sides are alike
+
+
+@pytest.mark.parametrize(("n", "m"), [(2, 3), (3, 3), (3, 10), (5, 5)])
+@pytest.mark.parametrize("shift", [0.0, 1.0, 100.0])
+def test_permutation_of_two_groups_agrees_with_scipy(n, m, shift):
+    rng = np.random.default_rng(n + m)
+    left, right = rng.normal(size=n).round(1) + shift, rng.normal(size=m).round(1)
+
+    def difference(a, b, axis):
+        return a.mean(axis) - b.mean(axis)
+
+    expected = stats.permutation_test((left, right), difference, vectorized=True, n_resamples=np.inf)
+    assert compare_unpaired(left, right).permutation_p() == pytest.approx(expected.pvalue)
+
+
+def test_permutation_of_pairs_flips_signs():
+    """All four differences are positive: 1 of 2^4 flips is as great, or 2 where the least difference is 0."""
+    left, right = {0: 2.0, 1: 3.0, 2: 4.0, 3: 5.0}, dict.fromkeys(range(4), 1.0)
+    assert compare_paired(left, right).permutation_p() == pytest.approx(2 / 16)
+    assert compare_with([2.0, 3.0, 4.0, 5.0], 2.0).permutation_p() == pytest.approx(4 / 16)
+
+
+def test_a_large_permutation_test_is_near_welch_and_gives_the_same_p_twice():
+    rng = np.random.default_rng(5)
+    left, right = rng.normal(0.6, 1.0, 20), rng.normal(0.0, 1.0, 20)
+    found = compare_unpaired(left, right)
+    assert found.permutation_p() == pytest.approx(found.p(), abs=0.01)
+    assert found.permutation_p() == compare_unpaired(left, right).permutation_p()
+
+
+@pytest.mark.parametrize("runs", [3, 6, 20])
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_runs_that_agree_have_no_spread_whatever_their_rounding(value, runs):
+    """0.9 three times has a standard deviation of 1e-16; a t test would find p = 1e-32."""
+    found = compare_with([value] * runs, 0.1)
+    assert found.half == 0.0
+    assert found.p() == found.permutation_p() > 1e-6
+
+
+def test_ties_with_a_number_count_half():
+    assert compare_with([1.0, 2.0, 3.0, 3.0], 2.0).improvement == pytest.approx((0 + 0.5 + 1 + 1) / 4)
+
+
+def test_one_run_gives_no_interval():
+    found = compare_unpaired([1.0], [0.0, 2.0])
+    assert math.isnan(found.lower)
+    assert math.isnan(found.p())
+    assert math.isnan(found.permutation_p())
+
+
+def test_holm():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_holm_counts_comparisons_that_are_not_there_yet():
+    now, later = [0.01, math.nan, 0.03, 0.005], [0.01, 0.04, 0.03, 0.005]
+    adjusted = holm(now)
+    assert adjusted == pytest.approx([0.03, math.nan, 0.06, 0.02], nan_ok=True)
+    assert all(a <= b or math.isnan(b) for a, b in zip(holm(later), adjusted, strict=True))
+
+
+def test_a_mean_of_differences_by_hand():
+    """Errors 3 and 4: the mean has sqrt(9 + 16) / 2 = 2.5, and 625 / (81 / 4 + 256 / 9) degrees of freedom."""
+    first = Difference(5.0, 1.0, 3.0, 4.0, 0.9, 5, 7, "Welch t")
+    second = Difference(2.0, 0.0, 4.0, 9.0, 0.5, 10, 6, "Welch t")
+    found = mean_difference([first, second])
+    assert (found.estimate, found.error) == pytest.approx((3.0, 2.5))
+    assert found.freedom == pytest.approx(625.0 / (81.0 / 4.0 + 256.0 / 9.0))
+    assert found.improvement == pytest.approx(0.7)
+    assert (found.n_left, found.n_right) == (5, 6)
+    scaled = mean_difference([first, second], [2.0, 4.0])
+    assert scaled.estimate == pytest.approx((4.0 / 2.0 + 2.0 / 4.0) / 2.0)
+    assert scaled.error == pytest.approx(math.hypot(3.0 / 2.0, 4.0 / 4.0) / 2.0)
+
+
+def test_adjusted_p_values_are_at_most_1():
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+def test_a_tie_of_paired_runs_counts_half():
+    found = compare_paired({0: 1.0, 1: 2.0, 2: 4.0, 3: 0.0}, {0: 1.0, 1: 1.0, 2: 3.0, 3: 5.0})
+    assert found.improvement == pytest.approx((0.5 + 1 + 1 + 0) / 4)
