@@ -27,7 +27,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from perdure.envs import make_world
+from perdure.envs import task_spec
 from perdure.learn import method_config
 from perdure.runs import write_atomic
 
@@ -69,9 +69,7 @@ Case = tuple[Callable[[], tuple[float, float]], str, str]
 
 def sb3_config(task: str, seed: int, iterations: int) -> dict[str, Any]:
     """Return the settings that our preset gives this task, in the form the peer's script reads."""
-    world = make_world(task, [0])
-    config = method_config("ppo", task, world.spec.observation_size)
-    world.close()
+    config = method_config("ppo", task, task_spec(task).observation_size)
     values = {k: v for k, v in config.to_json().items() if k not in ("protocol", "segment_steps")}
     horizon = int(config.protocol.horizon.longest)
     gammas = {"gamma": config.protocol.gamma, "normalizer_gamma": config.protocol.normalizer_gamma}
@@ -123,10 +121,8 @@ def alternate(mine: Callable[[], float], theirs: Callable[[], float], rounds: in
 
 def train(task: str, cores: str, seeds: int, their_seeds: int) -> tuple[float, float]:
     """Environment steps a second, one process of each side a core."""
-    configs, processes = (
-        [sb3_config(task, seed, ITERATIONS[task]) for seed in range(their_seeds)],
-        len(cores.split(",")),
-    )
+    configs = [sb3_config(task, seed, ITERATIONS[task]) for seed in range(their_seeds)]
+    processes = len(cores.split(","))
     return alternate(
         lambda: ours(cores, "train", task, seeds, ITERATIONS[task], processes)["steps_per_second"],
         lambda: sum(each["steps_per_second"] for each in peers(cores, "train", configs)),

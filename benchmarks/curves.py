@@ -21,8 +21,8 @@ import polars as pl
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bench import HERE, peers, sb3_config
-from measure import world_spec
 
+from perdure.envs import task_spec
 from perdure.learn import TrainRun, method_config, train
 from perdure.report import charts
 from perdure.report.charts import Axis, Curve, Figure, curve_chart, save
@@ -49,7 +49,7 @@ def run() -> None:
     """Train what is missing."""
     for task, (ours, sb3, steps) in PLANS.items():
         made = json.loads(RUNS.read_text()).get(task, {})
-        config = method_config("ppo", task, world_spec(task).observation_size)
+        config = method_config("ppo", task, task_spec(task).observation_size)
         missing = tuple(seed for seed in range(ours) if str(seed) not in made.get("perdure", {}))
         training = TrainRun(task, "ppo", dataclasses.replace(config, total_steps=steps), missing)
         for seed, path in zip(missing, train(training, HERE / "runs", on="local") if missing else (), strict=True):

@@ -33,23 +33,15 @@ HOME_LANES, PLACE_LANES = 12, 64
 MANIPULATION = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
 
 
-def world_spec(task: str) -> Any:
-    """Return sizes and bounds of a task."""
-    from perdure.envs import make_world
-
-    world = make_world(task, [0])
-    world.close()
-    return world.spec
-
-
 def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
     """Environment steps a second, all processes together, from the end of each seed's second iteration on.
 
     A number of seeds that the processes share evenly keeps each of them busy beside the others.
     """
+    from perdure.envs import task_spec
     from perdure.learn import TrainRun, method_config, on_report, train
 
-    config = method_config("ppo", task, world_spec(task).observation_size)
+    config = method_config("ppo", task, task_spec(task).observation_size)
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
     marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
@@ -91,22 +83,22 @@ def engine_seconds(task: str, seeds: list[int], steps: Sequence[tuple[np.ndarray
 def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     """Lane steps a second of our closed loop, and of the engine alone fed with the same actions, in turn."""
     from perdure.envs import make_world
-    from perdure.evaluate import LaneSpec, evaluate_lanes
+    from perdure.evaluate import EpisodeSpec, evaluate_episodes
     from perdure.evaluate.episodes import FIRST_EVAL_SEED
     from perdure.policy import load_policy
 
     policy = load_policy(f"{task}/geometric")
-    specs = [LaneSpec(0, policy.clock, seed) for seed in range(lanes)]
+    specs = [EpisodeSpec(0, policy.clock, seed) for seed in range(lanes)]
     seeds = [FIRST_EVAL_SEED + seed for seed in range(lanes)]
     recording = Recording(make_world(task, seeds))
-    evaluate_lanes([policy], specs, steps, world=recording)
+    evaluate_episodes([policy], specs, steps, world=recording)
     recording.close()
     made = sum(len(ids) for _, ids in recording.log)
     ours, engine = [], []
     for _ in range(REPEATS):
         world = make_world(task, seeds)  # before the clock runs, as the engine's
         began = time.perf_counter()
-        evaluate_lanes([policy], specs, steps, world=world)
+        evaluate_episodes([policy], specs, steps, world=world)
         ours.append(made / (time.perf_counter() - began))
         world.close()
         engine.append(made / engine_seconds(task, seeds, recording.log))
@@ -138,9 +130,10 @@ def products(config: Any, inputs: int, actions: int, repeats: int = 300) -> floa
 
 def floors(task: str, steps: int = 5000) -> dict[str, float]:
     """Seconds of one step of one environment in EnvPool, its resets included, and of the products for it."""
+    from perdure.envs import task_spec
     from perdure.learn import method_config
 
-    spec = world_spec(task)
+    spec = task_spec(task)
     config = method_config("ppo", task, spec.observation_size)
     actions, lane = np.random.default_rng(0).uniform(-1, 1, (steps, 1, spec.action_size)), np.zeros(1, np.int32)
     engine = engine_seconds(task, [0], [(action, lane) for action in actions]) / steps
@@ -164,10 +157,9 @@ class Engine:
 
 def scene() -> dict[str, float]:
     """Lane steps a second: full scenes, all collisions, where at least half of the lanes manipulate."""
-    import perdure.home.evaluate.execute.executor as executor_module
-
     from perdure.home.agents.learned import Scripted
     from perdure.home.agents.scripted import Oracle
+    from perdure.home.evaluate import execute
     from perdure.home.evaluate.execute import Executor, ExecutorOptions
     from perdure.home.sim.vector_simulator import VectorSimulator
     from perdure.home.skills import get_skill
@@ -184,16 +176,13 @@ def scene() -> dict[str, float]:
     skills = {step.skill: get_skill(step.skill) for step in episodes[0].home_task.skills}
     oracle = Oracle()
     agents = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
-    executor_module.VectorSimulator = Recorded  # type: ignore[misc]
+    execute.VectorSimulator = Recorded  # type: ignore[misc]
     manipulates = np.zeros(100_000)
     for episode in Executor(skills, agents, ExecutorOptions(lanes=HOME_LANES, threads=1)).run(episodes):
         for done in episode.runs:
             manipulates[done.begin : done.end] += done.skill in MANIPULATION
-    timed, engine, runs = (
-        [count >= 0.5 * len(step[1]) for count, step in zip(manipulates, log, strict=False)],
-        Engine(),
-        [],
-    )
+    timed = [count >= 0.5 * len(step[1]) for count, step in zip(manipulates, log, strict=False)]
+    engine, runs = Engine(), []
     for _ in range(REPEATS):
         world = VectorSimulator(HOME_LANES, threads=1)
         for lane, episode in enumerate(episodes):
@@ -244,7 +233,7 @@ def tasks() -> dict[str, float]:
 
     On all cores of this process; the policies, the building of scenes and the logs included.
     """
-    from perdure.home.evaluate.outcomes import read_logs
+    from perdure.home.evaluate.files import read_logs
     from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 
     with tempfile.TemporaryDirectory() as out:

@@ -2,7 +2,7 @@
 
 python benchmarks/study_slice.py CONFIG.json
 
-CONFIG.json is also what benchmarks/peers/sb3_study.py reads: the same training runs, clocks, start states and steps.
+CONFIG.json is also what `benchmarks/peers/sb3.py study` reads: the same training runs, clocks, start states and steps.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from perdure.envs import make_world
+from perdure.envs import task_spec
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.learn import TrainRun, method_config, train
 
@@ -23,9 +23,7 @@ from perdure.learn import TrainRun, method_config, train
 def study(config: dict[str, Any], out: Path) -> float:
     """Return the seconds from the start of the training runs to the written table."""
     task, total = config["task"], config["total_steps"]
-    world = make_world(task, [0])
-    settings = method_config("geometric", task, world.spec.observation_size)
-    world.close()
+    settings = method_config("geometric", task, task_spec(task).observation_size)
     settings = dataclasses.replace(settings, total_steps=total, segment_steps=total)
     began = time.perf_counter()
     run = TrainRun(task, "geometric", settings, tuple(config["seeds"]))

@@ -3,7 +3,7 @@
 | file | what it holds |
 |---|---|
 | `__main__.py` | `python -m studies NAME`: run, show or analyze a study |
-| `files.py`, `comparison.py` | tables and pages; differences between groups of training runs |
+| `files.py` | what units left; tables, and their copies in pages |
 | `horizon/` | does a policy hold beyond its training horizon, and does a constant time-to-go help? |
 | `placement/` | do placed objects stay, and which release strategy and which world decide it? |
 """

@@ -11,8 +11,7 @@ from typing import Any, Literal
 
 import tyro
 
-from perdure.cli.flags import Cores, On
-from perdure.cli.parse import check_folder
+from perdure.cli.parse import Cores, On, check_folder
 from perdure.errors import PerdureError
 from perdure.runs import Store, Unit, check_on, read_unit_progress, run_missing
 from perdure.runs.progress import count_states, show_progress, total_share

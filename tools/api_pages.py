@@ -16,8 +16,17 @@ import docstrings
 
 import perdure
 
-FIRST = ("perdure", "horizon", "wrappers", "envs", "policy", "learn", "evaluate", "stats", "report", "runs", "film")
+FIRST = ("perdure", "horizon", "wrappers", "envs", "policy", "learn", "evaluate", "stats", "report", "runs", "errors")
 """Parts of the package in the order of their pages; the others follow."""
+
+ALSO = (
+    *("errors", "film", "policy.onnx", "learn.advantages"),
+    *("home.agents.learned", "home.agents.release", "home.sim.scene", "home.tasks.episodes", "home.tasks.tasks"),
+    *("home.skills.gym", "home.skills.train"),
+    *(f"home.evaluate.{name}" for name in ("analysis", "execute", "files", "log", "outcomes", "page", "policies")),
+    "home.evaluate.protocol",
+)
+"""Modules that users import from and that `public_modules` would not find."""
 
 INDEX = """# Python API
 
@@ -33,14 +42,22 @@ be imported from `perdure` itself.
 
 
 def public_modules() -> list[str]:
-    """Return the names of all packages, and of all modules directly in perdure, that have `__all__`; parents first."""
+    """Return the names of all packages and modules directly in perdure that have `__all__`, and of `ALSO`."""
     found = ["perdure"]
     found += [
         each.name
         for each in pkgutil.walk_packages(perdure.__path__, "perdure.")
         if each.ispkg or (each.name.count(".") == 1 and not each.name.endswith("__main__"))
     ]
-    return [name for name in found if hasattr(importlib.import_module(name), "__all__")]
+    also = [f"perdure.{name}" for name in ALSO]
+    return [*(name for name in found if hasattr(importlib.import_module(name), "__all__")), *also]
+
+
+def public_names(module: str) -> list[str]:
+    """Return `__all__` of a module, or else the classes and functions that it defines."""
+    values = vars(importlib.import_module(module))
+    defined = [name for name, value in values.items() if getattr(value, "__module__", "") == module]
+    return list(values.get("__all__", [name for name in defined if not name.startswith("_")]))
 
 
 def owners(packages: list[str]) -> dict[tuple[str, int], str]:
@@ -50,7 +67,7 @@ def owners(packages: list[str]) -> dict[tuple[str, int], str]:
     """
     owner: dict[tuple[str, int], str] = {}
     for package in packages:
-        for name in importlib.import_module(package).__all__:
+        for name in public_names(package):
             value = getattr(importlib.import_module(package), name)
             key = name, id(value)
             if key not in owner or _nearness(value, package) >= _nearness(value, owner[key]):
@@ -71,8 +88,9 @@ def _place(package: str) -> tuple[int, str]:
 def page(package: str, owner: dict[tuple[str, int], str]) -> str:
     """Return the page of a package in Markdown, with its directives in reStructuredText."""
     module = importlib.import_module(package)
-    own = [name for name in module.__all__ if owner[name, id(getattr(module, name))] == package]
-    others = [name for name in module.__all__ if name not in own]
+    names = public_names(package)
+    own = [name for name in names if owner[name, id(getattr(module, name))] == package]
+    others = [name for name in names if name not in own]
     parts = [f".. automodule:: {package}\n   :no-members:\n"]
     if others:
         links = [f"* :py:obj:`{name} <{owner[name, id(getattr(module, name))]}.{name}>`" for name in others]

@@ -15,7 +15,6 @@ from unittest.mock import patch
 import tyro
 
 from perdure import cli
-from perdure.cli import home
 
 HEAD = """# Command line
 
@@ -26,7 +25,7 @@ written as `100000`, `100_000` or `1e5`. A wrong flag or value ends with one lin
 
 def commands() -> tuple[str, ...]:
     """Return the name of every command, such as "home run"."""
-    return (*(name for name in cli.COMMANDS if name != "home"), *(f"home {name}" for name in home.COMMANDS))
+    return (*(name for name in cli.COMMANDS if name != "home"), *(f"home {name}" for name in cli.HOME_COMMANDS))
 
 
 class _SeenError(Exception):

@@ -9,14 +9,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from perdure.home.sim.objects import YcbObjects
-from perdure.home.tasks.episodes import EpisodeSet, ObjectModels, generate_episodes, write_episodes
+from perdure.home.tasks.episodes import EpisodeSet, write_episodes
+from perdure.home.tasks.generation import generate_episodes
 from perdure.home.tasks.tasks import TASKS
 
 PUBLISHED = ("val", "eval")
 """The splits that are published; training draws its own."""
 
 
-def publish(folder: Path, models: ObjectModels, seed: int = 0) -> dict[str, Counter[str]]:
+def publish(folder: Path, models: YcbObjects, seed: int = 0) -> dict[str, Counter[str]]:
     """Write the `val` and `eval` episodes of every task into a folder.
 
     Args:

@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 from marks import put
 
-from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, read_release, shipped_policy, shipped_seeds
+from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, read_release, shipped_seeds
 from perdure.home.skills import learned_skills
 from perdure.home.skills.train import evaluate_skill
 from perdure.home.tasks.tasks import TASKS
@@ -132,7 +132,7 @@ def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> No
     """How well policies that are learned on one task for all do on the others; `renewed` are (task, skill)."""
     for skill, home in LEARNED_ON.items():
         for task, seed in product(TASKS, shipped_seeds(home, skill)):
-            name, path = f"{task}/{skill}/seed-{seed}", shipped_policy(task, skill, seed)
+            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill).get(seed)
             if task == home or path is None or path.parent.parent.name == task:
                 continue
             if name in scores and (home, skill) not in renewed:

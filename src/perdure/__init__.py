@@ -2,7 +2,8 @@
 
 | package | what it is for |
 |---|---|
-| `perdure.horizon` | embeddings of the time-to-go, clocks, training horizons, Gymnasium wrappers |
+| `perdure.horizon` | the horizon protocol: embeddings of the time-to-go, training horizons, clocks |
+| `perdure.wrappers` | Gymnasium wrappers for other learners: random horizons, and the time-to-go in the observation |
 | `perdure.envs` | vectorized environments with one interface (`World`) |
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
 | `perdure.learn` | PPO in JAX with a configurable horizon; training methods |

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
+
+_T = TypeVar("_T")
 
 
 class PerdureError(ValueError):
@@ -20,6 +23,13 @@ class PerdureWarning(UserWarning):
 
 class OtherSourceWarning(PerdureWarning):
     """Finished units were made by another version of perdure's source code and are reused."""
+
+
+def lookup(table: Mapping[str, _T], name: str, what: str) -> _T:
+    """Return the entry of a table; an unknown name raises PerdureError, which says what there is and what is near."""
+    if name not in table:
+        raise PerdureError(f"no {what} is named {name!r}; there are {', '.join(table)}{did_you_mean(name, table)}")
+    return table[name]
 
 
 def did_you_mean(name: object, names: Iterable[str], most: int = 1, first: Sequence[str] = ()) -> str:

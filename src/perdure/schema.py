@@ -24,6 +24,7 @@ from perdure.errors import PerdureError
 if TYPE_CHECKING:
     import polars as pl
 
+
 LARGEST = 1e100
 """Numbers are at most this, so that their squares are numbers too."""
 DEEPEST = 20
@@ -40,29 +41,17 @@ UNSEEN = re.compile(f"[{_UNSEEN}]")
 """Characters that change how other text is shown instead of being shown."""
 _UNSEEN_BUT_LINES = re.compile(f"(?![\n\t])[{_UNSEEN}]")
 _SHOWN = rf"\A[^{_UNSEEN}]*\Z"
-
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 """A finite number; an unbounded `float` may be infinite or nan."""
 Line = Annotated[str, Meta(max_length=500, pattern=_SHOWN)]
 """A line of text that does nothing to a terminal."""
 Name = Annotated[str, Meta(min_length=1, max_length=500, pattern=_SHOWN)]
-
-
 Misfits = Callable[["pl.Expr"], "pl.Expr"]
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base class of declared JSON tables with named fields."""
-
-
-_OURS = {
-    "Expected ": "must be ",
-    ", got ": ", not ",
-    "Object missing required field": "has no",
-    "Object contains unknown field": "must not have the field",
-}
-"""Parts of msgspec's messages in the words of ours."""
 
 
 def checked(value: Any, kind: Any, name: str = "") -> Any:
@@ -84,9 +73,18 @@ def checked(value: Any, kind: Any, name: str = "") -> Any:
         where = f"{name}{place.replace('$', '')}".lstrip(".") or "it"
         if text.startswith("Expected") and not place and ", got" not in text:
             text += f", got {_shown(value)}"
-        for theirs, ours in _OURS.items():
-            text = text.replace(theirs, ours)
+        for part, words in _WORDS.items():
+            text = text.replace(part, words)
         raise PerdureError(f"{where} {text}" if text.startswith(("must", "has")) else f"{where}: {text}") from None
+
+
+_WORDS = {
+    "Expected ": "must be ",
+    ", got ": ", not ",
+    "Object missing required field": "has no",
+    "Object contains unknown field": "must not have the field",
+}
+"""Parts of msgspec's messages, and the words that replace them."""
 
 
 def read_json(text: str | bytes, kind: Any = Any) -> Any:
@@ -110,6 +108,16 @@ def read_json(text: str | bytes, kind: Any = Any) -> Any:
     if level:
         raise PerdureError(f"it is nested too deep: more than {DEEPEST} lists and tables inside each other")
     return value if kind is Any else checked(value, kind)
+
+
+def printable(text: str, lines: bool = False) -> str:
+    """Return text without characters that act on a terminal; each becomes the replacement character.
+
+    Args:
+        text: Of any origin.
+        lines: Keep line ends and tabs.
+    """
+    return (_UNSEEN_BUT_LINES if lines else UNSEEN).sub("\ufffd", text)
 
 
 class Parquet:
@@ -148,6 +156,9 @@ def _decoding() -> Iterator[None]:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise PerdureError(f"it is not a readable Parquet file: {reason}") from None
+
+
+# What the columns of a table may hold
 
 
 class Kind:
@@ -266,16 +277,6 @@ class Items(Kind):
         super().__init__(Annotated[list[kind.type], Meta(min_length=shortest, max_length=longest)])  # type: ignore[name-defined]
 
 
-@dataclass(frozen=True)
-class Rule:
-    """What the fields of a table must have in common."""
-
-    sentence: str
-    """What must hold."""
-    broken: Callable[[Callable[[str], Any]], Any]
-    """Given a function from a field's name to its value (or its column), says where the rule is broken."""
-
-
 class Table(Kind):
     """Named fields, and rules between them; or any number of fields of one kind, `others`."""
 
@@ -312,6 +313,16 @@ class Table(Kind):
         super().__init__(row if others is None else dict[str, others.type])  # type: ignore[name-defined]
 
 
+@dataclass(frozen=True)
+class Rule:
+    """What the fields of a table must have in common."""
+
+    sentence: str
+    """What must hold."""
+    broken: Callable[[Callable[[str], Any]], Any]
+    """Given a function from a field's name to its value (or its column), says where the rule is broken."""
+
+
 def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
     """Check every row of a table whose columns have the right types already, a few columns at a time.
 
@@ -341,13 +352,3 @@ def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
 def _first(frame: pl.DataFrame, wrong: pl.Expr) -> int | None:
     found = frame.select(wrong.arg_max().alias("row"), wrong.any().alias("any")).row(0)
     return int(found[0]) if found[1] else None
-
-
-def printable(text: str, lines: bool = False) -> str:
-    """Return text without characters that act on a terminal; each becomes the replacement character.
-
-    Args:
-        text: Of any origin.
-        lines: Keep line ends and tabs.
-    """
-    return (_UNSEEN_BUT_LINES if lines else UNSEEN).sub("\ufffd", text)

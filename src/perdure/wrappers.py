@@ -1,6 +1,7 @@
 """Gymnasium wrappers for any library: random horizons, and the time-to-go in the observation.
 
-Gymnasium keeps the entry ``key`` of all lanes in one array and says in the mask ``_key`` which lanes have one.
+`HorizonLimit` and `TimeToGoObservation` wrap one environment. `VectorHorizonLimit` and `VectorTimeToGoObservation` do
+the same for every environment of a vector, in its own autoreset mode.
 """
 
 from __future__ import annotations
@@ -30,214 +31,14 @@ else:
     AnyVectorWrapper = VectorWrapper  # takes type parameters from Gymnasium 1.4 on
 
 
-OBSERVATION, TIME_TO_GO = "observation", "time_to_go"
-
-
-def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Space[Any]:
-    """Return the space of observations with phi.
-
-    Args:
-        space: Space of the observations of one environment.
-        size: Numbers in phi.
-        as_dict: Dict {"observation", "time_to_go"} instead of one flat Box.
-
-    Raises:
-        PerdureError: If a flat vector is asked for and the observations are none of floating-point numbers.
-    """
-    flat = isinstance(space, spaces.Box) and len(space.shape) == 1 and np.issubdtype(space.dtype, np.floating)
-    if not (as_dict or flat):
-        raise PerdureError(f"phi cannot be appended to observations in {space}: use dict=True, or flatten them first")
-    dtype = space.dtype if isinstance(space, spaces.Box) and flat else np.dtype(np.float32)
-    # No bounds: an embedding need not stay in [0, 1].
-    phi = spaces.Box(-np.inf, np.inf, (size,), dtype.type)
-    if as_dict:
-        return spaces.Dict({OBSERVATION: space, TIME_TO_GO: phi})
-    assert isinstance(space, spaces.Box)
-    return spaces.Box(np.concatenate([space.low, phi.low]), np.concatenate([space.high, phi.high]), dtype=dtype.type)
-
-
-def append(space: spaces.Space[Any], observation: Any, phi: NDArray[np.float64]) -> Any:
-    """Return the observation with phi, as a member of ``space``.
-
-    Args:
-        space: From :func:`appended_space`.
-        observation: One observation, or a batch of them.
-        phi: Shape (size,), or (n, size) for a batch.
-    """
-    if isinstance(space, spaces.Dict):
-        return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
-    return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
-
-
-def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
-    """Return the info dictionary of one lane.
-
-    Args:
-        infos: Of all lanes.
-        lane: Its number.
-    """
-    keys = [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]
-    return {key: _entry(infos[key], lane) for key in keys}
-
-
-def forget_lane(infos: dict[str, Any], lane: int) -> None:
-    """Remove one lane's entries, in place; delete an entry that no lane has any more.
-
-    Args:
-        infos: Of all lanes.
-        lane: Its number.
-    """
-    for key in [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]:
-        infos[f"_{key}"][lane] = False
-        if not infos[f"_{key}"].any():
-            del infos[key], infos[f"_{key}"]
-        elif isinstance(infos[key], dict):
-            forget_lane(infos[key], lane)
-        else:
-            infos[key][lane] = None if infos[key].dtype == object else 0
-
-
-def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArray[np.bool_]) -> None:
-    """Merge, in place, infos without masks, as EnvPool returns them: one row for each lane that was reset.
-
-    Args:
-        infos: Of a step, all lanes.
-        fresh: Of a reset of ``lanes`` only.
-        lanes: Mask of shape (n,).
-    """
-    for key, value in infos.items():
-        rows = fresh.get(key)
-        bare = isinstance(value, np.ndarray) and f"_{key}" not in infos and len(value) == len(lanes)
-        if bare and isinstance(rows, np.ndarray) and rows.shape == (lanes.sum(), *value.shape[1:]):
-            infos[key] = value.copy()
-            infos[key][lanes] = rows
-
-
-def lane_observation(space: spaces.Space[Any], observations: Any, lane: int) -> Any:
-    """Return a copy of one lane's observation.
-
-    Args:
-        space: Of the batch.
-        observations: Of all lanes.
-        lane: Its number.
-    """
-    return deepcopy(list(iterate(space, observations))[lane])
-
-
-def replace_lanes(observations: Any, fresh: Any, lanes: NDArray[np.bool_]) -> Any:
-    """Return observations with those of ``lanes`` replaced.
-
-    Args:
-        observations: Of a step, all lanes: an array, or dictionaries and tuples of arrays.
-        fresh: Of a reset with ``reset_mask=lanes``: all lanes (Gymnasium) or only those (EnvPool).
-        lanes: Mask of shape (n,).
-
-    Raises:
-        PerdureError: If other lanes changed: the environment ignores ``reset_mask`` and has reset them too.
-    """
-    if isinstance(observations, dict):
-        return {key: replace_lanes(value, fresh[key], lanes) for key, value in observations.items()}
-    if isinstance(observations, tuple):
-        return tuple(replace_lanes(old, new, lanes) for old, new in zip(observations, fresh, strict=True))
-    if not isinstance(observations, np.ndarray):
-        return fresh
-    if len(fresh) != len(lanes):
-        rows = observations.copy()
-        rows[lanes] = fresh
-        return rows
-    if not np.array_equal(observations[~lanes], fresh[~lanes], equal_nan=observations.dtype.kind == "f"):
-        raise PerdureError(
-            "this vector environment ignores options={'reset_mask': ...}, so single lanes cannot be ended from "
-            "outside: put HorizonLimit around each environment, inside a SyncVectorEnv"
-        )
-    return fresh
-
-
-def _entry(values: Any, lane: int) -> Any:
-    if isinstance(values, dict):
-        return lane_info(values, lane)
-    # Gymnasium makes an object array of NumPy's own bool, but not of Python's.
-    return bool(values[lane]) if values.dtype == bool else values[lane]
-
-
+Obs = TypeVar("Obs")
+Act = TypeVar("Act")
+Layer = TypeVar("Layer")
+StepResult = tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 HORIZON_STREAM = 1
 """Spawn key of the horizons' random numbers: seeded like the environment, but a separate stream. From the same
 stream, long episodes would go with certain start states."""
-
-
-def horizon_generator(seed: int | None) -> np.random.Generator:
-    """Return the generator that draws the horizons of one environment.
-
-    Args:
-        seed: The environment's seed; None takes fresh entropy.
-    """
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
-
-
-def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generator) -> float:
-    """Return T of the next episode, in steps.
-
-    Args:
-        distribution: Distribution of T.
-        generator: From :func:`horizon_generator`.
-    """
-    return float(distribution.from_uniform(generator.random()))
-
-
-def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
-    """Refuse an invalid limit.
-
-    Args:
-        env: Environment or vector environment to be limited.
-        distribution: Distribution of T.
-        end: What reaching T means.
-
-    Raises:
-        PerdureError: If distribution or end are invalid, or the environment would cut episodes before the longest T.
-    """
-    if not isinstance(distribution, HorizonDistribution):
-        raise PerdureError(
-            f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
-        )
-    check_end(end)
-    own = own_limit(env)
-    if own < distribution.longest:
-        raise PerdureError(
-            f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
-            f"({distribution.longest:g}): "
-            "make it without that limit (gymnasium.make with max_episode_steps=-1, envpool.make with a larger one)"
-        )
-
-
-def own_limit(env: Any) -> float:
-    """Return the environment's own step limit if it can be read; else infinity.
-
-    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv), the limit in the spec of another vector environment,
-    and EnvPool's max_episode_steps.
-
-    Args:
-        env: Environment or vector environment.
-    """
-    if isinstance(env, gymnasium.vector.VectorEnv):
-        inner: Any = env.unwrapped
-        if isinstance(inner, gymnasium.vector.SyncVectorEnv):
-            return min(own_limit(part) for part in inner.envs)
-        pool = getattr(inner, "config", {})
-        pooled = pool.get("max_episode_steps") if isinstance(pool, dict) else None
-        remote = isinstance(inner, gymnasium.vector.AsyncVectorEnv)
-        spec = inner.get_attr("spec")[0] if remote else getattr(inner, "spec", None)
-        known = (pooled, getattr(spec, "max_episode_steps", None), math.inf)
-        return min(float(limit) for limit in known if limit is not None and limit > 0)
-    limits = [math.inf]
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, TimeLimit):
-            limits.append(float(env._max_episode_steps))
-        env = env.env
-    return min(limits)
-
-
-Obs = TypeVar("Obs")
-Act = TypeVar("Act")
+OBSERVATION, TIME_TO_GO = "observation", "time_to_go"
 
 
 class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
@@ -275,12 +76,7 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         self._generator: np.random.Generator | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
-        """Start an episode with a new horizon.
-
-        Args:
-            seed: Restarts the horizons' random numbers and those of the environment; None lets them run on.
-            options: Handed on.
-        """
+        """Start an episode with a new horizon. A seed restarts the horizons' random numbers, and the environment's."""
         observation, info = self.env.reset(seed=seed, options=options)
         if self._generator is None or seed is not None:
             self._generator = horizon_generator(seed)
@@ -289,9 +85,6 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
 
     def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:
         """Make one step; on step T one of the two flags is set.
-
-        Args:
-            action: Handed on.
 
         Raises:
             PerdureError: If there was no reset yet.
@@ -304,94 +97,6 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
             terminated = bool(terminated) or self.end == "terminated"
             truncated = not terminated
         return observation, reward, terminated, truncated, info
-
-
-class StepCounter:
-    """Counts the steps since reset of n lanes, and reports which lanes have just started an episode.
-
-    ``NEXT_STEP``: the step after an episode's end is the reset. ``SAME_STEP``: the step that ends an episode is also
-    the reset. ``DISABLED``: the user resets.
-    """
-
-    def __init__(self, num_lanes: int, mode: AutoresetMode) -> None:
-        """Begin with all lanes at 0 steps.
-
-        Args:
-            num_lanes: n.
-            mode: Of the vector environment.
-        """
-        self.mode = mode
-        self.elapsed = np.zeros(num_lanes, np.int64)
-        """Steps since reset that belong to the returned observations, shape (n,)."""
-        self.ended = np.zeros(num_lanes, np.bool_)
-        """Lanes whose episode has ended and which have not been reset yet, shape (n,)."""
-
-    def reset(self, lanes: NDArray[np.bool_]) -> None:
-        """Reset lanes to 0 steps.
-
-        Args:
-            lanes: Mask of shape (n,).
-        """
-        self.elapsed[lanes] = 0
-        self.ended[lanes] = False
-
-    def advance(self) -> NDArray[np.bool_]:
-        """Count a step; return the mask of the lanes that it has reset instead (NEXT_STEP only).
-
-        Raises:
-            PerdureError: If a lane has ended and nothing resets it (DISABLED).
-        """
-        if self.mode is AutoresetMode.DISABLED and self.ended.any():
-            raise PerdureError(
-                f"lanes {np.flatnonzero(self.ended).tolist()} have ended: reset them before the next step with "
-                "reset(options={'reset_mask': mask})"
-            )
-        restarted = self.ended.copy()
-        self.elapsed += 1
-        self.reset(restarted)
-        return restarted
-
-    def end(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record the episodes that ended on this step; return the mask of lanes reset on it (SAME_STEP only).
-
-        Args:
-            done: Mask of shape (n,).
-        """
-        if self.mode is AutoresetMode.SAME_STEP:
-            self.reset(done)
-            return done
-        self.ended = done.copy()
-        return np.zeros_like(done)
-
-
-def autoreset_mode(env: VectorEnv[Any, Any, Any]) -> AutoresetMode:
-    """Return how the vector environment resets its lanes.
-
-    Args:
-        env: A vector environment.
-
-    Raises:
-        PerdureError: If it does not say.
-    """
-    mode = env.metadata.get("autoreset_mode")
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        raise PerdureError(
-            f"{env} does not say how it resets its environments: metadata['autoreset_mode'] must be one of "
-            f"{', '.join(str(known) for known in AutoresetMode)}, got {mode!r}"
-        ) from None
-
-
-def reset_lanes(num_lanes: int, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-    """Return the mask of the lanes that a call of ``reset(options=options)`` resets, shape (n,).
-
-    Args:
-        num_lanes: n.
-        options: As the user passed them, with or without ``reset_mask``.
-    """
-    mask = (options or {}).get("reset_mask")
-    return np.ones(num_lanes, np.bool_) if mask is None else np.array(mask, np.bool_)
 
 
 class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -425,27 +130,18 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)
         self.embedding, self.clock = embedding, clock
-        self._limit = find_limit(env) if clock is None else None
+        self._limit = find_layer(env, HorizonLimit) if clock is None else None
         self._elapsed = 0
         self.observation_space = appended_space(env.observation_space, embedding.size, as_dict=dict)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode at t = 0.
-
-        Args:
-            seed: Handed on.
-            options: Handed on.
-        """
+        """Start an episode at t = 0."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._elapsed = 0
         return self._append(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Make one step.
-
-        Args:
-            action: Handed on.
-        """
+        """Make one step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._elapsed += 1
         return self._append(observation), reward, terminated, truncated, info
@@ -457,26 +153,6 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
             assert self._limit is not None
             time = np.float64(self._limit.elapsed), self._limit.horizon
         return append(self.observation_space, observation, np.asarray(self.embedding(*time)))
-
-
-def find_limit(env: gymnasium.Env[Any, Any]) -> HorizonLimit[Any, Any]:
-    """Return the HorizonLimit among the wrapped environments.
-
-    Args:
-        env: A stack of wrappers.
-
-    Raises:
-        PerdureError: If there is none.
-    """
-    layer = env
-    while isinstance(layer, gymnasium.Wrapper):
-        if isinstance(layer, HorizonLimit):
-            return layer
-        layer = layer.env
-    raise PerdureError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")
-
-
-StepResult = tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
 class VectorHorizonLimit(AnyVectorWrapper):
@@ -548,9 +224,6 @@ class VectorHorizonLimit(AnyVectorWrapper):
     def step(self, actions: Any) -> StepResult:
         """Make one step of all lanes; on step T of a lane one of its two flags is set.
 
-        Args:
-            actions: Handed on.
-
         Raises:
             PerdureError: If a lane has never been reset, or has ended and must be reset by the user (DISABLED).
         """
@@ -584,7 +257,7 @@ class VectorHorizonLimit(AnyVectorWrapper):
         lanes = restarted & self._cut
         if lanes.any():
             for lane in np.flatnonzero(lanes).tolist():
-                last = lane_observation(self.env.observation_space, observations, lane)
+                last = deepcopy(list(iterate(self.env.observation_space, observations))[lane])
                 final = {"final_obs": last, "final_info": lane_info(infos, lane)}
                 forget_lane(infos, lane)
                 infos = self._add_info(infos, final, lane)
@@ -636,7 +309,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         if isinstance(clock, LaneClocks) and len(clock.clocks) != self.num_envs:
             raise PerdureError(f"{self.num_envs} lanes need as many clocks, got {len(clock.clocks)}")
         self.embedding, self.clock = embedding, clock
-        self._limit = find_vector_limit(env) if clock is None else None
+        self._limit = find_layer(env, VectorHorizonLimit) if clock is None else None
         self._counter = StepCounter(self.num_envs, autoreset_mode(env))
         self.single_observation_space = appended_space(env.single_observation_space, embedding.size, as_dict=dict)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -644,12 +317,7 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start episodes at t = 0, in all lanes or those of ``options["reset_mask"]``.
-
-        Args:
-            seed: Handed on.
-            options: Handed on.
-        """
+        """Start episodes at t = 0, in all lanes or those of ``options["reset_mask"]``."""
         lanes = reset_lanes(self.num_envs, options)
         # A copy, because Gymnasium removes the mask from the dictionary it is given.
         below = None if options is None else {**options}
@@ -659,9 +327,6 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
 
     def step(self, actions: Any) -> StepResult:
         """Make one step of all lanes.
-
-        Args:
-            actions: Handed on.
 
         Raises:
             PerdureError: If a lane has ended and must be reset by the user (DISABLED).
@@ -694,18 +359,243 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         return appended
 
 
-def find_vector_limit(env: VectorEnv[Any, Any, Any]) -> VectorHorizonLimit:
-    """Return the VectorHorizonLimit among the wrapped environments.
+# Horizons
 
-    Args:
-        env: A stack of vector wrappers.
+
+def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
+    """Raise PerdureError if the limit is invalid, or the environment would cut episodes before the longest T."""
+    if not isinstance(distribution, HorizonDistribution):
+        raise PerdureError(
+            f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
+        )
+    check_end(end)
+    own = own_limit(env)
+    if own < distribution.longest:
+        raise PerdureError(
+            f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
+            f"({distribution.longest:g}): "
+            "make it without that limit (gymnasium.make with max_episode_steps=-1, envpool.make with a larger one)"
+        )
+
+
+def own_limit(env: Any) -> float:
+    """Return the environment's own step limit if it can be read; else infinity.
+
+    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv), the limit in the spec of another vector environment,
+    and EnvPool's max_episode_steps.
+    """
+    if isinstance(env, gymnasium.vector.VectorEnv):
+        inner: Any = env.unwrapped
+        if isinstance(inner, gymnasium.vector.SyncVectorEnv):
+            return min(own_limit(part) for part in inner.envs)
+        pool = getattr(inner, "config", {})
+        pooled = pool.get("max_episode_steps") if isinstance(pool, dict) else None
+        remote = isinstance(inner, gymnasium.vector.AsyncVectorEnv)
+        spec = inner.get_attr("spec")[0] if remote else getattr(inner, "spec", None)
+        known = (pooled, getattr(spec, "max_episode_steps", None), math.inf)
+        return min(float(limit) for limit in known if limit is not None and limit > 0)
+    limits = [math.inf]
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, TimeLimit):
+            limits.append(float(env._max_episode_steps))
+        env = env.env
+    return min(limits)
+
+
+def find_layer(env: Any, kind: type[Layer]) -> Layer:
+    """Return the wrapper of a kind, `HorizonLimit` or `VectorHorizonLimit`, in a stack of wrappers.
 
     Raises:
         PerdureError: If there is none.
     """
     layer = env
-    while isinstance(layer, VectorWrapper):
-        if isinstance(layer, VectorHorizonLimit):
+    while isinstance(layer, gymnasium.Wrapper | VectorWrapper):
+        if isinstance(layer, kind):
             return layer
         layer = layer.env
-    raise PerdureError(f"the time-to-go needs a VectorHorizonLimit below it, or a clock; {env} has neither")
+    raise PerdureError(f"the time-to-go needs a {kind.__name__} below it, or a clock; {env} has neither")
+
+
+def horizon_generator(seed: int | None) -> np.random.Generator:
+    """Return the generator of the horizons of an environment with this seed; None takes fresh entropy."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
+
+
+def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generator) -> float:
+    """Return T of the next episode, in steps."""
+    return float(distribution.from_uniform(generator.random()))
+
+
+# The time-to-go in observations
+
+
+def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Space[Any]:
+    """Return the space of observations with phi.
+
+    Args:
+        space: Space of the observations of one environment.
+        size: Numbers in phi.
+        as_dict: Dict {"observation", "time_to_go"} instead of one flat Box.
+
+    Raises:
+        PerdureError: If a flat vector is asked for and the observations are none of floating-point numbers.
+    """
+    flat = isinstance(space, spaces.Box) and len(space.shape) == 1 and np.issubdtype(space.dtype, np.floating)
+    if not (as_dict or flat):
+        raise PerdureError(f"phi cannot be appended to observations in {space}: use dict=True, or flatten them first")
+    dtype = space.dtype if isinstance(space, spaces.Box) and flat else np.dtype(np.float32)
+    # No bounds: an embedding need not stay in [0, 1].
+    phi = spaces.Box(-np.inf, np.inf, (size,), dtype.type)
+    if as_dict:
+        return spaces.Dict({OBSERVATION: space, TIME_TO_GO: phi})
+    assert isinstance(space, spaces.Box)
+    return spaces.Box(np.concatenate([space.low, phi.low]), np.concatenate([space.high, phi.high]), dtype=dtype.type)
+
+
+def append(space: spaces.Space[Any], observation: Any, phi: NDArray[np.float64]) -> Any:
+    """Return the observation with phi, as a member of ``space``.
+
+    Args:
+        space: From :func:`appended_space`.
+        observation: One observation, or a batch of them.
+        phi: Shape (size,), or (n, size) for a batch.
+    """
+    if isinstance(space, spaces.Dict):
+        return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
+    return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
+
+
+# Vector environments: autoresets, and infos with the entry ``key`` of all lanes and the mask ``_key`` of who has one
+
+
+def autoreset_mode(env: VectorEnv[Any, Any, Any]) -> AutoresetMode:
+    """Return how the vector environment resets its lanes; raise PerdureError if it does not say."""
+    mode = env.metadata.get("autoreset_mode")
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        raise PerdureError(
+            f"{env} does not say how it resets its environments: metadata['autoreset_mode'] must be one of "
+            f"{', '.join(str(known) for known in AutoresetMode)}, got {mode!r}"
+        ) from None
+
+
+def reset_lanes(num_lanes: int, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+    """Return the mask of the lanes that a call of ``reset(options=options)`` resets, shape (n,)."""
+    mask = (options or {}).get("reset_mask")
+    return np.ones(num_lanes, np.bool_) if mask is None else np.array(mask, np.bool_)
+
+
+class StepCounter:
+    """Counts the steps since reset of n lanes, and reports which lanes have just started an episode.
+
+    ``NEXT_STEP``: the step after an episode's end is the reset. ``SAME_STEP``: the step that ends an episode is also
+    the reset. ``DISABLED``: the user resets.
+    """
+
+    def __init__(self, num_lanes: int, mode: AutoresetMode) -> None:
+        """Begin with all lanes at 0 steps."""
+        self.mode = mode
+        self.elapsed = np.zeros(num_lanes, np.int64)
+        """Steps since reset that belong to the returned observations, shape (n,)."""
+        self.ended = np.zeros(num_lanes, np.bool_)
+        """Lanes whose episode has ended and which have not been reset yet, shape (n,)."""
+
+    def reset(self, lanes: NDArray[np.bool_]) -> None:
+        """Set the lanes of a mask to 0 steps."""
+        self.elapsed[lanes] = 0
+        self.ended[lanes] = False
+
+    def advance(self) -> NDArray[np.bool_]:
+        """Count a step; return the mask of the lanes that it has reset instead (NEXT_STEP only).
+
+        Raises:
+            PerdureError: If a lane has ended and nothing resets it (DISABLED).
+        """
+        if self.mode is AutoresetMode.DISABLED and self.ended.any():
+            raise PerdureError(
+                f"lanes {np.flatnonzero(self.ended).tolist()} have ended: reset them before the next step with "
+                "reset(options={'reset_mask': mask})"
+            )
+        restarted = self.ended.copy()
+        self.elapsed += 1
+        self.reset(restarted)
+        return restarted
+
+    def end(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Record the episodes that ended on this step; return the mask of lanes reset on it (SAME_STEP only)."""
+        if self.mode is AutoresetMode.SAME_STEP:
+            self.reset(done)
+            return done
+        self.ended = done.copy()
+        return np.zeros_like(done)
+
+
+def replace_lanes(observations: Any, fresh: Any, lanes: NDArray[np.bool_]) -> Any:
+    """Return observations with those of ``lanes`` replaced.
+
+    Args:
+        observations: Of a step, all lanes: an array, or dictionaries and tuples of arrays.
+        fresh: Of a reset with ``reset_mask=lanes``: all lanes (Gymnasium) or only those (EnvPool).
+        lanes: Mask of shape (n,).
+
+    Raises:
+        PerdureError: If other lanes changed: the environment ignores ``reset_mask`` and has reset them too.
+    """
+    if isinstance(observations, dict):
+        return {key: replace_lanes(value, fresh[key], lanes) for key, value in observations.items()}
+    if isinstance(observations, tuple):
+        return tuple(replace_lanes(old, new, lanes) for old, new in zip(observations, fresh, strict=True))
+    if not isinstance(observations, np.ndarray):
+        return fresh
+    if len(fresh) != len(lanes):
+        rows = observations.copy()
+        rows[lanes] = fresh
+        return rows
+    if not np.array_equal(observations[~lanes], fresh[~lanes], equal_nan=observations.dtype.kind == "f"):
+        raise PerdureError(
+            "this vector environment ignores options={'reset_mask': ...}, so single lanes cannot be ended from "
+            "outside: put HorizonLimit around each environment, inside a SyncVectorEnv"
+        )
+    return fresh
+
+
+def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
+    """Return the info dictionary of one lane of these, which are of all lanes."""
+    keys = [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]
+    return {key: _entry(infos[key], lane) for key in keys}
+
+
+def _entry(values: Any, lane: int) -> Any:
+    if isinstance(values, dict):
+        return lane_info(values, lane)
+    # Gymnasium makes an object array of NumPy's own bool, but not of Python's.
+    return bool(values[lane]) if values.dtype == bool else values[lane]
+
+
+def forget_lane(infos: dict[str, Any], lane: int) -> None:
+    """Remove one lane's entries, in place; delete an entry that no lane has any more."""
+    for key in [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]:
+        infos[f"_{key}"][lane] = False
+        if not infos[f"_{key}"].any():
+            del infos[key], infos[f"_{key}"]
+        elif isinstance(infos[key], dict):
+            forget_lane(infos[key], lane)
+        else:
+            infos[key][lane] = None if infos[key].dtype == object else 0
+
+
+def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArray[np.bool_]) -> None:
+    """Merge, in place, infos without masks, as EnvPool returns them: one row for each lane that was reset.
+
+    Args:
+        infos: Of a step, all lanes.
+        fresh: Of a reset of ``lanes`` only.
+        lanes: Mask of shape (n,).
+    """
+    for key, value in infos.items():
+        rows = fresh.get(key)
+        bare = isinstance(value, np.ndarray) and f"_{key}" not in infos and len(value) == len(lanes)
+        if bare and isinstance(rows, np.ndarray) and rows.shape == (lanes.sum(), *value.shape[1:]):
+            infos[key] = value.copy()
+            infos[key][lanes] = rows

@@ -32,18 +32,19 @@ LEVEL = 0.05
 Direction = Literal["greater", "less", "not less", "differs", "same"]
 Decision = Literal["supported", "contradicted", "undecided", "not evaluated"]
 
+SCORE = "score vs published"
 MEASURES: dict[str, str] = {
     "return": "return of the whole test horizon",
     "return within": "return of the first 1,000 steps",
     "reward late": "reward per step in the last tenth of the test horizon; 0 after a fall",
-    "gain": "return minus that of an idle robot in the same steps, as a share of a published policy's over the whole "
-    "test horizon",
+    SCORE: "score against a published policy: return minus that of an idle robot in the same steps, as a share of the "
+    "published policy's over the whole test horizon",
     "failed share": "share of episodes that fell, diverged, decayed, failed silently or never worked",
     "failed within": "share of episodes that failed within the first 1,000 steps, or never worked",
     "ended share": "share of episodes that ended before the test horizon (falls and divergence)",
     "hold share": "share of episodes that hold to the end",
-    "hold": "hold score at the end; 0 for an ended episode",
-    "level": "reward rate within the training horizon, 0: idle, 1: a published policy",
+    "end score vs training": "score against its own training at the end; 0 for an ended episode",
+    "training score vs published": "score against a published policy within the training horizon",
     "steps to failure": "steps before the failure; the test horizon where there was none",
     "training return": "mean return of the training episodes in the last tenth of training",
     "value error": "root mean square of (return to go - value), as a share of the spread of the returns to go",
@@ -54,7 +55,7 @@ MEASURES: dict[str, str] = {
 }
 """Name of a measure to what it is in words. Each gives one number per training run."""
 
-SHARES = ("gain", "failed share", "failed within", "ended share", "hold share", "value variance", "action dependence")
+SHARES = (SCORE, "failed share", "failed within", "ended share", "hold share", "value variance", "action dependence")
 """Measures whose margin is absolute; the margin of others is a share of the right side's mean."""
 
 

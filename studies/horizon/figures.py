@@ -43,16 +43,16 @@ from studies.horizon.claims import MEASURES, Condition
 from studies.horizon.results import VERDICTS, Results
 from studies.horizon.tables import (
     CHOSEN,
-    GAINS,
     METHODS,
     PPO,
+    SCORED,
     choice_table,
     condition_words,
-    gains,
     main_settings,
-    mean_gain,
+    mean_score,
     method_words,
     rule_words,
+    scores,
     setting_words,
 )
 
@@ -85,14 +85,14 @@ COLORS = {"holds": 2, "decays": 4, "fails silently": 3, "falls": 1, "diverges": 
 MECHANISM_OF = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
 SWEEPS = {"constant": "always C steps to go", "periodic": "countdown from C, repeated"}
 FEWEST = 5
-"""Runs of a task that get an interval of the gain: that of three would be wider than the figure."""
+"""Runs of a task that get an interval of the score: that of three would be wider than the figure."""
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
 
 
 def all_figures(results: Results) -> Iterator[Figure]:
     """Draw every figure for which there are tables."""
     settings = results.grid.settings
-    yield from _gain_figure(results)
+    yield from _score_figure(results)
     for setting in settings:
         yield from _training_horizon_figure(results, setting)
     yield from _return_figures(results)
@@ -260,8 +260,8 @@ def _survival_figure(results: Results, setting: str) -> Iterator[Figure]:
     curves = [_curve(condition_words(e.condition), e.steps, e.working, style(e.condition), bands=False) for e in found]
     y = Axis(f"share of episodes that have not failed ({_episodes(found)})", percent=True)
     note = (
-        "A failure: a fall, a divergence, or to the end less than three quarters of the gain over an idle robot of "
-        "the training episodes (Kaplan-Meier). A policy that never worked, or earns too little from its first "
+        "A failure: a fall, a divergence, or to the end a score against its own training below 0.75 "
+        "(Kaplan-Meier). A policy that never worked, or earns too little from its first "
         f"window on, has failed from the start. {_interval_note([e.working for e in found], 'Bars at the right')}"
     )
     chart = curve_chart(curves, _steps_axis(found), y, markers=_markers(found), steps=True)
@@ -348,16 +348,16 @@ def _points(
     return Points(label, list(intervals), mean, look, lower, upper, *members)
 
 
-def _gain_figure(results: Results) -> Iterator[Figure]:
-    """Draw the gain of the whole test horizon on the tasks of the mean, and the mean."""
+def _score_figure(results: Results) -> Iterator[Figure]:
+    """Draw the score of the whole test horizon on the tasks of the mean, and the mean."""
     names = main_settings(results)
-    values = {(name, each): found for name in names for each in GAINS if (found := gains(results, name, each))}
+    values = {(name, each): found for name in names for each in SCORED if (found := scores(results, name, each))}
     if not values:
         return
-    means = {each: mean for each in GAINS if (mean := mean_gain(results, each)) is not None}
+    means = {each: mean for each in SCORED if (mean := mean_score(results, each)) is not None}
     names = tuple(name for name in names if any(name == key[0] for key in values))
     points = []
-    for each in GAINS:
+    for each in SCORED:
         shown: dict[int, tuple[float, float, float]] = {}
         rings: dict[int, list[float]] = {}
         if each in means:
@@ -371,14 +371,14 @@ def _gain_figure(results: Results) -> Iterator[Figure]:
             points.append(_points(condition_words(each), style(each), shown, rings))
     intervals = [_run_interval(found) for found in values.values() if len(found) >= FEWEST]
     note = (
-        "Return minus that of an idle robot, as a share of a published policy's: 0 is an idle robot, 1 a published "
-        "policy that never fails; an early fall is near 0 too. Hollow: training runs. "
+        "Return minus that of an idle robot, as a share of that of a published policy that never fails. An early fall "
+        "scores near 0 too. Hollow: training runs. "
         f"{_interval_note(intervals, 'Bars')} None for fewer than {FEWEST} runs of a task. "
         f"{_start_states(results, list(values))}"
     )
-    head = [f"mean of {len(names)} tasks"] if means else []
-    chart = point_chart([*head, *map(setting_words, names)], points, Axis("gain over an idle robot"), charts.WIDE)
-    yield Figure("gain", f"Gain over an idle robot in {results.grid.steps:,} steps", chart, note, wide=True)
+    rows = [f"mean of {len(names)} tasks"] * bool(means) + [setting_words(name) for name in names]
+    chart = point_chart(rows, points, Axis("score (0: idle robot, 1: published policy)"), charts.WIDE)
+    yield Figure("score", f"Score against a published policy over {results.grid.steps:,} steps", chart, note, wide=True)
 
 
 def _return_figures(results: Results) -> Iterator[Figure]:

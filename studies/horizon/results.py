@@ -21,10 +21,10 @@ import numpy as np
 import polars as pl
 
 from perdure.errors import PerdureError
-from perdure.report.estimates import LANE_FAILURES, VERDICT, thin
+from perdure.report.estimates import EPISODE_FAILURES, TRAINING_SCORE, VERDICT, thin
 from perdure.runs import write_atomic
 from studies.files import parquet_bytes, read_parquet_file
-from studies.horizon.claims import Condition
+from studies.horizon.claims import SCORE, Condition
 from studies.horizon.grid import Grid, Row
 
 TEST, VALIDATION = "test", "validation"
@@ -37,8 +37,8 @@ CURVE_POINTS = 80
 """Recorded steps that are kept of an episode, at most: what a figure draws."""
 LEARNING_POINTS = 50
 MEASURED = (
-    *("return", "return within", "reward late", "gain", "failed share", "failed within", "ended share", "hold share"),
-    *("hold", "level", "steps to failure"),
+    *("return", "return within", "reward late", SCORE, "failed share", "failed within", "ended share", "hold share"),
+    *("end score vs training", "training score vs published", "steps to failure"),
 )
 """Measures of `claims.MEASURES` that episodes give."""
 MECHANISM = ("fall rate", "value error", "value variance", "action dependence")
@@ -96,12 +96,12 @@ EPISODES = Frozen(
         "end_reason": pl.String,
         "end_step": pl.Int64,
         "idle_rate": pl.Float64,  # rewards per step of an idle robot, of the policy in training, of a published policy
-        "reference_rate": pl.Float64,
-        "level_rate": pl.Float64,
+        "training_rate": pl.Float64,
+        "published_rate": pl.Float64,
         "policy_state": pl.String,
         "outcome": pl.String,
         "failed_step": pl.Int64,
-        "end_hold": pl.Float64,
+        "end_score_vs_training": pl.Float64,
         "ever_idle": pl.Boolean,
         "return": pl.Float64,
         "left_first": pl.String,  # observation component that was first to leave its training range
@@ -145,7 +145,7 @@ CLOCKS = Frozen(
         "rule": pl.String,
         "train_seed": pl.Int64,
         "clock": pl.String,
-        "lane_steps": pl.Int64,
+        "simulated_steps": pl.Int64,
     },
 )
 
@@ -210,7 +210,7 @@ def freeze_learning(episodes: pl.DataFrame, setting: str, method: str, train_see
 def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return episodes with the verdict and the measures.
 
-    A policy that never worked has failed from the start: hold 0, no steps to failure. Where the verdict is "cannot
+    A policy that never worked has failed from the start: end score 0, no steps to failure. Where the verdict is "cannot
     tell", what says whether an episode failed is null.
     """
 
@@ -220,22 +220,22 @@ def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     horizon, idle = pl.col("test_horizon"), pl.col("idle_rate")
     never = pl.col("policy_state") == "never worked"
     ended = pl.col("end_reason").is_in(["terminated", "diverged"])
-    failed = pl.col("outcome").is_in(LANE_FAILURES) | never
+    failed = pl.col("outcome").is_in(EPISODE_FAILURES) | never
     steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
-    gain = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("level_rate") - idle) * horizon)
+    score = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("published_rate") - idle) * horizon)
     within = pl.min_horizontal(WITHIN, horizon)
     return episodes.with_columns(
         verdict=VERDICT,
         **{
             "return within": pl.col("return_within"),
             "reward late": pl.col("reward_late"),
-            "gain": gain,
+            SCORE: score,
             "failed share": judged(failed),
             "failed within": judged(failed & (steps < within)),
             "ended share": ended.cast(pl.Float64),
             "hold share": judged(VERDICT == "holds"),
-            "hold": pl.when(ended | never).then(0.0).otherwise(pl.col("end_hold")),
-            "level": (pl.col("reference_rate") - idle) / (pl.col("level_rate") - idle),
+            "end score vs training": pl.when(ended | never).then(0.0).otherwise(pl.col("end_score_vs_training")),
+            "training score vs published": TRAINING_SCORE,
             "steps to failure": judged(steps),
         },
     )
@@ -347,7 +347,7 @@ class Results:
 
     def published_rate(self, setting: str) -> float:
         """Return the reward per step of a published policy; nan where none is known."""
-        rates = self.episodes.filter((pl.col("setting") == setting) & (pl.col("split") == TEST))["level_rate"]
+        rates = self.episodes.filter((pl.col("setting") == setting) & (pl.col("split") == TEST))["published_rate"]
         return float(rates[0]) if len(rates) else float("nan")
 
 

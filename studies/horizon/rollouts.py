@@ -1,11 +1,11 @@
 """Short rollouts: why a policy holds or falls (units of the stage "mechanism"), and a clock without a sweep ("clocks").
 
-Mechanism: every lane has a horizon T drawn as in training (evenly over its distribution) and counts down to it.
+Mechanism: every episode has a horizon T drawn as in training (evenly over its distribution) and counts down to it.
 Measured are reward and falls against the steps to go (thesis, 3.5.1: robots lurch forward at the end), error and spread
 of the critic (3.2.3), and how much the action depends on the time-to-go input.
 
-The return to go of a step is what the critic was trained to predict: the sum of rewards up to the lane's horizon where
-its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
+The return to go of a step is what the critic was trained to predict: the sum of rewards up to the episode's horizon
+where its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
 bootstrap the value is determined only up to a constant, so there is nothing to compare.
 
     value error     root mean square of (return to go - value) / standard deviation of the returns to go
@@ -26,16 +26,16 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.envs import make_world
-from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.horizon import Clock, Constant, Countdown
-from perdure.policy import ClosedLoop, LanePolicy, Policy, load_policy
+from perdure.policy import ClosedLoop, EpisodePolicy, Policy, load_policy
 from perdure.policy.network import one_thread
 from perdure.runs import Work, write_atomic
 
 RESULT = "result.json"
 FIRST_SEED = 3_500_000
-"""World seed of lane 0. Evaluation seeds, which begin at 1,000,000, never come here."""
-LANES = 8
+"""World seed of episode 0. Evaluation seeds, which begin at 1,000,000, never come here."""
+ROLLOUTS = 8
 WITHOUT_END = 1000.0
 """Steps that stand for a training horizon without an end."""
 BIN = 50
@@ -48,7 +48,7 @@ ASKED = tuple(range(0, 1001, 100))
 OWN = 500
 """The C that others are compared with."""
 MOST_STATES = 400
-HALVING_LANES, HALVING_STEPS = 2, 500
+HALVING_SEEDS, HALVING_STEPS = 2, 500
 """Start states of each candidate in each round of halving, and steps in the first."""
 HALVING_SEED = 4000
 """First of the start states of halving, which no split uses."""
@@ -58,16 +58,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """n lanes for at most m steps. After a lane's end: rewards 0, observations nan."""
+    """n episodes for at most m steps. After an episode's end: rewards 0, observations nan."""
 
     observations: FloatArray
     """What was acted on, shape (m, n, observation size)."""
     rewards: FloatArray
     """Shape (m, n)."""
     lengths: NDArray[np.int64]
-    """Steps each lane made, shape (n,)."""
+    """Steps each episode made, shape (n,)."""
     fell: NDArray[np.bool_]
-    """Whether the task ended the lane, shape (n,)."""
+    """Whether the task ended the episode, shape (n,)."""
 
     @property
     def made(self) -> NDArray[np.bool_]:
@@ -75,43 +75,43 @@ class Rollout:
         return np.arange(len(self.rewards))[:, None] < self.lengths[None, :]
 
     @property
-    def lane_steps(self) -> int:
-        """Steps of all lanes together."""
+    def simulated_steps(self) -> int:
+        """Steps of all episodes together."""
         return int(self.lengths.sum())
 
 
 def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Rollout:
-    """Run a policy in one lane for each clock, each from a different start state, without a horizon."""
-    lanes = len(clocks)
-    world = make_world(policy.task.name, [FIRST_SEED + lane for lane in range(lanes)])
-    observations = np.full((steps, lanes, policy.task.observation_size), np.nan)
-    rewards = np.zeros((steps, lanes))
-    lengths, fell = np.full(lanes, steps), np.zeros(lanes, bool)
+    """Run a policy in one episode for each clock, each from a different start state, without a horizon."""
+    episodes = len(clocks)
+    world = make_world(policy.task.name, [FIRST_SEED + episode for episode in range(episodes)])
+    observations = np.full((steps, episodes, policy.task.observation_size), np.nan)
+    rewards = np.zeros((steps, episodes))
+    lengths, fell = np.full(episodes, steps), np.zeros(episodes, bool)
     try:
-        loop = ClosedLoop(world, [LanePolicy(policy, clock) for clock in clocks])
+        loop = ClosedLoop(world, [EpisodePolicy(policy, clock) for clock in clocks])
         with one_thread():
             for step in range(steps):
                 if not len(loop.running):
                     break
                 moved = loop.advance()
-                observations[step, moved.lanes] = moved.before
-                rewards[step, moved.lanes] = np.nan_to_num(moved.step.rewards)
-                ended = moved.lanes[moved.step.ended]
+                observations[step, moved.episodes] = moved.before
+                rewards[step, moved.episodes] = np.nan_to_num(moved.step.rewards)
+                ended = moved.episodes[moved.step.ended]
                 lengths[ended] = step + 1
-                fell[moved.lanes[moved.step.terminated]] = True
+                fell[moved.episodes[moved.step.terminated]] = True
     finally:
         world.close()
     return Rollout(observations, rewards, lengths, fell)
 
 
-def draw_horizons(policy: Policy, lanes: int) -> NDArray[np.int64]:
-    """Return training horizons, evenly over their distribution, shape (lanes,)."""
-    drawn = np.asarray(policy.protocol.horizon.from_uniform((np.arange(lanes) + 0.5) / lanes), np.float64)
+def draw_horizons(policy: Policy, episodes: int) -> NDArray[np.int64]:
+    """Return training horizons, evenly over their distribution, shape (episodes,)."""
+    drawn = np.asarray(policy.protocol.horizon.from_uniform((np.arange(episodes) + 0.5) / episodes), np.float64)
     return np.where(np.isfinite(drawn), drawn, WITHOUT_END).astype(np.int64)
 
 
 def thinned(rollout: Rollout, most: int) -> FloatArray:
-    """Return visited states, at most so many, evenly over steps and lanes; shape (states, observation size)."""
+    """Return visited states, at most so many, evenly over steps and episodes; shape (states, observation size)."""
     states: FloatArray = rollout.observations[rollout.made]
     return states[:: -(-len(states) // most)]
 
@@ -119,7 +119,7 @@ def thinned(rollout: Rollout, most: int) -> FloatArray:
 def measure(work: Work, *, path: str) -> None:
     """Write the mechanism measures of one policy as [name, at, value], `at` null for those of the whole run."""
     policy = load_policy(path)
-    horizons = draw_horizons(policy, LANES)
+    horizons = draw_horizons(policy, ROLLOUTS)
     timed = policy.protocol.embedding is not None
     rollout = roll_out(
         policy,
@@ -146,12 +146,12 @@ def measure(work: Work, *, path: str) -> None:
 def choose_clock(work: Work, *, path: str, candidates: list[float], most_steps: int) -> None:
     """Write the clock that successive halving finds, and the steps it took."""
     clock, steps = choose_by_halving(load_policy(path), [Constant(each) for each in candidates], most_steps)
-    found = [{"rule": "bandit", "clock": f"constant:{clock.steps:.0f}", "lane_steps": steps}]
+    found = [{"rule": "bandit", "clock": f"constant:{clock.steps:.0f}", "simulated_steps": steps}]
     write_atomic(work.folder / RESULT, json.dumps(found) + "\n")
 
 
 def bins_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the bin of each step that was made within its lane's horizon, 0 for all others; shape (m, n)."""
+    """Return the bin of each step that was made within its episode's horizon, 0 for all others; shape (m, n)."""
     left = horizons[None, :] - np.arange(len(rollout.rewards))[:, None]
     bins: NDArray[np.int64] = np.where(rollout.made & (left > 0), -(-left // BIN) * BIN, 0)
     return bins
@@ -161,8 +161,8 @@ def rewards_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> pl.DataFrame
     """Return reward per step, steps and falls in each bin: "steps to go", "reward", "steps", "falls"."""
     bins = bins_to_go(rollout, horizons)
     fell = np.zeros(bins.shape)
-    for lane in np.flatnonzero(rollout.fell):
-        fell[rollout.lengths[lane] - 1, lane] = 1.0
+    for episode in np.flatnonzero(rollout.fell):
+        fell[rollout.lengths[episode] - 1, episode] = 1.0
     frame = pl.DataFrame({"steps to go": bins.ravel(), "reward": rollout.rewards.ravel(), "falls": fell.ravel()})
     within = frame.filter(pl.col("steps to go") > 0)
     return (
@@ -260,11 +260,11 @@ def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps
     left = list(candidates)
     steps, seed, made = min(HALVING_STEPS, most_steps), HALVING_SEED, 0
     while len(left) > 1:
-        lanes = [LaneSpec(0, clock, seed + k) for clock in left for k in range(HALVING_LANES)]
-        records = evaluate_lanes([policy], lanes, steps)
+        episodes = [EpisodeSpec(0, clock, seed + k) for clock in left for k in range(HALVING_SEEDS)]
+        records = evaluate_episodes([policy], episodes, steps)
         made += int(records.end_step.sum())
-        earned = records.returns[:, -1].reshape(len(left), HALVING_LANES).mean(axis=1)
+        earned = records.returns[:, -1].reshape(len(left), HALVING_SEEDS).mean(axis=1)
         keep = sorted(range(len(left)), key=lambda k: -earned[k])[: (len(left) + 1) // 2]
         left = [left[k] for k in sorted(keep)]
-        steps, seed = min(2 * steps, most_steps), seed + HALVING_LANES
+        steps, seed = min(2 * steps, most_steps), seed + HALVING_SEEDS
     return left[0], made

@@ -36,7 +36,7 @@ from studies.horizon.results import (
     freeze_learning,
     read_results,
 )
-from studies.horizon.rollouts import LANES, RESULT
+from studies.horizon.rollouts import RESULT, ROLLOUTS
 
 if TYPE_CHECKING:
     from perdure.learn.run import TrainRun
@@ -49,7 +49,7 @@ SCALES = {
 }
 """Name of a scale to the folder of its results, if they are kept in the repository."""
 PHASES = DEFAULT_PHASES
-POLICY, TABLE = "policy.safetensors", "lanes.parquet"
+POLICY, TABLE = "policy.safetensors", "episodes.parquet"
 EVALUATION, MECHANISM, RULES = "evaluation", "mechanism", "clocks"
 """Stages after the training: the beginning of the keys of their units."""
 
@@ -85,7 +85,7 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
             settings = {"clocks": list(clocks), "steps": grid.steps, "first": split.first_seed, "seeds": split.seeds}
             size = 0.3 * grid.steps * split.seeds * _count(clocks, grid.steps)
             yield unit(f"{EVALUATION}/{split.name}", f"{__name__}:evaluate", settings, size)
-    yield unit(MECHANISM, "studies.horizon.rollouts:measure", {}, 1500.0 * LANES)
+    yield unit(MECHANISM, "studies.horizon.rollouts:measure", {}, 1500.0 * ROLLOUTS)
     if row.method in SWEPT:
         known = Extrapolation((Path("any"),), grid.steps, clocks).deployment_clocks(None)
         candidates = sorted(float(each.steps) for each in known if isinstance(each, Constant) and each.steps > 0)

@@ -1,4 +1,4 @@
-"""The small tables: conditions, the choice of C and its bias, rules without a sweep, gain over tasks, failures."""
+"""The small tables: conditions, the choice of C and its bias, rules without a sweep, score over tasks, failures."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from perdure.stats import (
     mean_difference,
     t_interval,
 )
-from studies.horizon.claims import Condition, claims_frame, decide_claims, read_claims
+from studies.horizon.claims import SCORE, Condition, claims_frame, decide_claims, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
 from studies.horizon.results import MEASURED, TEST, VALIDATION, Results, optimistic, under
 
 KINDS = ("constant", "periodic")
 RULES = ("best", "chosen", "chosen periodic", "value", "bandit", "countdown")
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
-GAINS = (
+SCORED = (
     PPO,
     Condition("ppo-undiscounted"),
     Condition("ppo-average-reward"),
@@ -35,7 +35,7 @@ GAINS = (
     Condition("random-horizon"),
     CHOSEN,
 )
-"""Methods whose gains are averaged over tasks; `random-horizon` is the last one without its input."""
+"""Methods whose scores are averaged over tasks; `random-horizon` is the last one without its input."""
 METHODS = {
     "ppo": "discounted PPO",
     "ppo-undiscounted": "undiscounted PPO",
@@ -87,7 +87,7 @@ def all_tables(results: Results) -> dict[str, pl.DataFrame]:
         "runs": results.runs(),
         "validation": results.runs(VALIDATION),
         "conditions": condition_table(results),
-        "gain": gain_table(results),
+        "score": score_table(results),
         "choice": choice_table(results),
         "rules": rule_table(results),
         "mechanism": results.run_measures,
@@ -155,10 +155,8 @@ def _choices(results: Results, row: Row) -> Iterator[dict[str, Any]]:
     for kind in KINDS if len(validation) and len(test) else ():
         if kind not in validation["clock_kind"] or kind not in test["clock_kind"]:
             continue
-        clocks, best = (
-            results.clocks(row, "chosen" if kind == "constant" else "chosen periodic"),
-            optimistic(test, kind),
-        )
+        clocks = results.clocks(row, "chosen" if kind == "constant" else "chosen periodic")
+        best = optimistic(test, kind)
         chosen = under(test, clocks)
         always = under(test, dict.fromkeys(test["train_seed"].unique().sort().to_list(), best))
         if not (chosen and always):  # the chosen clock is not evaluated on test start states yet
@@ -203,7 +201,7 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
             "method": row.method,
             "rule": rule,
             "runs": difference.n_left,
-            "lane steps for each run": cost.get(rule, float(used["lane_steps"].mean() or 0.0)),  # type: ignore[arg-type]
+            "simulated steps for each run": cost.get(rule, float(used["simulated_steps"].mean() or 0.0)),  # type: ignore[arg-type]
             "return": difference.left,
             "beside cross-validation": difference.estimate,
             "lower": difference.lower,
@@ -212,24 +210,24 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
 
 
 def main_settings(results: Results) -> tuple[str, ...]:
-    """Return the settings whose gains are averaged: `grid.MAIN_SETTINGS`, as far as the grid has them."""
+    """Return the settings whose scores are averaged: `grid.MAIN_SETTINGS`, as far as the grid has them."""
     return tuple(setting for setting in results.grid.settings if setting in MAIN_SETTINGS)
 
 
-def gains(results: Results, setting: str, condition: Condition) -> dict[int, float]:
-    """Return the gain of each training run, by seed; {} where it is not evaluated or no published policy is known."""
-    found = results.values(setting, condition, "gain")
+def scores(results: Results, setting: str, condition: Condition) -> dict[int, float]:
+    """Return the score against a published policy of each training run, by seed; {} where one of them is not there."""
+    found = results.values(setting, condition, SCORE)
     return found if all(map(math.isfinite, found.values())) else {}
 
 
-def mean_gain(results: Results, left: Condition, right: Condition | float = 0.0) -> Difference | None:
-    """Return the mean over tasks of a method's gain minus a number or another's; None where a task lacks one.
+def mean_score(results: Results, left: Condition, right: Condition | float = 0.0) -> Difference | None:
+    """Return the mean over tasks of a method's score minus a number or another's; None where a task lacks one.
 
     Every task counts alike, whatever its number of training runs.
     """
     settings = main_settings(results)
     sides = [
-        [list(gains(results, setting, each).values()) for setting in settings]
+        [list(scores(results, setting, each).values()) for setting in settings]
         for each in (left, right)
         if isinstance(each, Condition)
     ]
@@ -240,12 +238,12 @@ def mean_gain(results: Results, left: Condition, right: Condition | float = 0.0)
     return mean_difference([compare_with(runs, right) for runs in sides[0]])
 
 
-def gain_table(results: Results) -> pl.DataFrame:
-    """Return the mean over tasks of each method's gain, and of its difference to discounted PPO."""
+def score_table(results: Results) -> pl.DataFrame:
+    """Return the mean over tasks of each method's score, and of its difference to discounted PPO."""
     rows = []
-    for each in GAINS:
-        gain, beside = mean_gain(results, each), mean_gain(results, each, PPO)
-        if gain is None or beside is None:
+    for each in SCORED:
+        score, beside = mean_score(results, each), mean_score(results, each, PPO)
+        if score is None or beside is None:
             continue
         compared = None if each == PPO else beside
         rows.append(
@@ -253,9 +251,9 @@ def gain_table(results: Results) -> pl.DataFrame:
                 "method": each.method,
                 "clock": each.clock,
                 "tasks": len(main_settings(results)),
-                "gain": gain.estimate,
-                "lower": gain.lower,
-                "upper": gain.upper,
+                SCORE: score.estimate,
+                "lower": score.lower,
+                "upper": score.upper,
                 "beside ppo": compared and compared.estimate,
                 "beside lower": compared and compared.lower,
                 "beside upper": compared and compared.upper,
@@ -277,7 +275,7 @@ def failure_places(results: Results) -> pl.DataFrame:
 
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
-    scores = [{"method": method_words(each.method), "score": _mean_cell(results, each, 0.0, ".2f")} for each in GAINS]
+    scores = [{"method": method_words(each.method), "score": _mean_cell(results, each, 0.0, ".2f")} for each in SCORED]
     effects = [
         {"left": method_words(a.method), "right": method_words(b.method), "left minus right": _mean_cell(results, a, b)}
         for a, b in EFFECTS
@@ -302,7 +300,7 @@ def page_tables(results: Results) -> dict[str, pl.DataFrame]:
 
 
 def _mean_cell(results: Results, left: Condition, right: Condition | float, form: str = "+.2f") -> str:
-    found = mean_gain(results, left, right)
+    found = mean_score(results, left, right)
     return "not evaluated" if found is None else _cell(found.estimate, found.lower, found.upper, form)
 
 

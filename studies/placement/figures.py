@@ -15,7 +15,7 @@ from perdure.report import wording
 from perdure.report.charts import Axis, Curve, Figure, Points, curve_chart, point_chart, slug, style
 from perdure.stats import wilson
 from studies.placement.grid import WORLDS
-from studies.placement.tables import FEWEST, INTERVALS, SHAPES, Tables, chosen
+from studies.placement.tables import INTERVALS, MIN_PLACEMENTS, SHAPES, Tables, success_rows
 
 LABELS = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
 SHOWN = tuple(f"{place} drag" for place in ("rl", "delta-200", "stop", "ik"))
@@ -41,7 +41,7 @@ def view_tables(tables: Tables) -> Tables:
 
 def strategy_figures(tables: Tables) -> Iterator[Figure]:
     """Yield the figure of release strategies: every task on unseen layouts, then SetTable in the other worlds."""
-    rows = [row for row in chosen(tables, "eval", places=LABELS) if row["world"] in ("drag", *list(WORLDS)[:5])]
+    rows = [row for row in success_rows(tables, "eval", places=LABELS) if row["world"] in ("drag", *list(WORLDS)[:5])]
     rows = [row for row in rows if row["world"] == "drag" or row["task"] == "set_table"]
     places = list(dict.fromkeys((row["task"], row["world"]) for row in rows))
     places.sort(key=lambda each: each[1] != "drag")
@@ -78,7 +78,7 @@ def _world(world: str) -> str:
 
 def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
     """Yield the figure, if there are enough placements: released in motion, share that stays, Wilson's interval."""
-    drawn = counts.filter(pl.col("placements") >= FEWEST, in_motion=True)
+    drawn = counts.filter(pl.col("placements") >= MIN_PLACEMENTS, in_motion=True)
     if drawn.is_empty():
         return
     curves = [_curve(number, group, drawn.filter(objects=group)) for number, group in enumerate(SHAPES)]
@@ -91,7 +91,7 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
             Axis("share of placements that stay", percent=True),
         ),
         "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
-        f"drag only. Each point: an interval of speed with at least {FEWEST} placements. "
+        f"drag only. Each point: an interval of speed with at least {MIN_PLACEMENTS} placements. "
         "Bars: 95 % Wilson score intervals that count placements as independent, although they share policies. "
         "Policies were varied, not speeds.",
     )

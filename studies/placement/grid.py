@@ -12,7 +12,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.scene import SceneOptions
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
-THREE = ("rl", "stop", "ik")
+MAIN_STRATEGIES = ("rl", "stop", "ik")
 STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
 """In the order of tables and figures."""
 FRICTION = SceneOptions()
@@ -105,12 +105,12 @@ def _smaller(rows: Iterable[Row], episodes: int) -> tuple[Row, ...]:
 
 SET_TABLE = TASKS[:1]
 THESIS_ROWS = (
-    *_rows(TASKS, THREE, "eval", DRAG, 1, eval_seeds=3),
-    *_rows(SET_TABLE, THREE, "eval", FRICTION, 2),
-    *_rows(SET_TABLE, THREE, "eval", HULL, 2),
-    *_rows(SET_TABLE, THREE, "eval", BASE, 2),
+    *_rows(TASKS, MAIN_STRATEGIES, "eval", DRAG, 1, eval_seeds=3),
+    *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", FRICTION, 2),
+    *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", HULL, 2),
+    *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", BASE, 2),
     *_rows(SET_TABLE, ("rl",), "eval", ZERO, 2),
-    *_rows(TASKS[1:], THREE, "eval", FRICTION, 2),
+    *_rows(TASKS[1:], MAIN_STRATEGIES, "eval", FRICTION, 2),
     *_rows(TASKS, ("rl", "ik"), "val", DRAG, 3),
     *_rows(("tidy_house",), ("rl", "ik"), "eval", JAWS, 4),
     *_rows(TASKS, ("delta-200",), "eval", DRAG, 4),

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from perdure.home.agents.release import EPSILON, SPEED, Ik
 from perdure.home.evaluate.analysis import analyze
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.policies import choose_policies, make_agents, shipped_policy
+from perdure.home.evaluate.policies import choose_policies, make_agents, shipped_seeds
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.simulator import ARM, GRASP, GRIP, RELEASE
 from perdure.home.skills import Place
@@ -48,7 +48,7 @@ HAND_OVERS = (
 """Descent [m], speed [m/s]."""
 APPLE = 1
 """Number of the target."""
-HALT = 15
+HALT_STEPS = 15
 """Control steps that the robot stands still before the hand opens: half a second."""
 DELTA = 200
 LANES = 20
@@ -118,7 +118,7 @@ def read_measurement(table: str, units: list[Unit], folder: Path) -> pl.DataFram
     return pl.DataFrame(rows, schema=SCHEMAS[table])
 
 
-def _leave(work: Work, table: str, *values: Any) -> None:
+def _write_row(work: Work, table: str, *values: Any) -> None:
     """Write a row of a table into the work folder."""
     write_atomic(work.folder / SUMMARY, json.dumps(dict(zip(SCHEMAS[table], values, strict=True)), indent=1) + "\n")
 
@@ -136,16 +136,14 @@ def measure_hand_over(work: Work, *, descent: float, speed: float, episodes: int
     placed, ways = analyze(logs).placements, Counter(ik.outcomes)
     medians = [round(float(np.median(placed[name].to_numpy())), 3) for name in ("release_height", "object_speed")]
     lost = int((~placed["stabilizing"]).sum())
-    _leave(work, "hand-over", descent, speed, len(placed), lost, *medians, ways["out of reach"], ways["blocked"])
+    _write_row(work, "hand-over", descent, speed, len(placed), lost, *medians, ways["out of reach"], ways["blocked"])
 
 
 def measure_halting(work: Work, *, halts: bool, noise: str, parts: str, episodes: int) -> None:
     """Write one row of the table of halting; the function of the units."""
-    path = shipped_policy(TASK, "place", 0)
-    assert path is not None
-    found = outcomes(load_policy(path), episodes, halts, noise, parts)
+    found = outcomes(load_policy(shipped_seeds(TASK, "place")[0]), episodes, halts, noise, parts)
     counts = found.total(), found["stayed"], found["let go outside"]
-    _leave(work, "halt-in-noise", halts, noise, parts, *counts)
+    _write_row(work, "halt-in-noise", halts, noise, parts, *counts)
 
 
 def outcomes(policy: Policy, episodes: int, halts: bool, noise: str, parts: str) -> Counter[str]:
@@ -208,7 +206,7 @@ class _Halting:
         asked = self.asked
         if self._halts:
             actions[asked] = 0.0
-            actions[asked, GRIP] = np.where(self.since[asked] < HALT, GRASP, RELEASE)
+            actions[asked, GRIP] = np.where(self.since[asked] < HALT_STEPS, GRASP, RELEASE)
         drawn = self._rng.standard_normal(actions.shape)
         actions[:, BASE] += self._base * drawn[:, BASE]
         actions[:, ARM] += self._arm * drawn[:, ARM]

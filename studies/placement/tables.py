@@ -16,7 +16,7 @@ from perdure.home.evaluate.comparison import describe_task, interval_text
 from perdure.home.evaluate.outcomes import COUNTINGS, Counting
 from perdure.home.sim.objects import KINDS
 from studies.files import read_csv, write_csv
-from studies.placement.grid import STRATEGIES, TASKS, THREE, WORLDS
+from studies.placement.grid import MAIN_STRATEGIES, STRATEGIES, TASKS, WORLDS
 from studies.placement.measurements import CASES, SCHEMAS
 
 Tables = dict[str, pl.DataFrame]
@@ -55,7 +55,7 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
     **SCHEMAS,
 }
 """Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `earlier_run`: the logs
-were not kept. `differences` are second minus first; `interval` counts from 0 between `EDGES`."""
+were not kept. `differences` are second minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
 OPTIONAL |= {"world", "median_speed", "let_go_outside"}
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
@@ -63,10 +63,10 @@ PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "de
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
 """Collision shape to what tables call objects of that shape."""
 SHAPES = ("apples", "cans", "bowls", "boxes")
-EDGES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
+SPEED_BOUNDS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, np.inf)
 """Bounds of the intervals of release speed in [m/s]."""
-INTERVALS = (*(f"{low:g} to {high:g}" for low, high in pairwise(EDGES[:-1])), f"over {EDGES[-2]:g}")
-FEWEST = 20
+INTERVALS = (*(f"{low:g} to {high:g}" for low, high in pairwise(SPEED_BOUNDS[:-1])), f"over {SPEED_BOUNDS[-2]:g}")
+MIN_PLACEMENTS = 20
 """Placements; with fewer, the figure draws no point and the table shows no share."""
 
 
@@ -154,7 +154,7 @@ def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
     place = pl.col("strategy").str.strip_suffix(" drag")
     rows = placements.filter(pl.col("strategy").str.ends_with(" drag"), place.is_in(STRATEGIES), split="eval")
     counted = rows.group_by(
-        pl.Series("interval", np.digitize(rows["object_speed"].to_numpy(), EDGES[1:], right=True)),
+        pl.Series("interval", np.digitize(rows["object_speed"].to_numpy(), SPEED_BOUNDS[1:], right=True)),
         in_motion=(place == "rl") | place.str.starts_with("delta-"),
         objects=pl.col("kind").replace_strict({name: GROUPS[kind.shape] for name, kind in KINDS.items()}),
     ).agg(placements=pl.len(), share_stayed=pl.col("stabilizing").mean(), median_speed=pl.col("object_speed").median())
@@ -162,7 +162,7 @@ def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
     return counted.select(pl.col(name).cast(kind) for name, kind in columns.items()).sort(*list(columns)[:3])
 
 
-def chosen(
+def success_rows(
     tables: Tables, split: str, world: str | None = None, places: Iterable[str] = STRATEGIES
 ) -> list[dict[str, Any]]:
     """Return rows of `success` with their `place` and `world`, by task, world and strategy."""
@@ -196,10 +196,12 @@ def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
     return pl.DataFrame(list(rows))
 
 
-def _by_place(tables: Tables, split: str, worlds: Iterable[str], places: Iterable[str] = THREE) -> pl.DataFrame:
+def _by_place(
+    tables: Tables, split: str, worlds: Iterable[str], places: Iterable[str] = MAIN_STRATEGIES
+) -> pl.DataFrame:
     """Return success with a row for each task and world, a column for each strategy."""
     rows: dict[tuple[str, str], dict[str, str]] = {}
-    for row in chosen(tables, split, places=places):
+    for row in success_rows(tables, split, places=places):
         if row["world"] in worlds:
             key = row["task"], row["world"]
             rows.setdefault(key, {"task": describe_task(key[0]), "world": WORLDS[key[1]]})[f"`{row['place']}`"] = share(
@@ -218,7 +220,7 @@ def readme_table(tables: Tables) -> pl.DataFrame:
 def strategy_table(tables: Tables) -> pl.DataFrame:
     """Return success on unseen layouts, drag only, of every strategy."""
     rows = []
-    for row in chosen(tables, "eval", "drag"):
+    for row in success_rows(tables, "eval", "drag"):
         seeds = tables["seeds"].filter(task=row["task"], split="eval", strategy=row["strategy"])["stabilizing"]
         by_seed = ", ".join(f"{100 * each:.0f}" for each in seeds)
         names = {"task": describe_task(row["task"]), "strategy": f"`{row['place']}`", "seeds x episodes": _size(row)}
@@ -229,7 +231,7 @@ def strategy_table(tables: Tables) -> pl.DataFrame:
 
 def difference_table(tables: Tables) -> pl.DataFrame:
     """Return the paired differences between three strategies, drag only."""
-    shown = (pl.col("first").is_in(THREE), pl.col("second").is_in(THREE))
+    shown = (pl.col("first").is_in(MAIN_STRATEGIES), pl.col("second").is_in(MAIN_STRATEGIES))
     found = tables["differences"].filter(*shown, split="eval", world="drag")
     return _table(
         {
@@ -243,14 +245,14 @@ def difference_table(tables: Tables) -> pl.DataFrame:
 
 def layout_table(tables: Tables) -> pl.DataFrame:
     """Return latched success on known layouts and on the unseen one."""
-    unseen = {(row["task"], row["place"]): row for row in chosen(tables, "eval", "drag")}
+    unseen = {(row["task"], row["place"]): row for row in success_rows(tables, "eval", "drag")}
     return _table(
         {
             **{"task": describe_task(row["task"]), "strategy": f"`{row['place']}`"},
             "val (known layouts)": share(row, "latched"),
             "eval (unseen layout)": share(unseen.get((row["task"], row["place"])), "latched"),
         }
-        for row in chosen(tables, "val", "drag")
+        for row in success_rows(tables, "val", "drag")
     )
 
 
@@ -264,7 +266,7 @@ def mode_table(tables: Tables) -> pl.DataFrame:
         "doors and drawers": pl.col("stage").str.contains("^(open|close)"),
     }
     rows = []
-    for row in chosen(tables, "eval", "drag", THREE):
+    for row in success_rows(tables, "eval", "drag", MAIN_STRATEGIES):
         modes = tables["modes"].filter(task=row["task"], split="eval", strategy=row["strategy"])
         counts = {name: str(modes.filter(of)["count"].sum()) for name, of in groups.items()}
         failed = f"{modes['count'].sum()} of {row['episodes']}"
@@ -284,7 +286,7 @@ def speed_table(tables: Tables) -> pl.DataFrame:
                 )
                 n, stayed = part.row(0) if len(part) else (0, 0.0)
                 few = f"{round(stayed * n)} of {n}" if n else "-"
-                cell = f"{100 * stayed:.0f} % of {n}" if n >= FEWEST else few
+                cell = f"{100 * stayed:.0f} % of {n}" if n >= MIN_PLACEMENTS else few
                 row[f"{group}, {'in motion' if moving else 'stopped'}"] = cell
         rows.append(row)
     return _table(rows)

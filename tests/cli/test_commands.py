@@ -8,8 +8,7 @@ import polars as pl
 import pytest
 
 import perdure as library
-from perdure.cli import COMMANDS
-from perdure.cli.home import COMMANDS as HOME_COMMANDS
+from perdure.cli import COMMANDS, HOME_COMMANDS
 from perdure.policy import load_policy
 
 SIX = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3", "Humanoid-v3", "Swimmer-v3", "Walker2d-v3")
@@ -139,7 +138,7 @@ def extrapolated(command, trained):
 
 def test_extrapolate_writes_one_row_for_each_lane_and_recorded_step(extrapolated):
     folder, _ = extrapolated
-    frame = pl.read_parquet(folder / "carried" / "lanes.parquet")
+    frame = pl.read_parquet(folder / "carried" / "episodes.parquet")
     assert frame["step"].max() == 50
     assert set(frame["clock"]) == {"constant(0)", "constant(500)", "countdown(50)"}
     lanes = frame.select("clock", "eval_seed").unique()
@@ -168,6 +167,6 @@ def test_extrapolate_writes_its_report_and_says_where(extrapolated):
 def test_report_is_made_again_from_the_table_alone(command, extrapolated, tmp_path):
     folder, _ = extrapolated
     page = (folder / "carried" / "report.html").read_bytes()
-    for name, table in (("of the file", "carried/lanes.parquet"), ("of the folder", "carried")):
+    for name, table in (("of the file", "carried/episodes.parquet"), ("of the folder", "carried")):
         succeeded(command("report", folder / table, "--out", tmp_path / name, cwd=tmp_path))
         assert (tmp_path / name / "report.html").read_bytes() == page

@@ -48,14 +48,14 @@ MISTAKES = {
     "an unknown clock": ("sundial", *EVALUATE, "--clocks", "sundial:12"),
     "no steps": ("steps", *EVALUATE, "--steps", 0),
     "no start states": ("eval_seeds", *EVALUATE, "--eval-seeds", 0),
-    "no lanes": ("max_lanes", *EVALUATE, "--max-lanes", 0),
+    "no episodes": ("max_episodes", *EVALUATE, "--max-episodes", 0),
     "a place that is none": ("did you mean 'local'?", *PENDULUM, *TINY, "--on", "locl"),
     "a place that is none in an evaluation": ("here, local, ray or ray:ADDRESS", *EVALUATE, "--on", "cloud"),
     "no cores in an evaluation": ("cores", *EVALUATE, "--steps", 10, "--cores", 0),
     "inspect nothing": ("A policy file", "inspect"),
     "inspect a missing file": ("none.safetensors", "inspect", "none.safetensors"),
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
-    "report of a folder without a table": ("/lanes.parquet does not exist", "report", "{files}"),
+    "report of a folder without a table": ("/episodes.parquet does not exist", "report", "{files}"),
     "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
     "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
     "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
@@ -113,7 +113,7 @@ def test_a_full_disk_leaves_no_half_written_report(process, files, tmp_path):
     line = failed(process(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()
-    assert not (tmp_path / "out" / "lanes.parquet").exists()
+    assert not (tmp_path / "out" / "episodes.parquet").exists()
 
 
 def test_the_sentence_of_a_framed_message_is_what_stands_before_its_first_rule():

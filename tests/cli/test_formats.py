@@ -42,7 +42,7 @@ def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp
     np.testing.assert_allclose(actions, expected, atol=1e-6)
     flags = ("--env", "envpool:InvertedPendulum-v4", "--eval-seeds", 2, "--on", "here", "--out", "out")
     assert "Report: " in succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 30, cwd=tmp_path))
-    frame, notes = read_table(tmp_path / "out" / "lanes.parquet")
+    frame, notes = read_table(tmp_path / "out" / "episodes.parquet")
     assert set(frame["policy"]) == {"p"}
     assert notes["command"].startswith("perdure extrapolate p.onnx --env")
     groups = set((tmp_path / "out" / "groups").iterdir())
@@ -94,7 +94,7 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
     (tmp_path / "shared" / "policy.safetensors").write_bytes((files / "timed.safetensors").read_bytes())
     flags = ("--steps", 30, "--eval-seeds", 2, "--on", "here", "--out", "out")
     succeeded(command("extrapolate", "shared", *flags, cwd=tmp_path))
-    for table in ("out/lanes.parquet", "out"):
+    for table in ("out/episodes.parquet", "out"):
         path = succeeded(command("card", "shared", "--table", table, cwd=tmp_path)).strip()
         assert path == "shared/README.md"
         assert "# timed on InvertedPendulum-v4" in (tmp_path / path).read_text()

@@ -1,9 +1,20 @@
 """``perdure home``: what its commands print and leave behind, and how they refuse."""
 
+import json
+import sys
+from pathlib import Path
+
 import pytest
 
-from perdure.cli.home.flags import policies
+from perdure.cli.home import parse_policies
 from perdure.errors import PerdureError
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.files import write_logs
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.sim.scene import SceneOptions
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
+from home_stories import good
 
 
 def succeeded(process):
@@ -96,8 +107,7 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),
         (("train", "juggle"), "juggle"),
-        (("run", "set_table", "--lanes", 2), "--lanes of perdure home run is now --max-lanes"),
-        (("episode", "set_table", "--seed=1"), "--seed of perdure home episode is now --eval-seed"),
+        (("run", "set_table", "--lane", 2), "did you mean --max-lanes?"),
         (("analyze", "nowhere", "--out", "page"), "nowhere"),
         (("video", "set_table", "--out", "film.avi"), ".mp4 or .gif"),
         (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4 or .gif"),
@@ -114,11 +124,23 @@ def test_what_a_user_gets_wrong_ends_in_one_line(command, tmp_path, arguments, m
     assert not list(tmp_path.iterdir())
 
 
+def test_overlaps_reads_the_shape_of_the_apple_from_the_protocol(command, monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr("perdure.home.evaluate.outcomes.overlap_depth", lambda *given: asked.append(given[2]) or 0.0)
+    options = ExecutorOptions(scene=SceneOptions(apple="hull"))
+    notes = {"protocol": json.dumps(EvaluationProtocol("set_table", options=options).to_json())}
+    for name, found, shape in (("usual", {}, "sphere"), ("other", notes, "hull")):
+        write_logs(tmp_path / f"{name}.parquet", [good()], found)
+        succeeded(command("home", "overlaps", f"{name}.parquet", cwd=tmp_path))
+        assert set(asked) == {shape}
+        asked.clear()
+
+
 def test_the_word_oracle_alone_means_every_skill():
-    assert set(policies(("oracle",))) >= {"pick", "place", "navigate"}
-    assert set(policies(("oracle",)).values()) == {"oracle"}
-    assert policies(("place=oracle",)) == {"place": "oracle"}
+    assert set(parse_policies(("oracle",))) >= {"pick", "place", "navigate"}
+    assert set(parse_policies(("oracle",)).values()) == {"oracle"}
+    assert parse_policies(("place=oracle",)) == {"place": "oracle"}
     with pytest.raises(PerdureError, match="SKILL=oracle"):
-        policies(("oracle", "place=oracle"))
+        parse_policies(("oracle", "place=oracle"))
     with pytest.raises(PerdureError, match="place is named twice"):
-        policies(("place=a", "place=b"))
+        parse_policies(("place=a", "place=b"))

@@ -31,7 +31,7 @@ def test_a_model_is_imported_and_evaluated(evaluated):
     assert process.stderr.startswith(f"perdure: reading {MODEL}\n")
     assert "SB3 PPO (ppo)" in process.stdout
     assert (folder / "results" / "report.html").exists()
-    frame = pl.read_parquet(folder / "results" / "lanes.parquet")
+    frame = pl.read_parquet(folder / "results" / "episodes.parquet")
     assert frame["task"].unique().to_list() == ["gymnasium:Pendulum-v1"]
     (file,) = (folder / "results" / "imported").iterdir()
     assert len(load_policy(file).reference.lengths) == 20
@@ -75,7 +75,7 @@ def test_several_models_share_the_flags_and_a_time_feature_takes_clocks(command,
         cwd=tmp_path,
     )
     assert process.returncode == 0, process.stderr
-    frame = pl.read_parquet(tmp_path / "extrapolation" / "lanes.parquet")
+    frame = pl.read_parquet(tmp_path / "extrapolation" / "episodes.parquet")
     assert set(frame["policy"].unique()) == {"SB3 SAC (sac-time)", "SB3 SAC (second)"}
     assert set(frame["clock"].unique()) == {"countdown(200)", "constant(200)", "periodic(200)"}
 

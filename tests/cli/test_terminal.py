@@ -14,7 +14,7 @@ MEMORY_KB = 4 * 2**20
 def test_help_ends_in_a_terminal_of_any_width(process, tmp_path, columns):
     done = process("report", "--help", cwd=tmp_path, most_memory_kb=MEMORY_KB, COLUMNS=columns)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "lanes.parquet" in done.stdout
+    assert "Make report.html" in done.stdout
     assert len(done.stdout) < 100_000
 
 
@@ -29,7 +29,7 @@ def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(process, tm
     with open(out + b"/report.html", encoding="utf-8") as page:
         assert "out\\xff" in page.read()
     again = os.fsencode(tmp_path) + "/\u00fc".encode()
-    done = process("report", out + b"/lanes.parquet", "--out", again, cwd=tmp_path, **ASCII)
+    done = process("report", out + b"/episodes.parquet", "--out", again, cwd=tmp_path, **ASCII)
     assert (done.returncode, done.stderr) == (0, "")
     assert "Report: " in done.stdout
     assert done.stdout.isascii()

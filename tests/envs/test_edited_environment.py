@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from perdure.envs.suites import source_digest
+from perdure.envs.suites import task_source_digest
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.learn import TrainRun, method_config
@@ -85,4 +85,4 @@ def test_the_identity_of_a_training_run_has_the_whole_package(package):
 
 @pytest.mark.parametrize("task", ["Hopper-v3", "gymnasium:Pendulum-v1", "gymnasium:no_such_module:Id-v0"])
 def test_other_tasks_have_no_source_of_the_user_s(task):
-    assert source_digest(task) == {}
+    assert task_source_digest(task) == {}

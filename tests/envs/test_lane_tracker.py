@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perdure.envs.gymnasium import LaneTracker
-from perdure.envs.world import checked_lanes
+from perdure.envs.world import LaneTracker, checked_lanes
 from perdure.errors import PerdureError
 
 LANES = 4

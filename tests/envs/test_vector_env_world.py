@@ -9,7 +9,7 @@ from counting import Counting, factories, first_starts
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from worlds import counting_vector, trajectories
 
-from perdure.envs.gymnasium import VectorEnvWorld
+from perdure.envs.vector_env import VectorEnvWorld
 from perdure.errors import PerdureError
 
 every_mode = pytest.mark.parametrize("mode", list(AutoresetMode))

@@ -10,7 +10,8 @@ from counting import factories
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from perdure.envs import World, list_tasks, make_world
-from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
+from perdure.envs.gymnasium import GymnasiumWorld
+from perdure.envs.vector_env import VectorEnvWorld
 
 SAMPLE = {
     "Hopper-v3",
@@ -44,7 +45,9 @@ def counting_vector(seeds: Sequence[int], mode: AutoresetMode, **options: Any) -
 
 
 def _task(name: str) -> Case:
-    return Case(name, lambda seeds: make_world(name, seeds))
+    # A home task would first make a pool of training episodes.
+    options = ",split=val,episodes=8" if name.startswith("perdure/Home") else ""
+    return Case(name, lambda seeds: make_world(name + options, seeds))
 
 
 def _all_cases() -> list[Any]:
@@ -74,8 +77,8 @@ def actions_of(seed: int, world: World, steps: int) -> np.ndarray:
     spec = world.spec
     low, high = 0.5 * spec.action_low, 0.5 * spec.action_high
     actions = np.random.default_rng(seed).uniform(low, high, (steps, spec.action_size))
-    if spec.name in KEPT_HIGH:
-        actions[:, KEPT_HIGH[spec.name]] = spec.action_high[KEPT_HIGH[spec.name]]
+    if (kept := KEPT_HIGH.get(spec.name.partition(",")[0])) is not None:
+        actions[:, kept] = spec.action_high[kept]
     return actions
 
 

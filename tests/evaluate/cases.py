@@ -51,7 +51,7 @@ class Case:
         ended = np.full(EPISODES, self.falls_within is not None)
         return Reference(T, bins, np.full(EPISODES, length), ended, np.zeros(1), np.ones(1))
 
-    def lane(self) -> tuple[np.ndarray, np.ndarray, int, str]:
+    def episode(self) -> tuple[np.ndarray, np.ndarray, int, str]:
         """Steps, returns, end step and end reason of one long episode."""
         rng = np.random.default_rng(abs(hash_of(self.name)) + 1)
         lasts = self.ends or self.steps

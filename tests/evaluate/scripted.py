@@ -10,14 +10,14 @@ import gymnasium
 import numpy as np
 
 from perdure.envs.gymnasium import GymnasiumWorld
-from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.horizon import Constant, Fixed, HorizonProtocol, Linear
 from perdure.policy import Normalizer, Policy, TaskInfo
 
 
 @dataclass(frozen=True)
 class Script:
-    """What happens in one lane at step 1, 2, ...: reward, place, and when it ends."""
+    """What happens in one episode at step 1, 2, ...: reward, place, and when it ends."""
 
     reward: Callable[[int], float] = lambda step: 1.0
     place: Callable[[int], float] = lambda step: 0.0
@@ -72,6 +72,6 @@ SCRIPTED = TaskInfo("scripted", 3, (-1.0,), (1.0,))
 
 
 def evaluate(scripts: list[Script], steps: int, hides_divergence: bool = True) -> Any:
-    """Records of one lane for each script."""
-    lanes = [LaneSpec(0, None, seed) for seed in range(len(scripts))]
-    return evaluate_lanes([policy_for(SCRIPTED)], lanes, steps, world=world_of(scripts, hides_divergence))
+    """Records of one episode for each script."""
+    episodes = [EpisodeSpec(0, None, seed) for seed in range(len(scripts))]
+    return evaluate_episodes([policy_for(SCRIPTED)], episodes, steps, world=world_of(scripts, hides_divergence))

@@ -15,8 +15,8 @@ import perdure
 from perdure.evaluate.episodes import FIRST_EVAL_SEED
 
 hopper = partial(gymnasium.make, "Hopper-v5")
-LANES = 6
-FACTS = ["step", "return", "alive", "end_step", "end_reason", "outcome", "reference_rate", "policy_state"]
+EPISODES = 6
+FACTS = ["step", "return", "alive", "end_step", "end_reason", "outcome", "training_rate", "policy_state"]
 
 
 def swing(observations):
@@ -26,7 +26,7 @@ def swing(observations):
 
 
 def evaluated(env):
-    options = {"steps": 200, "eval_seeds": LANES, "training_horizon": 50, "name": "swing"}
+    options = {"steps": 200, "eval_seeds": EPISODES, "training_horizon": 50, "name": "swing"}
     return perdure.extrapolate(swing, env, **options).frame.select(FACTS)
 
 
@@ -41,22 +41,22 @@ def single(env):
     return evaluated(env)
 
 
-def test_lanes_end_at_different_steps_so_that_there_is_something_to_reset(single):
+def test_episodes_end_at_different_steps_so_that_there_is_something_to_reset(single):
     ends = single.filter(single["step"] == 200)["end_step"].to_list()
     assert len(set(ends)) > 3
     assert max(ends) < 200
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("lanes", [LANES, 4])
-def test_every_mode_of_a_vector_gives_the_returns_of_single_environments(env, single, mode, lanes):
-    """With four lanes the six episodes take two passes, and the spare lanes of the second are nobody's."""
-    with_mode = SyncVectorEnv([env] * lanes, autoreset_mode=mode)
+@pytest.mark.parametrize("episodes", [EPISODES, 4])
+def test_every_mode_of_a_vector_gives_the_returns_of_single_environments(env, single, mode, episodes):
+    """With four episodes the six episodes take two passes, and the spare episodes of the second are nobody's."""
+    with_mode = SyncVectorEnv([env] * episodes, autoreset_mode=mode)
     assert evaluated(with_mode).select(FACTS[:6]).equals(single.select(FACTS[:6]))
 
 
 def test_so_do_environments_in_processes_of_their_own(env, single):
-    vector = AsyncVectorEnv([env] * LANES, autoreset_mode=AutoresetMode.SAME_STEP)
+    vector = AsyncVectorEnv([env] * EPISODES, autoreset_mode=AutoresetMode.SAME_STEP)
     assert evaluated(vector).select(FACTS[:6]).equals(single.select(FACTS[:6]))
     vector.close()
 
@@ -64,11 +64,11 @@ def test_so_do_environments_in_processes_of_their_own(env, single):
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_a_loop_that_overlooks_the_reset_has_other_returns(env, single, mode):
     """The control: it goes on adding up rewards after the end, as the vector does not stop by itself."""
-    vector = SyncVectorEnv([env] * LANES, autoreset_mode=mode)
-    seen, _ = vector.reset(seed=[FIRST_EVAL_SEED + k for k in range(LANES)])
-    total = np.zeros(LANES)
+    vector = SyncVectorEnv([env] * EPISODES, autoreset_mode=mode)
+    seen, _ = vector.reset(seed=[FIRST_EVAL_SEED + k for k in range(EPISODES)])
+    total = np.zeros(EPISODES)
     for _ in range(200):
-        if mode is AutoresetMode.DISABLED and (ended := getattr(vector, "_control", np.zeros(LANES, bool))).any():
+        if mode is AutoresetMode.DISABLED and (ended := getattr(vector, "_control", np.zeros(EPISODES, bool))).any():
             seen, _ = vector.reset(options={"reset_mask": ended})
         seen, rewards, terminated, truncated, _ = vector.step(swing(seen))
         vector._control = terminated | truncated
@@ -78,19 +78,19 @@ def test_a_loop_that_overlooks_the_reset_has_other_returns(env, single, mode):
 
 
 def test_the_reset_of_envpool_at_the_next_step_gives_the_returns_of_its_task():
-    """EnvPool by hand, all lanes at every step, as its users drive it; rewards count up to a lane's first end."""
-    seeds = [FIRST_EVAL_SEED + k for k in range(LANES)]
-    pool = envpool.make_gymnasium("Hopper-v4", num_envs=LANES, seed=seeds, max_episode_steps=10**6)
+    """EnvPool by hand, all rows at every step, as its users drive it; rewards count up to an episode's first end."""
+    seeds = [FIRST_EVAL_SEED + k for k in range(EPISODES)]
+    pool = envpool.make_gymnasium("Hopper-v4", num_envs=EPISODES, seed=seeds, max_episode_steps=10**6)
     seen, _ = pool.reset()
-    total, over, both = np.zeros(LANES), np.zeros(LANES, bool), np.zeros(LANES)
-    lasts = np.zeros(LANES)
+    total, over, both = np.zeros(EPISODES), np.zeros(EPISODES, bool), np.zeros(EPISODES)
+    lasts = np.zeros(EPISODES)
     for _ in range(200):
         seen, rewards, terminated, truncated, _ = pool.step(swing(seen))
         both += rewards
         total += np.where(over, 0.0, rewards)
         lasts += ~over
         over |= terminated | truncated
-    found = perdure.extrapolate(swing, "envpool:Hopper-v4", steps=200, eval_seeds=LANES, training_horizon=50).final()
+    found = perdure.extrapolate(swing, "envpool:Hopper-v4", steps=200, eval_seeds=EPISODES, training_horizon=50).final()
     assert found["end_step"].to_list() == lasts.tolist()
     np.testing.assert_allclose(found["return"], total, rtol=1e-12)
     assert (found["return"].to_numpy() != both).any(), "the control: without an eye on the reset they differ"

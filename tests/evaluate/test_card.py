@@ -58,8 +58,8 @@ def test_a_training_command_is_shown_where_there_is_one(made, tmp_path, command,
     policy = load_policy(made[0])
     policy = replace(policy, provenance=policy.provenance | {"command": command})
     file = save_policy(policy, tmp_path / "policy.safetensors")
-    write_table(tmp_path / "lanes.parquet", read_table(made[1].path)[0], {})  # says nothing about files
-    text = write_card(file, tmp_path / "lanes.parquet").read_text()
+    write_table(tmp_path / "episodes.parquet", read_table(made[1].path)[0], {})  # says nothing about files
+    text = write_card(file, tmp_path / "episodes.parquet").read_text()
     assert ("- command: `perdure train Hopper-v3`" in text, "- command" in text) == (shown, shown)
 
 
@@ -68,13 +68,13 @@ def test_its_metrics_are_those_of_the_table(made):
     metrics = front_matter(card)["model-index"][0]["results"][0]["metrics"]
     assert len(metrics) == 4
     for clock in ("constant(500)", "constant(0)"):
-        lanes = result.final().filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
+        episodes = result.final().filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
         share, mean = (each for each in metrics if each["name"].endswith(f"{STEPS} steps, clock {clock}"))
-        assert share["value"] == pytest.approx((lanes["outcome"] == "holds").mean(), abs=1e-4)
+        assert share["value"] == pytest.approx((episodes["outcome"] == "holds").mean(), abs=1e-4)
         assert (share["args"]["n"], share["args"]["interval_method"]) == (6, "Wilson score")
-        assert mean["value"] == pytest.approx(lanes["return"].mean(), abs=1e-3)
+        assert mean["value"] == pytest.approx(episodes["return"].mean(), abs=1e-3)
         low, high = mean["args"]["interval"]
-        margin = 2.5706 * lanes["return"].std() / np.sqrt(6)  # Student's t, 5 degrees of freedom
+        margin = 2.5706 * episodes["return"].std() / np.sqrt(6)  # Student's t, 5 degrees of freedom
         assert (high - low) / 2 == pytest.approx(margin, rel=1e-3)
     assert "other" not in card.read_text().split("## Limits")[0]
 
@@ -107,7 +107,7 @@ def test_a_table_of_other_policies_is_refused_with_what_it_holds(made, tmp_path)
     policy, result, _ = made
     theirs = result.frame.filter(pl.col("policy") == "other")
     for frame, held in ((theirs, "Hopper-v3 other"), (theirs.with_columns(task=pl.lit("Ant-v3")), "Ant-v3 other")):
-        foreign = write_table(tmp_path / "lanes.parquet", frame, {})
+        foreign = write_table(tmp_path / "episodes.parquet", frame, {})
         with pytest.raises(PerdureError, match=f"true on Hopper-v3.*{held}"):
             write_card(policy, foreign)
 
@@ -119,10 +119,10 @@ def test_a_card_is_not_made_from_another_preset_s_episodes(made, tmp_path):
     preset = replace(subject, provenance={**subject.provenance, "preset": "cleanrl"})
     path = save_policy(preset, tmp_path / "policy.safetensors")
     with pytest.raises(PerdureError, match="does not say which episodes are those of this policy"):
-        write_card(path, write_table(tmp_path / "lanes.parquet", result.frame, {}))
+        write_card(path, write_table(tmp_path / "episodes.parquet", result.frame, {}))
     asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "out": tmp_path / "own"}
     assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (cleanrl)"]
-    assert write_card(path, tmp_path / "own" / "lanes.parquet").is_file()
+    assert write_card(path, tmp_path / "own" / "episodes.parquet").is_file()
 
 
 def test_another_file_of_the_same_training_gets_no_card(made, tmp_path):
@@ -134,7 +134,7 @@ def test_another_file_of_the_same_training_gets_no_card(made, tmp_path):
     with pytest.raises(PerdureError, match=rf"{path} \(SHA-256 {theirs}\).*true.*\({evaluated}\)"):
         write_card(path, result.path)
     assert "was not checked" not in card.read_text()
-    unknown = write_table(tmp_path / "lanes.parquet", result.frame, {})
+    unknown = write_table(tmp_path / "episodes.parquet", result.frame, {})
     assert "was not checked" in write_card(path, unknown).read_text()
 
 
@@ -143,7 +143,7 @@ def test_every_table_of_a_policy_file_says_which_file_it_is_of(made, tmp_path):
     result.write(tmp_path / "copy")
     perdure.extrapolate(policy, steps=STEPS, eval_seeds=1, out=tmp_path / "one", on="here")
     for folder in (result.path.parent, tmp_path / "copy", tmp_path / "one"):
-        notes = read_table(folder / "lanes.parquet")[1]
+        notes = read_table(folder / "episodes.parquet")[1]
         assert notes["sha256 of true, training seed 2"] == hashlib.sha256(policy.read_bytes()).hexdigest()
 
 

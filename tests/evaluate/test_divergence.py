@@ -1,4 +1,4 @@
-"""A world that blew up ends its lane under its own name, is not paid for it, and is not taken for a healthy one."""
+"""A world that blew up ends its episode under its own name, is not paid for it, and is not taken for a healthy one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
 from perdure.envs import make_world
 from perdure.envs.gymnasium import GymnasiumWorld
-from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.evaluate.episodes import DIVERGED, SURVIVED, TERMINATED
 from perdure.evaluate.reference import measure_idle
 from perdure.policy import TaskInfo, measure_reference
@@ -36,7 +36,7 @@ BLOW_UPS = {
 
 
 @pytest.mark.parametrize("script", BLOW_UPS.values(), ids=BLOW_UPS)
-def test_a_blow_up_ends_its_lane_unpaid_and_leaves_its_neighbors_alone(script):
+def test_a_blow_up_ends_its_episode_unpaid_and_leaves_its_neighbors_alone(script):
     records = evaluate([HEALTHY, script, HEALTHY], STEPS)
     assert records.end_reason.tolist() == [SURVIVED, DIVERGED, SURVIVED]
     assert records.end_step.tolist() == [STEPS, 20, STEPS]
@@ -111,8 +111,8 @@ def task_of(name):
 
 @pytest.mark.parametrize("name", ["HalfCheetah-v3", "Swimmer-v3"])
 def test_two_thousand_steps_of_wild_actions_in_a_real_world_are_no_blow_up(name):
-    lanes = [LaneSpec(0, None, seed) for seed in range(3)]
-    records = evaluate_lanes([policy_for(task_of(name))], lanes, 2_000)
+    episodes = [EpisodeSpec(0, None, seed) for seed in range(3)]
+    records = evaluate_episodes([policy_for(task_of(name))], episodes, 2_000)
     assert records.end_reason.tolist() == [SURVIVED] * 3
 
 
@@ -143,11 +143,11 @@ def cheetahs(*when):
 
 
 @pytest.mark.filterwarnings("ignore")  # MuJoCo and Gymnasium warn, as they should
-def test_a_real_simulation_that_blows_up_ends_its_lane_and_no_other():
+def test_a_real_simulation_that_blows_up_ends_its_episode_and_no_other():
     policy = policy_for(task_of("gymnasium:HalfCheetah-v5"))
-    lanes = [LaneSpec(0, None, seed) for seed in range(3)]
-    never = evaluate_lanes([policy], lanes, 60, world=cheetahs(None, None, None))
-    thrown = evaluate_lanes([policy], lanes, 60, world=cheetahs(None, 30, None))
+    episodes = [EpisodeSpec(0, None, seed) for seed in range(3)]
+    never = evaluate_episodes([policy], episodes, 60, world=cheetahs(None, None, None))
+    thrown = evaluate_episodes([policy], episodes, 60, world=cheetahs(None, 30, None))
     assert never.end_reason.tolist() == [SURVIVED] * 3
     assert thrown.end_reason.tolist() == [SURVIVED, DIVERGED, SURVIVED]
     assert thrown.end_step[1] == 30

@@ -6,6 +6,7 @@ import shutil
 import sys
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import polars as pl
@@ -16,7 +17,7 @@ from scripted import policy_for
 
 from perdure.envs import make_world
 from perdure.errors import OtherSourceWarning, PerdureError
-from perdure.evaluate import Extrapolation, ExtrapolationResult, LaneSpec, evaluate_files, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, Extrapolation, ExtrapolationResult, evaluate_episodes, evaluate_files
 from perdure.evaluate.episodes import split
 from perdure.evaluate.reference import read_idle
 from perdure.evaluate.stored import _finished, _versions, evaluate_group
@@ -27,7 +28,7 @@ from perdure.runs import Store, Work
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 FIVE_HUNDRED = Constant(500.0)
-LANE = ["policy", "clock", "eval_seed", "step"]
+EPISODE = ["policy", "clock", "eval_seed", "step"]
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +53,16 @@ def whole(evaluation, tmp_path_factory):
 
 
 def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
-    lanes = whole.final().select("policy", "clock", "eval_seed").sort(pl.all()).rows()
+    episodes = whole.final().select("policy", "clock", "eval_seed").sort(pl.all()).rows()
     expected = [
         ("linear", clock, seed) for clock in ("constant(500)", "countdown(60)", "periodic(20)") for seed in (0, 1)
     ]
-    assert lanes == [*expected, ("ppo", "none", 0), ("ppo", "none", 1)]
+    assert episodes == [*expected, ("ppo", "none", 0), ("ppo", "none", 1)]
 
 
 def test_the_table_is_one_that_reports_read_with_the_command_that_made_it(whole):
     frame, metadata = read_table(whole.path)
-    assert frame.sort(LANE).equals(whole.frame.select(frame.columns).sort(LANE))
+    assert frame.sort(EPISODE).equals(whole.frame.select(frame.columns).sort(EPISODE))
     assert metadata["command"] == "perdure extrapolate ..."
 
 
@@ -71,24 +72,24 @@ def groups(keys):
 
 def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
     summary = whole.summary()
-    assert summary["lanes"].to_list() == [2] * 4
-    lane = whole.final().filter(pl.col("policy") == "ppo")
+    assert summary["episodes"].to_list() == [2] * 4
+    episode = whole.final().filter(pl.col("policy") == "ppo")
     row = summary.filter(pl.col("policy") == "ppo")
-    assert row["mean_return"].item() == pytest.approx(sum(lane["return"]) / 2)
+    assert row["mean_return"].item() == pytest.approx(sum(episode["return"]) / 2)
     assert row["policy_state"].item() == "never worked"
     assert row["median_failed_step"].item() == 0.0, "what never worked has failed from the start"
 
 
 def test_the_median_time_to_failure_is_that_of_kaplan_and_meier(whole):
     def median(*failed_steps):
-        """Lanes that fall at these steps, of 60; None: holds."""
+        """Episodes that fall at these steps, of 60; None: holds."""
         ends = pl.DataFrame({"eval_seed": range(len(failed_steps)), "failed_step": failed_steps})
-        lanes = pl.concat([whole.frame.filter(pl.col("policy") == "ppo").head(1)] * len(ends)).with_columns(
+        episodes = pl.concat([whole.frame.filter(pl.col("policy") == "ppo").head(1)] * len(ends)).with_columns(
             step=pl.lit(60), test_horizon=pl.lit(60), policy_state=pl.lit("worked"), eval_seed=ends["eval_seed"],
             failed_step=ends["failed_step"].fill_null(60),
             outcome=pl.when(ends["failed_step"].is_null()).then(pl.lit("holds")).otherwise(pl.lit("falls")),
         )  # fmt: skip
-        return ExtrapolationResult(lanes, None).summary()["median_failed_step"].item()
+        return ExtrapolationResult(episodes, None).summary()["median_failed_step"].item()
 
     assert median(10, 20, 30, 40) == 20.0
     assert median(10, 20, None, None) == 20.0
@@ -100,7 +101,7 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
     evaluation, whole, tmp_path, monkeypatch
 ):
     """Four groups; the evaluation is killed after one. What was finished is not computed again."""
-    small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_lanes=2)
+    small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_episodes=2)
 
     def die(status):
         if any(key.startswith("groups") and each.state == "finished" for key, each in status.items()):
@@ -110,7 +111,7 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
         evaluate_files(small, tmp_path, cores=1, observe=die)
     done = set(Store(tmp_path).keys("groups"))
     assert 0 < len(done) < 4
-    assert not (tmp_path / "lanes.parquet").exists()
+    assert not (tmp_path / "episodes.parquet").exists()
     monkeypatch.setattr("perdure.runs.store.source_digest", lambda: "another")
     resumed = []
     with pytest.warns(OtherSourceWarning, match=f"{len(done)} of {len(done)}"):
@@ -120,7 +121,7 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
     assert result.frame.equals(whole.frame)
 
 
-def test_finished_lanes_are_not_run_again_however_they_were_grouped(evaluation, whole, tmp_path):
+def test_finished_episodes_are_not_run_again_however_they_were_grouped(evaluation, whole, tmp_path):
     started = []
 
     def extrapolated(eval_seeds, cores, **changes):
@@ -128,16 +129,16 @@ def test_finished_lanes_are_not_run_again_however_they_were_grouped(evaluation, 
         observe = lambda status: started.append(set(status))  # noqa: E731
         return evaluate_files(asked, tmp_path, cores=cores, on="here", observe=observe)
 
-    extrapolated(1, 2, max_lanes=3)
+    extrapolated(1, 2, max_episodes=3)
     first = set(Store(tmp_path).keys("groups"))
     more = extrapolated(2, 1)
     assert more.frame.equals(whole.frame)
     assert groups(started[0]) == first
     assert started[-1] == set(Store(tmp_path).keys("groups")) - first, "idle robots and references were measured before"
-    lanes = [len(Store(tmp_path).config(key)["lanes"]) for key in started[-1]]
-    assert sum(lanes) == 4, "one more start state of four pairs of policy and clock"
+    episodes = [len(Store(tmp_path).config(key)["episodes"]) for key in started[-1]]
+    assert sum(episodes) == 4, "one more start state of four pairs of policy and clock"
     started.clear()
-    assert extrapolated(2, 2, max_lanes=1).frame.equals(whole.frame)
+    assert extrapolated(2, 2, max_episodes=1).frame.equals(whole.frame)
     assert started == []
 
 
@@ -151,9 +152,9 @@ def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whol
         second.join(3.0)
         assert waited == [True]
         assert second.is_alive()
-        assert not (tmp_path / "lanes.parquet").exists()
+        assert not (tmp_path / "episodes.parquet").exists()
     second.join()
-    assert read_table(tmp_path / "lanes.parquet")[0].equals(read_table(whole.path)[0])
+    assert read_table(tmp_path / "episodes.parquet")[0].equals(read_table(whole.path)[0])
 
 
 def test_one_policy_under_two_names_is_refused(policies, tmp_path):
@@ -163,21 +164,23 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
         evaluate_files(Extrapolation((policies[0], copy), steps=5), tmp_path / "out", cores=1)
 
 
-@pytest.mark.parametrize("lane", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]])
-def test_a_group_of_lanes_that_cannot_be_read_is_named(tmp_path, lane):
+@pytest.mark.parametrize(
+    "episode", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]]
+)
+def test_a_group_of_episodes_that_cannot_be_read_is_named(tmp_path, episode):
     store = Store(tmp_path)
-    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions("InvertedPendulum-v4"), "lanes": [lane]}
+    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions("InvertedPendulum-v4"), "episodes": [episode]}
     with store.workspace("groups/a", config):
         pass
     with pytest.raises(PerdureError, match="groups/a"):
-        _finished(store, 5, config["versions"])
+        _finished(store, Extrapolation((Path("a"),), steps=5), config["versions"])
 
 
 @pytest.mark.parametrize("at", [0.6, 0.9])
-def test_a_damaged_group_of_lanes_is_named(evaluation, tmp_path, at):
+def test_a_damaged_group_of_episodes_is_named(evaluation, tmp_path, at):
     small = replace(evaluation, steps=50)
     evaluate_files(small, tmp_path, on="here")
-    path = next(tmp_path.glob("groups/*/lanes.parquet"))
+    path = next(tmp_path.glob("groups/*/episodes.parquet"))
     content = bytearray(path.read_bytes())
     place = int(at * len(content))
     content[place : place + 40] = 40 * b"\xff"
@@ -210,7 +213,7 @@ def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_pa
     work = Work(tmp_path, 1, lambda *done, **facts: None)
     file = {"path": str(policies[0]), "digest": "0" * 64, "task": "Hopper-v3", "horizon": None}
     with pytest.raises(PerdureError, match="has changed"):
-        evaluate_group(work, files={"0" * 64: file}, lanes=[["0" * 64, None, 0]], steps=5)
+        evaluate_group(work, files={"0" * 64: file}, episodes=[["0" * 64, None, 0]], steps=5, disturb=[])
 
 
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
@@ -223,8 +226,8 @@ def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(ev
 class TestStarts:
     def test_the_same_evaluation_seed_starts_from_the_same_state_under_every_policy_and_clock(self):
         plain, timed = policy_for(HOPPER, seed=1), policy_for(HOPPER, seed=2, phi=True)
-        lanes = [
-            LaneSpec(policy, clock, seed)
+        episodes = [
+            EpisodeSpec(policy, clock, seed)
             for policy, clock in ((0, None), (1, Constant(5.0)), (1, Periodic(5.0)))
             for seed in (3, 4)
         ]
@@ -244,18 +247,19 @@ class TestStarts:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("perdure.evaluate.episodes.make_world", Watched)
-            evaluate_lanes([plain, timed], lanes, 3)
+            evaluate_episodes([plain, timed], episodes, 3)
         (starts,) = asked
         by_seed = {
-            seed: {starts[i].tobytes() for i, lane in enumerate(lanes) if lane.eval_seed == seed} for seed in (3, 4)
+            seed: {starts[i].tobytes() for i, episode in enumerate(episodes) if episode.eval_seed == seed}
+            for seed in (3, 4)
         }
         assert [len(states) for states in by_seed.values()] == [1, 1]
         assert by_seed[3] != by_seed[4]
 
     def test_an_evaluation_seed_does_not_depend_on_how_many_are_evaluated(self):
         policy = [policy_for(HOPPER)]
-        many = evaluate_lanes(policy, [LaneSpec(0, None, seed) for seed in range(4)], 30)
-        one = evaluate_lanes(policy, [LaneSpec(0, None, 2)], 30)
+        many = evaluate_episodes(policy, [EpisodeSpec(0, None, seed) for seed in range(4)], 30)
+        one = evaluate_episodes(policy, [EpisodeSpec(0, None, 2)], 30)
         assert one.returns[0].tobytes() == many.returns[2].tobytes()
 
 
@@ -290,7 +294,7 @@ class TestClocks:
     [
         ({"steps": 0}, "steps"),
         ({"eval_seeds": 0}, "eval_seeds"),
-        ({"max_lanes": 0}, "max_lanes"),
+        ({"max_episodes": 0}, "max_episodes"),
         ({"clocks": ()}, "clock"),
         ({"policies": ()}, "policy"),
         ({"policies": "mine"}, "policies must be a tuple, got 'mine'"),
@@ -308,7 +312,7 @@ def test_an_evaluation_of_nothing_is_refused_by_name(policies, change, word):
 
 
 def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):
-    """The lanes are those of the files: none is run again."""
+    """The episodes are those of the files: none is run again."""
     (tmp_path / "mine").mkdir()
     mine = shutil.copy(policies[0], tmp_path / "mine" / "policy.safetensors")
     named = Extrapolation((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
@@ -326,15 +330,15 @@ def test_policies_for_two_tasks_are_refused(policies, tmp_path):
         evaluate_files(Extrapolation((policies[0], other), steps=5), tmp_path / "out")
 
 
-@given(lanes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
-def test_groups_hold_every_lane_once_in_order_even_and_small_enough(lanes, size, parts):
-    every = [LaneSpec(0, None, seed) for seed in range(lanes)]
+@given(episodes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
+def test_groups_hold_every_episode_once_in_order_even_and_small_enough(episodes, size, parts):
+    every = [EpisodeSpec(0, None, seed) for seed in range(episodes)]
     groups = split(every, size, parts)
-    assert [lane for group in groups for lane in group] == every
+    assert [episode for group in groups for episode in group] == every
     lengths = [len(group) for group in groups]
     assert max(lengths) <= size
     assert max(lengths) - min(lengths) <= 1
-    assert len(groups) % parts == 0 or len(groups) == lanes  # no worker idles while another has its last group
+    assert len(groups) % parts == 0 or len(groups) == episodes  # no worker idles while another has its last group
 
 
 def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, monkeypatch):
@@ -350,3 +354,19 @@ def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, m
     with pytest.raises(ValueError, match="no task named"):
         evaluate_files(Extrapolation((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
     assert trace.exists()
+
+
+def test_a_disturbed_evaluation_stands_beside_the_calm_one_and_resumes(tmp_path):
+    """Calm episodes in one folder are not taken for disturbed ones; the same draws come whatever runs beside."""
+    run = partial(Extrapolation, (Path("Hopper-v3/ppo"),), 300, eval_seeds=2)
+    calm = evaluate_files(run(), tmp_path, on="here").final()
+    both = ("push:0", "action_noise:0.2")
+    noisy = evaluate_files(run(disturb=both), tmp_path, on="here").final()
+    assert calm["disturbance"].unique().to_list() == ["none"]
+    assert noisy["disturbance"].unique().to_list() == ["action_noise:0.2 push:0"]
+    assert (noisy["return"] != calm["return"]).all()
+    alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), tmp_path / "again", on="here").final()
+    assert alone["return"].equals(noisy["return"])
+    again = evaluate_files(run(disturb=both), tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))
+    assert again.final()["return"].equals(noisy["return"])
+    assert "ppo under action_noise:0.2 push:0" in str(again)

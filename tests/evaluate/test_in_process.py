@@ -35,7 +35,7 @@ def still(observations):
 
 
 def ends(result):
-    """Return of each lane at its end, in the order of start states."""
+    """Return of each episode at its end, in the order of start states."""
     return result.final()["return"].to_list()
 
 
@@ -61,7 +61,7 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
             function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3
         )
         assert found.frame.select(FACTS).equals(by_file.frame.select(FACTS))
-        same = ["idle_rate", "reference_rate", "window", "policy_state", "policy_note", "outcome", "failed_step"]
+        same = ["idle_rate", "training_rate", "window", "policy_state", "policy_note", "outcome", "failed_step"]
         assert found.frame.select(same).equals(by_file.frame.select(same))
         assert found.frame["policy"].unique().to_list() == ["function"]
 
@@ -112,11 +112,11 @@ class TestWhatTheFunctionSees:
         assert (first["grid"][:, 0, 0] + 3 == first["pointer"]).all()
         assert (first["pair"] == np.stack([np.ones(3), first["pointer"] - 3], axis=1)).all()
         row = result.frame.row(0, named=True)
-        assert row["reference_rate"] == 1.0
+        assert row["training_rate"] == 1.0
         assert row["idle_rate"] == pytest.approx(1 / 3, abs=0.02)
         assert row["policy_state"] == "worked"
 
-    def test_a_recurrent_policy_remembers_whatever_the_axis_of_its_lanes_and_whoever_ends(self):
+    def test_a_recurrent_policy_remembers_whatever_the_axis_of_its_episodes_and_whoever_ends(self):
         calls = []
 
         def remember(observations, state, episode_starts):
@@ -126,11 +126,11 @@ class TestWhatTheFunctionSees:
             return state[0, :, 0].astype(int), state
 
         result = perdure.extrapolate(remember, Cue, steps=50, eval_seeds=8, training_horizon=30, recurrent=True)
-        lanes = result.final()
-        assert set(lanes["end_step"]) == {20, 50}
-        assert lanes["return"].to_list() == lanes["end_step"].to_list()
+        episodes = result.final()
+        assert set(episodes["end_step"]) == {20, 50}
+        assert episodes["return"].to_list() == episodes["end_step"].to_list()
         assert calls[30] == (True, True, True, 8), "a new closed loop begins without a state"
-        assert set(calls[31:]) == {(False, False, False, 8)}, "ended lanes are still there"
+        assert set(calls[31:]) == {(False, False, False, 8)}, "ended episodes are still there"
 
     def test_without_its_memory_it_earns_nothing_after_the_first_step(self):
         result = perdure.extrapolate(
@@ -282,7 +282,7 @@ def test_a_table_that_nothing_could_make_again_is_not_replaced(timed, tmp_path):
     ):
         with pytest.raises(PerdureError, match="another evaluation, which would be replaced: name another folder"):
             again()
-    assert (tmp_path / "lanes.parquet").read_bytes() == before
+    assert (tmp_path / "episodes.parquet").read_bytes() == before
     assert called == []
 
 
@@ -345,7 +345,7 @@ def test_an_idle_robot_acts_within_any_box(low, high):
     assert len(acted) > 3, "random actions differ"
 
 
-def test_lanes_of_many_start_states_are_independent_of_their_batch():
+def test_episodes_of_many_start_states_are_independent_of_their_batch():
     few = perdure.extrapolate(still, Falling, steps=70, eval_seeds=3)
     many = perdure.extrapolate(still, Falling, steps=70, eval_seeds=60)
     assert ends(few) == ends(many)[:3]
@@ -360,7 +360,7 @@ def test_a_factory_that_hands_out_one_environment_is_refused():
 
 
 def test_an_environment_with_a_training_horizon_is_refused():
-    """Every lane would end at T, in a task that cannot fall."""
+    """Every episode would end at T, in a task that cannot fall."""
 
     def limited():
         return HorizonLimit(gymnasium.make("Pendulum-v1", max_episode_steps=-1), Fixed(50), "terminated")

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
 from perdure.errors import PerdureError
-from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.evaluate.episodes import END_REASONS, MOST_WINDOWS, recorded_steps, window_steps
 from perdure.evaluate.score import ScoreScale
-from perdure.evaluate.table import judge_table, lane_table
+from perdure.evaluate.table import episode_table, judge_table
 from perdure.policy.reference import Reference
 from perdure.report import read_table, write_table
 
@@ -69,7 +69,7 @@ class TestEnds:
             "terminated",
         ]
 
-    def test_a_lane_lasts_as_many_steps_as_it_made(self, records):
+    def test_a_episode_lasts_as_many_steps_as_it_made(self, records):
         assert records.end_step.tolist() == [40, 7, 20, 20, 40, 40, 1, 38]
 
     def test_returns_count_every_reward_up_to_the_last_and_stay_there(self, records):
@@ -79,7 +79,7 @@ class TestEnds:
         assert records.returns[5, at[40]] == 820
         assert records.returns[7, [at[37], at[40]]].tolist() == [-74, -76]
 
-    def test_lanes_that_all_end_early_keep_their_values_at_the_recorded_steps_never_reached(self):
+    def test_episodes_that_all_end_early_keep_their_values_at_the_recorded_steps_never_reached(self):
         early = evaluate([Script(falls_at=3), Script(falls_at=5)], 1000)
         assert early.returns[:, -1].tolist() == [3, 5]
         assert early.end_step.tolist() == [3, 5]
@@ -112,7 +112,7 @@ class TestMovement:
         assert moving[0] > moving[1] + 0.05
         np.testing.assert_allclose(still, 0.0, atol=0.05)
 
-    def test_is_unknown_for_a_lane_that_ended_before(self):
+    def test_is_unknown_for_a_episode_that_ended_before(self):
         assert np.isnan(evaluate([Script(falls_at=50)], 1000).movement[1, 0])
 
 
@@ -122,8 +122,8 @@ class TestDetails:
         reference = Reference(10, np.zeros((1, 1)), np.array([10]), np.array([False]), low, high)
         policy = dataclasses.replace(policy_for(SCRIPTED), reference=reference)
         scripts = [Script(place=lambda step: 0.01 * step), Script()]
-        lanes = [LaneSpec(0, None, seed) for seed in range(2)]
-        records = evaluate_lanes([policy], lanes, 500, world=world_of(scripts))
+        episodes = [EpisodeSpec(0, None, seed) for seed in range(2)]
+        records = evaluate_episodes([policy], episodes, 500, world=world_of(scripts))
         # The range is [-1, 1]; half of it further out is 2, reached at step 200.
         assert records.end_detail == ["observation[1] left its training range at step 210", ""]
 
@@ -146,53 +146,53 @@ class TestDetails:
 
 def test_a_world_of_the_caller_stays_open():
     world = world_of([Script()])
-    evaluate_lanes([policy_for(SCRIPTED)], [LaneSpec(0, None, 0)], 5, world=world)
+    evaluate_episodes([policy_for(SCRIPTED)], [EpisodeSpec(0, None, 0)], 5, world=world)
     assert world.reset().shape == (1, 3)
 
 
 @pytest.mark.parametrize(
-    ("lanes", "steps", "message"),
+    ("episodes", "steps", "message"),
     [
-        ([], 5, "no lane to evaluate"),
-        ([LaneSpec(1, None, 0)], 5, "an index into 1 policies, from 0, got 1"),
-        ([LaneSpec(-1, None, 0)], 5, "an index into 1 policies, from 0, got -1"),
-        ([LaneSpec(0, None, 0)], 0, "steps must be at least 1, got 0"),
+        ([], 5, "no episode to evaluate"),
+        ([EpisodeSpec(1, None, 0)], 5, "an index into 1 policies, from 0, got 1"),
+        ([EpisodeSpec(-1, None, 0)], 5, "an index into 1 policies, from 0, got -1"),
+        ([EpisodeSpec(0, None, 0)], 0, "steps must be at least 1, got 0"),
     ],
 )
-def test_lanes_that_cannot_be_run_are_refused(lanes, steps, message):
+def test_episodes_that_cannot_be_run_are_refused(episodes, steps, message):
     with pytest.raises(PerdureError, match=message):
-        evaluate_lanes([policy_for(SCRIPTED)], lanes, steps)
+        evaluate_episodes([policy_for(SCRIPTED)], episodes, steps)
 
 
-YARDSTICK = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
+SCALE = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
 
 
 @pytest.fixture(scope="module")
 def frame(records):
-    lanes = [LaneSpec(0, None, seed) for seed in range(len(SCRIPTS))]
-    return judge_table(lane_table(["p"], [policy_for(SCRIPTED)], lanes, records, STEPS), [YARDSTICK] * len(lanes))
+    episodes = [EpisodeSpec(0, None, seed) for seed in range(len(SCRIPTS))]
+    return judge_table(episode_table(["p"], [policy_for(SCRIPTED)], episodes, records, STEPS), [SCALE] * len(episodes))
 
 
 class TestTable:
-    def test_has_one_row_for_each_lane_and_recorded_step(self, frame):
+    def test_has_one_row_for_each_episode_and_recorded_step(self, frame):
         assert frame.height == len(SCRIPTS) * STEPS
         assert frame.select("eval_seed", "step").is_unique().all()
 
-    def test_a_lane_is_alive_at_the_steps_it_completed_without_ending(self, frame):
+    def test_a_episode_is_alive_at_the_steps_it_completed_without_ending(self, frame):
         alive = frame.filter("alive").group_by("eval_seed").agg(pl.col("step").max()).sort("eval_seed")
-        assert alive["eval_seed"].to_list() == [0, 1, 2, 3, 4, 5, 7], "lane 6 fell with its first step"
+        assert alive["eval_seed"].to_list() == [0, 1, 2, 3, 4, 5, 7], "episode 6 fell with its first step"
         assert alive["step"].to_list() == [40, 6, 19, 19, 39, 40, 37]
 
-    def test_every_lane_has_a_verdict(self, frame):
-        lanes = frame.filter(pl.col("step") == STEPS).sort("eval_seed")
-        assert lanes["outcome"].to_list() == ["holds", "falls", "cut", "falls", "falls", "holds", "falls", "falls"]
-        assert lanes["failed_step"].to_list() == [40, 7, 20, 20, 40, 40, 1, 2], (
+    def test_every_episode_has_a_verdict(self, frame):
+        episodes = frame.filter(pl.col("step") == STEPS).sort("eval_seed")
+        assert episodes["outcome"].to_list() == ["holds", "falls", "cut", "falls", "falls", "holds", "falls", "falls"]
+        assert episodes["failed_step"].to_list() == [40, 7, 20, 20, 40, 40, 1, 2], (
             "the last one is no better than idle in every window"
         )
-        assert set(lanes["policy_state"]) == {"worked"}
+        assert set(episodes["policy_state"]) == {"worked"}
 
     def test_is_accepted_by_the_report_and_comes_back_from_its_file(self, frame, tmp_path):
-        path = write_table(tmp_path / "lanes.parquet", frame, {"command": "none"})
+        path = write_table(tmp_path / "episodes.parquet", frame, {"command": "none"})
         found, metadata = read_table(path)
         assert metadata["command"] == "none"
         assert found.sort("eval_seed", "step").select(frame.columns).equals(frame.sort("eval_seed", "step"))

@@ -11,23 +11,23 @@ from cases import CHOSEN_ON, LABELED, LIES, Case, bouts, steady, switch
 from scripted import policy_for
 
 from perdure.envs import make_world
-from perdure.evaluate import LaneSpec, evaluate_lanes
+from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.evaluate.episodes import window_steps
 from perdure.evaluate.reference import Idle, measure_idle
-from perdure.evaluate.score import ScoreScale, make_score_scale, task_rate
-from perdure.evaluate.verdict import judge_lane
+from perdure.evaluate.score import ScoreScale, make_score_scale, published_rate
+from perdure.evaluate.verdict import judge_episode
 from perdure.policy import Reference, TaskInfo, load_policy, measure_reference
 from perdure.policy.files import find_policy
 
 
 def measured(case):
     score_scale = make_score_scale(case.reference(), Idle(case.idle, case.idle - case.spread), case.task)
-    return score_scale, judge_lane(*case.lane(), score_scale)
+    return score_scale, judge_episode(*case.episode(), score_scale)
 
 
 def found(case):
     score_scale, verdict = measured(case)
-    return verdict.outcome if score_scale.state == "worked" else score_scale.state
+    return verdict.outcome if score_scale.policy_state == "worked" else score_scale.policy_state
 
 
 @pytest.mark.parametrize("case", CHOSEN_ON, ids=lambda case: case.name)
@@ -60,29 +60,31 @@ class TestWhen:
         assert verdict.outcome == "decays"
         assert abs(verdict.failed_step - 9000) <= 200
 
-    def test_a_lane_that_lay_still_before_it_fell_failed_when_it_lay_down(self):
+    def test_a_episode_that_lay_still_before_it_fell_failed_when_it_lay_down(self):
         lies = switch(5000, steady(3.0), LIES)
         case = Case("lies, falls", "falls", steady(3.0), lies, idle=1.0, ends=15_000, reason="terminated")
         _, verdict = measured(case)
         assert verdict.outcome == "falls"
         assert abs(verdict.failed_step - 5000) <= 200
 
-    def test_a_pause_in_the_middle_is_said_though_the_lane_holds(self):
+    def test_a_pause_in_the_middle_is_said_though_the_episode_holds(self):
         pause = switch(6000, steady(3.0), switch(8000, steady(0.0), steady(3.0)))
-        assert [measured(Case("p", "holds", steady(3.0), lane))[1].ever_idle for lane in (pause, steady(3.0))] == [
+        assert [
+            measured(Case("p", "holds", steady(3.0), episode))[1].ever_idle for episode in (pause, steady(3.0))
+        ] == [
             True,
             False,
         ]
 
     def test_scores_do_not_depend_on_unit_and_offset(self):
         case = Case("plain", "decays", steady(4.0), bouts(0.5, 400, steady(4.0), steady(0.5)), idle=1.0)
-        reference, (steps, returns, end, reason) = case.reference(), case.lane()
-        plain = judge_lane(steps, returns, end, reason, make_score_scale(reference, Idle(1.0, 1.0), math.nan))
+        reference, (steps, returns, end, reason) = case.reference(), case.episode()
+        plain = judge_episode(steps, returns, end, reason, make_score_scale(reference, Idle(1.0, 1.0), math.nan))
         scaled = replace(reference, rewards=-5.0 * 10 + 0.01 * reference.rewards)
-        other = judge_lane(
+        other = judge_episode(
             steps, -5.0 * steps + 0.01 * returns, end, reason, make_score_scale(scaled, Idle(-4.99, -4.99), -4.9)
         )
-        assert other.end_hold == pytest.approx(plain.end_hold, rel=1e-6)
+        assert other.end_score_vs_training == pytest.approx(plain.end_score_vs_training, rel=1e-6)
         assert (other.outcome, other.failed_step) == (plain.outcome, plain.failed_step)
 
 
@@ -95,7 +97,7 @@ def test_the_start_from_rest_is_no_decay(steps, outcome):
 def test_a_mean_that_goes_back_for_certainty_leaves_the_start_out():
     """The last four windows are below 0.75 by chance; with the ten of the start they would be so beyond it."""
     windows = [0.3] * 10 + [0.73, 0.77, 0.70, 0.78]
-    assert [lane(windows, 10, settling=settling).outcome for settling in (0, 100)] == ["decays", "unknown"]
+    assert [episode(windows, 10, settling=settling).outcome for settling in (0, 100)] == ["decays", "unknown"]
 
 
 class TestWindows:
@@ -106,12 +108,12 @@ class TestWindows:
 
     def test_the_hold_score_is_1_for_the_reference_and_0_for_idle(self):
         score_scale = ScoreScale(1.0, 3.0, 5.0, 100, "worked", "")
-        assert score_scale.hold(np.array([1.0, 3.0, 2.0])).tolist() == [0.0, 1.0, 0.5]
+        assert score_scale.score(np.array([1.0, 3.0, 2.0])).tolist() == [0.0, 1.0, 0.5]
 
     def test_levels_of_tasks_are_found_whatever_the_engine_or_version(self):
-        assert task_rate("gymnasium:Hopper-v5") == task_rate("Hopper-v3") > 0
+        assert published_rate("gymnasium:Hopper-v5") == published_rate("Hopper-v3") > 0
         for name in ("gymnasium:Pendulum-v1", "gymnasium:my_env:Hopper-v0", "gymnasium:mine:Ant-v4", "Hopper-Small-v3"):
-            assert math.isnan(task_rate(name)), name
+            assert math.isnan(published_rate(name)), name
 
 
 def test_healthy_cases_hold_whatever_the_noise():
@@ -131,7 +133,7 @@ def scripted(task, action=0.0):
     policy = policy_for(info)
     weights = {name: np.zeros_like(value) for name, value in policy.weights.items()}
     weights["policy.0.bias"] += np.float32(action)
-    case = Case(task, "", steady(task_rate(task)))
+    case = Case(task, "", steady(published_rate(task)))
     return replace(policy, weights=weights), case.reference()
 
 
@@ -157,15 +159,15 @@ class TestRealPhysics:
         world = make_world(task, [500_000, 500_001, 500_002])
         idle = measure_idle(world, 300)
         world.close()
-        score_scale = make_score_scale(reference, idle, task_rate(task))
-        assert score_scale.state == "worked"
+        score_scale = make_score_scale(reference, idle, published_rate(task))
+        assert score_scale.policy_state == "worked"
         steps = 3000
-        records = evaluate_lanes([policy], [LaneSpec(0, None, seed) for seed in range(3)], steps)
+        records = evaluate_episodes([policy], [EpisodeSpec(0, None, seed) for seed in range(3)], steps)
         at = np.isin(records.steps, window_steps(steps))
-        for lane in range(3):
-            reason = "survived" if records.end_reason[lane] == 0 else "terminated"
-            verdict = judge_lane(
-                records.steps[at], records.returns[lane, at], int(records.end_step[lane]), reason, score_scale
+        for episode in range(3):
+            reason = "survived" if records.end_reason[episode] == 0 else "terminated"
+            verdict = judge_episode(
+                records.steps[at], records.returns[episode, at], int(records.end_step[episode]), reason, score_scale
             )
             assert verdict.outcome == expected
         if expected == "fails silently":
@@ -178,27 +180,27 @@ class TestRealPhysics:
         world.close()
         reference = load_policy(find_policy(name)).reference
         assert reference.rate > 0.9, "it earns the alive bonus"
-        assert make_score_scale(reference, idle, task_rate("Hopper-v3")).state == "never worked"
+        assert make_score_scale(reference, idle, published_rate("Hopper-v3")).policy_state == "never worked"
 
     @pytest.mark.parametrize("task", ["HalfCheetah-v3", "Hopper-v3", "Walker2d-v3"])
     def test_a_shipped_policy_worked_within_its_training_horizon(self, task):
         """The other side of the test above."""
         reference = load_policy(find_policy(f"{task}/geometric")).reference
-        assert make_score_scale(reference, Idle(1.0, 0.5), task_rate(task)).state == "worked"
+        assert make_score_scale(reference, Idle(1.0, 0.5), published_rate(task)).policy_state == "worked"
 
     def test_the_shipped_cheetah_holds_more_often_than_with_no_steps_left(self):
         """Over 12 start states, because another processor rounds differently and turns single episodes around."""
         policy = load_policy(find_policy("HalfCheetah-v3/geometric"))
         reference = policy.reference or measure_reference(policy, 5)
-        score_scale = make_score_scale(reference, Idle(0.0, -0.3), task_rate("HalfCheetah-v3"))
+        score_scale = make_score_scale(reference, Idle(0.0, -0.3), published_rate("HalfCheetah-v3"))
         from perdure.horizon import Constant
 
-        lanes = [LaneSpec(0, Constant(c), seed) for c in (500.0, 0.0) for seed in range(12)]
-        records = evaluate_lanes([policy], lanes, 6000)
+        episodes = [EpisodeSpec(0, Constant(c), seed) for c in (500.0, 0.0) for seed in range(12)]
+        records = evaluate_episodes([policy], episodes, 6000)
         at = np.isin(records.steps, window_steps(6000))
         outcomes = [
-            judge_lane(records.steps[at], records.returns[lane, at], 6000, "survived", score_scale).outcome
-            for lane in range(len(lanes))
+            judge_episode(records.steps[at], records.returns[episode, at], 6000, "survived", score_scale).outcome
+            for episode in range(len(episodes))
         ]
         assert outcomes[:12].count("holds") >= 10
         assert outcomes[12:].count("fails silently") >= 2
@@ -217,10 +219,10 @@ def test_where_every_step_pays_the_same_only_survival_is_judged(lengths, state):
     box = np.ones(4)
     reference = Reference(horizon, bins, lengths, lengths < horizon, -box, box)
     scale = make_score_scale(reference, Idle(1.0, 1.0), math.nan)
-    assert (scale.state, scale.survival) == (state, True)
+    assert (scale.policy_state, scale.survival) == (state, True)
     steps = np.arange(10, 5001, 10)
     outcomes = [
-        judge_lane(steps, np.minimum(steps, end).astype(float), end, reason, scale).outcome
+        judge_episode(steps, np.minimum(steps, end).astype(float), end, reason, scale).outcome
         for end, reason in ((5000, "survived"), (700, "terminated"))
     ]
     assert outcomes == (["holds", "falls"] if state == "worked" else ["unknown", "falls"])
@@ -245,13 +247,13 @@ def scale_of(rates, zero=0.0, random=0.0, task=math.nan, horizon=100):
 )
 def test_whether_a_policy_worked_is_left_open_where_its_gain_may_be_too_small(rates, state):
     """Random actions cost 4, so a gain of 1 counts. Half the interval of 1, 2, 3 is 4.303 / sqrt(3) = 2.48."""
-    assert scale_of(rates, random=-4.0).state == state
+    assert scale_of(rates, random=-4.0).policy_state == state
 
 
 @pytest.mark.parametrize(("rate", "state"), [(0.96, "never worked"), (1.04, "worked")])
 def test_a_policy_works_from_a_quarter_of_what_random_actions_cost_or_a_twentieth_of_the_level(rate, state):
-    assert scale_of([rate] * 3, random=-4.0).state == state
-    assert scale_of([rate] * 3, task=20.0).state == state
+    assert scale_of([rate] * 3, random=-4.0).policy_state == state
+    assert scale_of([rate] * 3, task=20.0).policy_state == state
 
 
 @pytest.mark.parametrize(("share", "state"), [(0.49, "never worked"), (0.51, "worked")])
@@ -260,40 +262,40 @@ def test_where_only_survival_is_judged_half_of_the_horizon_is_enough(share, stat
     bins = np.clip(lengths[:, None] - np.arange(0, 1000, 10), 0, 10).astype(float)
     box = np.ones(1)
     reference = Reference(1000, bins, lengths, lengths < 1000, -box, box)
-    assert make_score_scale(reference, Idle(1.0, 1.0), math.nan).state == state
+    assert make_score_scale(reference, Idle(1.0, 1.0), math.nan).policy_state == state
 
 
 def test_a_task_that_pays_nothing_is_not_judged_by_survival():
     scale = scale_of([0.0] * 3)
-    assert (scale.state, scale.survival) == ("never worked", False)
+    assert (scale.policy_state, scale.survival) == ("never worked", False)
 
 
-def lane(windows, width=100, settling=0):
-    """A lane whose windows have these hold scores, and its verdict."""
+def episode(windows, width=100, settling=0):
+    """An episode whose windows have these scores, and its verdict."""
     scale = ScoreScale(0.0, 1.0, math.nan, width, "worked", "", settling=settling)
     steps = np.arange(1, len(windows) + 1) * width
-    return judge_lane(steps, np.cumsum(windows) * width, len(windows) * width, "survived", scale)
+    return judge_episode(steps, np.cumsum(windows) * width, len(windows) * width, "survived", scale)
 
 
 def test_four_windows_are_enough():
-    assert [lane([1.0] * count).outcome for count in (3, 4)] == ["unknown", "holds"]
+    assert [episode([1.0] * count).outcome for count in (3, 4)] == ["unknown", "holds"]
 
 
 def test_a_robot_was_ever_idle_after_two_idle_windows_in_a_row():
-    assert not lane([1.0, 0.0, 1.0, 0.0, *[1.0] * 10]).ever_idle
-    assert lane([1.0, 0.0, 0.0, 1.0, *[1.0] * 10]).ever_idle
+    assert not episode([1.0, 0.0, 1.0, 0.0, *[1.0] * 10]).ever_idle
+    assert episode([1.0, 0.0, 0.0, 1.0, *[1.0] * 10]).ever_idle
 
 
 @pytest.mark.parametrize(("good", "begin"), [(2, 10), (3, 14)])
 def test_a_failure_begins_where_nine_tenths_of_the_windows_are_bad(good, begin):
     """From window 10 on, 18 of 18 + `good` windows are bad: 90 %, or 86 %."""
-    found = lane([1.0] * 10 + [0.0] + [1.0] * good + [0.0] * 17)
+    found = episode([1.0] * 10 + [0.0] + [1.0] * good + [0.0] * 17)
     assert (found.outcome, found.failed_step) == ("fails silently", begin * 100)
 
 
 @pytest.mark.parametrize(("idle", "outcome"), [(9, "decays"), (10, "fails silently")])
 def test_a_robot_that_paused_before_must_be_idle_twice_as_long(idle, outcome):
-    assert lane([1.0] * 30 + [0.0] * 5 + [1.0] * 10 + [0.0] * idle).outcome == outcome
+    assert episode([1.0] * 30 + [0.0] * 5 + [1.0] * 10 + [0.0] * idle).outcome == outcome
 
 
 @pytest.mark.parametrize(
@@ -303,7 +305,7 @@ def test_a_robot_that_paused_before_must_be_idle_twice_as_long(idle, outcome):
 def test_the_end_of_a_robot_that_paused_is_averaged_over_five_times_its_pause(before, between, silent):
     """The last 20 windows begin with a pause of four. Of the last 16 or 24 the first row would not be silent."""
     pause, idle = [0.0] * 4, [0.0] * 6
-    found = lane([1.0] * 36 + [before] * 4 + pause + [between] * 10 + idle)
+    found = episode([1.0] * 36 + [before] * 4 + pause + [between] * 10 + idle)
     assert (found.outcome == "fails silently") == silent
 
 
@@ -325,4 +327,4 @@ def test_windows_are_so_long_that_one_in_twenty_of_the_reference_looks_idle(paus
 def test_the_first_tenth_of_an_episode_does_not_count(settling, rate):
     bins = np.full(100, 10.0)
     bins[:settling] = 0.0
-    assert make_score_scale(reference_of(bins), Idle(0.0, 0.0), math.nan).reference == pytest.approx(rate)
+    assert make_score_scale(reference_of(bins), Idle(0.0, 0.0), math.nan).training_rate == pytest.approx(rate)

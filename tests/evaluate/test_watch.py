@@ -53,7 +53,7 @@ def has_frame(panel):
 
 class TestAFilmOfAFall:
     def test_has_the_episode_that_holds_on_the_left_and_the_fall_on_the_right(self, film):
-        left, right = film.lanes
+        left, right = film.episodes
         assert (left.clock, left.outcome, left.end_step) == (ALWAYS, "holds", STEPS)
         assert (right.clock, right.outcome) == (NOTHING_LEFT, "falls")
         assert left.eval_seed == right.eval_seed == 0
@@ -64,7 +64,7 @@ class TestAFilmOfAFall:
         """25 pictures a second, one for each five steps of 0.008 s; the right panel gets a red frame at the fall."""
         shown = pictures(film.path)
         assert len(shown) == film.pictures
-        failed = film.lanes[1].failed_step
+        failed = film.episodes[1].failed_step
         assert len(shown) == (failed + 125 - 1) // 5 + 1
         width = SIZE[0]
         assert shown[0].shape == (TOP + SIZE[1] + BOTTOM, 2 * width + GAP, 3)
@@ -83,28 +83,28 @@ class TestAFilmOfAFall:
 
 class TestTheReplay:
     @pytest.fixture
-    def lane(self, film):
-        return film.lanes[1]
+    def episode(self, film):
+        return film.episodes[1]
 
-    def test_pays_what_the_judged_episode_paid_and_goes_on_after_its_end(self, policy, lane, render_env):
-        instants = list(replay(policy, lane, render_env, lane.end_step + 30))
-        assert [each.step for each in instants] == list(range(1, lane.end_step + 31))
-        assert instants[lane.end_step - 1].total == pytest.approx(lane.total, rel=1e-12)
-        assert instants[-1].total == instants[lane.end_step - 1].total
+    def test_pays_what_the_judged_episode_paid_and_goes_on_after_its_end(self, policy, episode, render_env):
+        instants = list(replay(policy, episode, render_env, episode.end_step + 30))
+        assert [each.step for each in instants] == list(range(1, episode.end_step + 31))
+        assert instants[episode.end_step - 1].total == pytest.approx(episode.total, rel=1e-12)
+        assert instants[-1].total == instants[episode.end_step - 1].total
 
     @pytest.mark.parametrize("change", [{"total": 0.0}, {"end_step": 60}, {"clock": ALWAYS}, {"eval_seed": 5}])
-    def test_of_another_episode_than_the_judged_one_is_refused(self, policy, lane, render_env, change):
+    def test_of_another_episode_than_the_judged_one_is_refused(self, policy, episode, render_env, change):
         with pytest.raises(PerdureError, match=r"is not the one that was judged|when it was filmed"):
-            list(replay(policy, replace(lane, **change), render_env, STEPS))
+            list(replay(policy, replace(episode, **change), render_env, STEPS))
 
-    def test_is_not_disturbed_by_the_camera(self, policy, lane, render_env):
+    def test_is_not_disturbed_by_the_camera(self, policy, episode, render_env):
         totals = []
-        for instant in replay(policy, lane, render_env, lane.end_step):
+        for instant in replay(policy, episode, render_env, episode.end_step):
             if instant.step == 20:
                 with RobotCamera(instant.env, SIZE) as camera:
                     assert camera.take().std() > 5
             totals.append(instant.total)
-        assert totals[-1] == lane.total
+        assert totals[-1] == episode.total
 
 
 def test_without_a_failure_there_is_no_film_and_no_file(policy, tmp_path):
@@ -168,6 +168,6 @@ class TestTwins:
 def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_env):
     judge = Judge(policy, render_env.open(), 50)
     assert judge.policy.reference is not policy.reference
-    assert judge.scale.state == "worked"
-    assert judge.scale.idle == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"
-    assert judge.scale.reference == pytest.approx(policy.reference.rate, rel=0.2)
+    assert judge.scale.policy_state == "worked"
+    assert judge.scale.idle_rate == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"
+    assert judge.scale.training_rate == pytest.approx(policy.reference.rate, rel=0.2)

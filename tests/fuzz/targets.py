@@ -18,13 +18,13 @@ from safetensors.numpy import load, save
 
 from perdure.cli.commands import policy_text
 from perdure.errors import PerdureError
-from perdure.evaluate.episodes import LaneSpec
+from perdure.evaluate.episodes import EpisodeSpec
 from perdure.evaluate.reference import Idle
 from perdure.evaluate.score import make_score_scale
-from perdure.evaluate.table import _lane_row
+from perdure.evaluate.table import _episode_row
 from perdure.home.tasks.episodes import EpisodeSet, episode_hash, load_episodes, read_episodes, write_episodes
 from perdure.home.tasks.planning import plan_problem
-from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.horizon import Clock, HorizonProtocol
 from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
 from perdure.policy import Policy, load_policy, save_policy
 from perdure.policy.files import _digest as policy_digest
@@ -105,7 +105,7 @@ def use_policy(content):
         assert (actions >= policy.task.action_low).all()
         assert (actions <= policy.task.action_high).all()
     assert "\x1b" not in policy_text(policy)
-    row = _lane_row("label", policy, LaneSpec(0, policy.clock, 0))
+    row = _episode_row("label", policy, EpisodeSpec(0, policy.clock, 0))
     pl.DataFrame({name: [value] for name, value in row.items()}, schema={name: COLUMNS[name] for name in row})
     if policy.reference is not None:
         make_score_scale(policy.reference, Idle(0.0, 0.1), math.nan)
@@ -163,9 +163,9 @@ def horizon_json(rng):
         read = HorizonProtocol.from_json(mutations.json_value(rng, protocol))
         assert np.isfinite(read.embed(np.arange(3.0), np.array([0.0, 5.0, np.inf]))).all()
     with suppress(PerdureError):
-        clock = clock_from_json(mutations.json_value(rng, {"name": rng.choice(("constant", "periodic")), "steps": 5.0}))
+        clock = Clock.from_json(mutations.json_value(rng, {"name": rng.choice(("constant", "periodic")), "steps": 5.0}))
         assert not np.isnan(clock.time(np.arange(3.0))).any()
-        assert clock_from_json(clock.to_json()) == clock
+        assert Clock.from_json(clock.to_json()) == clock
 
 
 # Episodes

@@ -16,7 +16,7 @@ from targets import TARGETS
 
 from perdure.errors import OtherSourceWarning
 
-CASES = 300
+CASES = 150
 """Of each reader, in `make test`."""
 VERIFY = int(os.environ.get("PERDURE_FUZZ_CASES", "1000000")) // len(TARGETS)
 """Of each reader, in `make verify`."""

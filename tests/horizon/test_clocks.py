@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perdure.errors import PerdureError
-from perdure.horizon import Constant, Countdown, Geometric, LaneClocks, Linear, Periodic, clock_from_json, parse_clock
+from perdure.horizon import Clock, Constant, Countdown, Geometric, LaneClocks, Linear, Periodic, parse_clock
 
 ELAPSED = np.arange(6.0)
 TIMETABLES = {
@@ -111,7 +111,7 @@ def test_negative_steps_on_the_command_line_are_refused():
 
 @pytest.mark.parametrize("clock", TIMETABLES, ids=lambda clock: clock.label)
 def test_a_clock_survives_json(clock):
-    assert clock_from_json(clock.to_json()) == clock
+    assert Clock.from_json(clock.to_json()) == clock
 
 
 @given(st.lists(clocks, min_size=1, max_size=12), st.data())
@@ -138,17 +138,6 @@ def test_one_batch_mixes_clocks():
     assert table(mixed, [3, 3, 3, 4]) == ([0, 3, 1, 0], [9, 5, 2, 9])
     times, horizons = mixed.time([7, 7], lanes=[2, 1])
     assert (times.tolist(), horizons.tolist()) == ([1, 7], [2, 5])
-
-
-def test_clocks_of_lanes_survive_json():
-    some = [Constant(9), Countdown(float("inf")), Constant(9), Periodic(0)]
-    assert LaneClocks.from_json(LaneClocks(some).to_json()).clocks == tuple(some)
-
-
-@pytest.mark.parametrize("values", [None, [], {}, {"clocks": 3}])
-def test_what_is_no_list_of_clocks_is_refused(values):
-    with pytest.raises(PerdureError, match="the clocks of lanes are written"):
-        LaneClocks.from_json(values)
 
 
 def test_lanes_that_do_not_fit_are_refused():

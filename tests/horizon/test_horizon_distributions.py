@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.horizon import Fixed, Infinite, Uniform, distribution_from_json
+from perdure.horizon import Fixed, HorizonDistribution, Infinite, Uniform
 
 
 def test_each_horizon_of_a_uniform_law_owns_an_equal_share_of_the_unit_interval():
@@ -69,4 +69,4 @@ def test_horizons_that_are_no_whole_steps_are_refused(steps):
 
 @pytest.mark.parametrize("distribution", [Fixed(1000), Uniform(200, 1000), Infinite()], ids=str)
 def test_a_law_survives_json(distribution):
-    assert distribution_from_json(distribution.to_json()) == distribution
+    assert HorizonDistribution.from_json(distribution.to_json()) == distribution

@@ -12,13 +12,9 @@ from perdure.horizon import (
     Clock,
     Embedding,
     Fixed,
+    HorizonDistribution,
     HorizonProtocol,
     Registered,
-    clock_from_json,
-    distribution_from_json,
-    embedding_from_json,
-    from_json,
-    known,
 )
 
 
@@ -56,12 +52,12 @@ def test_a_strangers_embedding_is_stored_and_found_by_name():
 
 
 def test_a_strangers_clock_is_found_by_name():
-    assert clock_from_json({"name": "late-of-a-stranger", "steps": 4}) == Late(4)
+    assert Clock.from_json({"name": "late-of-a-stranger", "steps": 4}) == Late(4)
 
 
 def test_the_same_field_values_of_another_kind_are_another_thing():
-    assert embedding_from_json({"name": "linear"}) != embedding_from_json({"name": "geometric"})
-    assert distribution_from_json({"name": "fixed", "steps": 3}) != distribution_from_json(
+    assert Embedding.from_json({"name": "linear"}) != Embedding.from_json({"name": "geometric"})
+    assert HorizonDistribution.from_json({"name": "fixed", "steps": 3}) != HorizonDistribution.from_json(
         {"name": "uniform", "low": 3, "high": 3}
     )
 
@@ -85,11 +81,11 @@ class Square(Shape):
 def test_infinity_and_numpy_numbers_become_plain_json_values():
     assert Square(np.inf).to_json() == {"name": "square", "side": "inf"}
     assert type(Square(np.float32(2)).to_json()["side"]) is float
-    assert from_json(Shape, {"name": "square", "side": "inf"}) == Square(np.inf)
+    assert Shape.from_json({"name": "square", "side": "inf"}) == Square(np.inf)
 
 
 def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
-    assert set(known(Shape)) == {"square"}
+    assert set(Shape.kinds()) == {"square"}
 
     @dataclass(frozen=True)
     class CopiedAndForgotten(Shape):
@@ -97,4 +93,4 @@ def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
         corners = 4
 
     with pytest.raises(PerdureError, match=r"Square and .*CopiedAndForgotten are both named 'square'"):
-        known(Shape)
+        Shape.kinds()

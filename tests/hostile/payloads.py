@@ -76,11 +76,13 @@ def table(path, text=lambda payload: payload, payloads=PAYLOADS, tasks=("Hopper-
         for task in tasks
         for each in payloads
     ]
-    frame = _builder()(groups, lanes=2, recorded=(100, 1000))
-    lanes = [text(each) for _ in tasks for each in payloads for _ in range(2 * 2)]
+    frame = _builder()(groups, episodes=2, recorded=(100, 1000))
+    clocks = [text(each) for _ in tasks for each in payloads for _ in range(2 * 2)]
     import polars as pl
 
-    frame = frame.with_columns(clock=pl.Series(lanes), clock_kind=pl.Series(lanes), policy_state=pl.lit("cannot tell"))
+    frame = frame.with_columns(
+        clock=pl.Series(clocks), clock_kind=pl.Series(clocks), policy_state=pl.lit("cannot tell")
+    )
     return write_table(path, frame, {"command": " ".join(map(text, payloads))})
 
 

@@ -40,7 +40,7 @@ def check(page, profile):
 
 @pytest.mark.parametrize("payloads", GROUPS, ids=range(len(GROUPS)))
 def test_a_table_of_payloads_runs_nothing_and_is_drawn(tmp_path, payloads):
-    frame, notes = read_table(table(tmp_path / "lanes.parquet", payloads=payloads))
+    frame, notes = read_table(table(tmp_path / "episodes.parquet", payloads=payloads))
     check(write_report(frame, tmp_path / "page", notes["command"], ()), tmp_path / "profile")
 
 
@@ -52,7 +52,7 @@ def test_logs_of_payloads_run_nothing_and_are_drawn(tmp_path, payloads):
 
 @pytest.mark.parametrize("text", PAYLOADS, ids=range(len(PAYLOADS)))
 def test_tasks_and_splits_of_payloads_run_nothing(tmp_path, text):
-    frame, _ = read_table(table(tmp_path / "lanes.parquet", payloads=(text,), tasks=(text,)))
+    frame, _ = read_table(table(tmp_path / "episodes.parquet", payloads=(text,), tasks=(text,)))
     check(write_report(frame, tmp_path / "page", text, ()), tmp_path / "profile")
     records, cast = read_all([logs(tmp_path / "logs.parquet", payloads=(text,), split=text[:50])])
     check(write_page(analyze(records), tmp_path / "home", text, cast, ()), tmp_path / "profile-2")

@@ -17,7 +17,7 @@ from perdure.policy import load_policy, save_policy
 from perdure.report import read_table, summary_text, write_report
 from perdure.schema import UNSEEN
 
-FEW = tuple(PAYLOADS[k] for k in (1, 6, 17, 27))
+FEW = tuple(PAYLOADS[k] for k in (6, 27))
 """Of a split there is a section with figures each."""
 
 
@@ -53,7 +53,7 @@ class Structure(HTMLParser):
 
 
 def table_page(folder, text, formats=(), **how):
-    frame, notes = read_table(table(folder / "lanes.parquet", text, **how))
+    frame, notes = read_table(table(folder / "episodes.parquet", text, **how))
     return write_report(frame, folder / "page", notes["command"], formats)
 
 
@@ -105,7 +105,7 @@ def test_files_named_after_text_stay_in_their_folder(tmp_path, text):
 
 
 def test_text_for_a_terminal_holds_nothing_that_acts_on_it(tmp_path):
-    frame, _ = read_table(table(tmp_path / "lanes.parquet"))
+    frame, _ = read_table(table(tmp_path / "episodes.parquet"))
     records, _ = read_all([logs(tmp_path / "logs.parquet")])
     for text in (summary_text(frame), home_summary(analyze(records))):
         assert not UNSEEN.search(text.replace("\n", ""))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from perdure.envs import make_world
-from perdure.envs.traced import WorldSlot, trace
+from perdure.envs.traced import WorldSlot, traced_world
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.learn import PPOConfig
 from perdure.learn.networks import start_moments
@@ -45,7 +45,7 @@ def rollout():
             observations=update_moments(CONFIG, state.statistics.observations, env_state)
         )
         draws = draw(jax.random.key(3), world.spec.action_size, config=CONFIG)
-        collect = jax.jit(make_collect(trace(slot), world.spec, CONFIG))
+        collect = jax.jit(make_collect(traced_world(slot), world.spec, CONFIG))
         _, last, written = collect(slot.handle, (env_state, statistics), state.params, draws)
         result = jax.tree.map(np.asarray, finish(last, written, config=CONFIG))
         written = jax.tree.map(np.asarray, written)

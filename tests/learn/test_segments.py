@@ -91,7 +91,9 @@ def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_sa
     assert files(tmp_path, 1) == files(solo, 1)
 
 
-@pytest.mark.parametrize(("on", "cores"), [("here", 2), ("local", 1), ("local", 2)])
+@pytest.mark.parametrize(
+    ("on", "cores"), [("here", 2), pytest.param("local", 1, marks=pytest.mark.verify), ("local", 2)]
+)
 def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, on, cores):
     told = []
     train(run(0, 1, 2), tmp_path, cores=cores, on=on, observe=on_report(run(0, 1, 2), told.append))
@@ -104,11 +106,11 @@ def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(s
     assert len(policies) == 3, "seeds must differ, or their equality proves nothing"
 
 
-def test_seeds_in_processes_whose_run_is_killed_go_on_from_where_they_were(solo, tmp_path):
+def test_a_seed_in_a_process_whose_run_is_killed_goes_on_from_where_it_was(solo, tmp_path):
     with pytest.raises(Killed):
-        train(run(1, 2), tmp_path, cores=2, on="local", observe=die_at(SEGMENT, 1, 2))
+        train(run(1), tmp_path, on="local", observe=die_at(SEGMENT, 1))
     assert not (tmp_path / run(1).key(1)).exists()
-    train(run(1, 2), tmp_path, cores=2, on="local")
+    train(run(1), tmp_path, on="local")
     assert files(tmp_path, 1) == files(solo, 1)
 
 

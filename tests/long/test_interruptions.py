@@ -38,7 +38,7 @@ COMMANDS = {
         "oracle",
         "--episodes",
         "2",
-        "--max-lanes",
+        "--max-episodes",
         "1",
         "--out",
         "out",
@@ -76,7 +76,7 @@ def session(leader):
 
 
 def results(folder):
-    """What a finished command leaves, without what the store hides and groups of lanes, which may be cut otherwise."""
+    """What a finished command leaves, without what the store hides and groups, which may be cut otherwise."""
     files = [path for path in (folder / "out").rglob("*") if path.is_file()]
     names = {path.relative_to(folder): path for path in files}
     return {name: path.read_bytes() for name, path in names.items() if not _left_out(name)}

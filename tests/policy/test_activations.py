@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from perdure.policy.network import ACTIVATIONS
+from perdure.policy.readers.sb3 import TORCH_ACTIVATIONS
 
 DEFINITIONS = {
     "relu": lambda x: max(x, 0.0),
@@ -70,3 +71,7 @@ def test_an_entry_does_not_depend_on_its_place(name):
     for start in range(0, 40, 7):
         part = np.ascontiguousarray(x[start : start + 5, 3:16])
         np.testing.assert_array_equal(apply(name, part), whole[start : start + 5, 3:16])
+
+
+def test_every_activation_is_read_from_models_of_pytorch():
+    assert set(TORCH_ACTIVATIONS.values()) == set(ACTIVATIONS)

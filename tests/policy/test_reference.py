@@ -15,7 +15,7 @@ from perdure.errors import PerdureError
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy import (
     ClosedLoop,
-    LanePolicy,
+    EpisodePolicy,
     Normalizer,
     Policy,
     TaskInfo,
@@ -85,7 +85,7 @@ def test_an_environment_whose_episode_starts_with_nan_is_named():
     with pytest.raises(PerdureError, match=r"broken starts an episode with observation\[0\] = nan"):
         measure_reference(policy, 1, world())
     with pytest.raises(PerdureError, match=r"broken starts an episode with observation\[0\] = nan"):
-        ClosedLoop(world(), [LanePolicy(policy, policy.clock)])
+        ClosedLoop(world(), [EpisodePolicy(policy, policy.clock)])
 
 
 def test_a_time_feature_counts_down_from_its_own_steps_however_short_the_episodes():

@@ -33,7 +33,7 @@ FLAGS = (
 
 
 def half_fall(synthetic, **more):
-    """Eight lanes earn 2 a step; four of them fall at step 500, four last for 100,000."""
+    """Eight episodes earn 2 a step; four of them fall at step 500, four last for 100,000."""
     return synthetic([{"clock": "constant(500)", "rate": 2.0, "ends": [500] * 4 + [math.inf] * 4} | more])
 
 
@@ -41,8 +41,14 @@ class TestWhatItSays:
     def test_each_policy_and_clock_gets_a_verdict_with_its_evidence(self, synthetic):
         lines = summary_text(half_fall(synthetic)).splitlines()
         assert lines[0] == "Hopper-v3: geometric, always 500 steps to go: falls in 4 of 8 episodes"
-        assert lines[1].strip() == (
-            "geometric, always 500 steps to go: falls in 4 of 8 episodes; since step 500 (median)."
+        assert lines[1].strip() == "geometric, always 500 steps to go: falls in 4 of 8 episodes; at step 500 (median)."
+
+    def test_a_robot_that_stood_idle_before_it_fell_is_said_to(self, synthetic):
+        idle = synthetic([{"rate": 2.0, "ends": [9970] * 4 + [9990] * 4, "failed_step": 0}])
+        assert (
+            summary_text(idle)
+            .splitlines()[1]
+            .endswith("falls in 8 of 8 episodes; idle from the start, falls at step 9,980 (median).")
         )
 
     @pytest.mark.parametrize(
@@ -66,7 +72,7 @@ class TestWhatItSays:
         assert shown == said
 
     def test_the_table_gives_the_mean_return_and_the_verdicts(self, synthetic):
-        # (4 lanes x 500 steps + 4 lanes x 100,000 steps) x 2 / 8 lanes = 100,500
+        # (4 episodes x 500 steps + 4 episodes x 100,000 steps) x 2 / 8 episodes = 100,500
         assert "100,500" in summary_text(half_fall(synthetic))
         assert re.search(r"falls 4, holds 4|holds 4, falls 4", summary_text(half_fall(synthetic)))
 
@@ -117,7 +123,7 @@ class TestWhatItSays:
         holding = {"clock": "constant(500)", "rate": 2.0, "ends": [math.inf] * 18 + [5000] * 2}
         earning = {"clock": "constant(600)", "rate": 4.0, "ends": [math.inf] * 17 + [5000] * 3}
         worse = {"clock": "constant(700)", "rate": 2.0, "ends": [5000] * 20}
-        text = summary_text(synthetic([holding, earning, worse], lanes=20))
+        text = summary_text(synthetic([holding, earning, worse], episodes=20))
         assert "always 500 steps to go. Not distinguishable from it" in text
         assert "95 % each): always 600 steps to go. Confirm" in text
 
@@ -138,20 +144,20 @@ class TestWhatItSays:
     def test_nine_of_ten_on_average_holds_whatever_the_rounding(self, synthetic):
         """19 of 20 and 17 of 20: the mean of the shares is 0.8999999999999999."""
         ends = [math.inf] * 19 + [5000]
-        first = synthetic([{"rate": 2.0, "ends": ends}], lanes=20, train_seeds=(0,))
-        second = synthetic([{"rate": 2.0, "ends": [math.inf] * 17 + [5000] * 3}], lanes=20, train_seeds=(1,))
+        first = synthetic([{"rate": 2.0, "ends": ends}], episodes=20, train_seeds=(0,))
+        second = synthetic([{"rate": 2.0, "ends": [math.inf] * 17 + [5000] * 3}], episodes=20, train_seeds=(1,))
         assert summary_text(pl.concat([first, second])).splitlines()[0].endswith("holds for 100,000 steps")
 
     def test_a_fall_before_the_first_window_counts_as_0(self, synthetic):
         frame = synthetic([{"rate": 2.0, "ends": [500] * 4 + [math.inf] * 4}])
-        assert frame.filter(pl.col("end_step") == 500)["end_hold"].is_nan().all()
+        assert frame.filter(pl.col("end_step") == 500)["end_score_vs_training"].is_nan().all()
         (estimate,) = estimate_table(frame)["Hopper-v3"]
-        assert float(estimate.final_hold.estimate) == 0.5
+        assert float(estimate.final_score.estimate) == 0.5
 
-    def test_where_every_step_pays_the_same_no_gain_is_named(self, synthetic):
+    def test_where_every_step_pays_the_same_no_score_is_named(self, synthetic):
         text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
         assert "every step pays the same, so only survival is judged." in text
-        assert "gain over an idle robot" not in text
+        assert "score against its own training" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
         falls = [{"clock": f"constant({c})", "rate": 2.0, "ends": [500] * 8} for c in (100, 500)]
@@ -182,18 +188,16 @@ class TestWhatItSays:
         assert "from the start; moving." in summary_text(silent)
 
     def test_pauses_of_episodes_that_hold_are_said(self, synthetic):
-        assert "8 of them fell below a quarter of it for a while" in summary_text(
-            synthetic([{"rate": 2.0, "ever_idle": True}])
-        )
+        assert "8 episodes scored below 0.25 for a while" in summary_text(synthetic([{"rate": 2.0, "ever_idle": True}]))
 
     def test_a_policy_that_holds_is_said_to_with_its_interval(self, synthetic):
         lines = summary_text(synthetic([{"rate": 2.0}])).splitlines()
         assert lines[0].endswith("holds for 100,000 steps")
         assert "8 of 8 episodes (95 % interval 68 % to 100 %)" in lines[1]  # Wilson
-        assert "gain over an idle robot at the end: 100 % of that in training." in lines[1]
+        assert "score against its own training at the end: 1.00." in lines[1]
 
     def test_where_nothing_beats_an_idle_robot_this_is_said_first(self, synthetic):
-        stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_hold": math.nan}
+        stands = {"rate": 1.0, "policy_state": "never worked", "outcome": "unknown", "end_score_vs_training": math.nan}
         text = summary_text(synthetic([stands, stands | {"clock": "constant(100)"}]))
         assert text.startswith("Hopper-v3: no policy works, even within its training horizon")
         assert "never worked in 8 of 8 episodes; within its training horizon it earns more" in text
@@ -260,9 +264,9 @@ class TestFigures:
 
     def test_failures_are_counted_among_the_episodes_still_watched(self, synthetic):
         """Kaplan and Meier: 1 of 4 fails at 100, one is cut at 200, 1 of the 2 left fails at 300."""
-        lanes = [{"ends": [100]}, {"ends": [200], "reason": "truncated"}, {"ends": [300]}, {"ends": [math.inf]}]
+        episodes = [{"ends": [100]}, {"ends": [200], "reason": "truncated"}, {"ends": [300]}, {"ends": [math.inf]}]
         frame = pl.concat(
-            [synthetic([lane], lanes=1).with_columns(eval_seed=pl.lit(k)) for k, lane in enumerate(lanes)]
+            [synthetic([episode], episodes=1).with_columns(eval_seed=pl.lit(k)) for k, episode in enumerate(episodes)]
         )
         (group,) = make_groups(frame.with_columns(pl.col("eval_seed").cast(pl.Int64)))
         at = dict(zip(group.steps.tolist(), group.working.tolist(), strict=True))
@@ -281,12 +285,12 @@ class TestFigures:
 
     def test_two_episodes_give_thin_lines_and_no_band(self, synthetic):
         groups = [{"rate": 2.0, "spread": 0.5}]
-        two, note = drawn(synthetic(groups, lanes=2))
-        three, _ = drawn(synthetic(groups, lanes=3))
+        two, note = drawn(synthetic(groups, episodes=2))
+        three, _ = drawn(synthetic(groups, episodes=3))
         assert rows(two["reward"], "area") == []
         assert {row["member"] for row in rows(two["reward"], "line", size=0.9)} == {0, 1}
         assert rows(two["survival"], "rule", size=2.6) == []
-        assert rows(two["hold"], "rule") == []
+        assert rows(two["score"], "rule") == []
         assert "No interval where n is less than 3. Thin lines" in note["reward"]
         assert len(rows(three["reward"], "area")) == 10
         assert rows(three["reward"], "line", size=0.9) == []
@@ -299,7 +303,7 @@ class TestFigures:
             *("geometric, countdown from 100,000", "geometric"),
         }
         assert "(n = 8 episodes each)" in json.dumps(found["reward"])
-        assert {row["row"] for row in rows(found["hold"], "point")} >= {"geometric (n = 8)"}
+        assert {row["row"] for row in rows(found["score"], "point")} >= {"geometric (n = 8)"}
 
     def test_two_values_of_c_are_not_joined(self, synthetic):
         some = [{"clock": f"constant({c})", "rate": 1.0 + c, "spread": 0.1} for c in (0, 1, 2)]

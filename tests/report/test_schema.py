@@ -16,7 +16,7 @@ from perdure.schema import LARGEST, UNSEEN
 
 @pytest.fixture(scope="module")
 def frame(synthetic):
-    return synthetic([{"hazard": 1e-4}, {"clock": "none", "method": "ppo", "train_horizon": math.inf}], lanes=3)
+    return synthetic([{"hazard": 1e-4}, {"clock": "none", "method": "ppo", "train_horizon": math.inf}], episodes=3)
 
 
 def test_a_table_is_read_back_as_written_with_its_metadata(tmp_path, frame):
@@ -26,7 +26,7 @@ def test_a_table_is_read_back_as_written_with_its_metadata(tmp_path, frame):
     assert back.schema == dict(COLUMNS)
     assert metadata == {"command": 'perdure extrapolate "a b" --c 5'}
     notes = pl.read_parquet_metadata(path)
-    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "2")
+    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "3")
 
 
 def test_the_same_table_gives_the_same_bytes(tmp_path, frame):
@@ -35,9 +35,9 @@ def test_the_same_table_gives_the_same_bytes(tmp_path, frame):
 
 
 def test_infinite_and_unknown_numbers_survive_the_file(tmp_path, frame):
-    odd = frame.with_columns(pl.lit(math.nan).alias("end_hold"), pl.lit(math.inf).alias("train_horizon"))
+    odd = frame.with_columns(pl.lit(math.nan).alias("end_score_vs_training"), pl.lit(math.inf).alias("train_horizon"))
     back, _ = read_table(write_table(tmp_path / "t", odd, {}))
-    assert back["end_hold"].is_nan().all()
+    assert back["end_score_vs_training"].is_nan().all()
     assert (back["train_horizon"] == math.inf).all()
 
 
@@ -77,7 +77,7 @@ def test_a_frame_that_does_not_fit_is_refused_with_its_fault(tmp_path, frame, ch
     with pytest.raises(PerdureError, match=named):
         write_table(tmp_path / "t", change(frame), {})
     assert not (tmp_path / "t").exists()
-    schema.table_lanes(frame, "the unchanged frame")
+    schema.table_episodes(frame, "the unchanged frame")
 
 
 @pytest.mark.parametrize("metadata", [{"schema": "mine"}, {"sha256": "0"}, {"command": 3}])
@@ -92,7 +92,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
     (tmp_path / "cut").write_bytes(write_table(tmp_path / "t", frame, {}).read_bytes()[:-20])
     frame.write_parquet(tmp_path / "foreign")
     frame.write_parquet(tmp_path / "old", metadata={"schema": "perdure.extrapolation", "version": "0"})
-    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "2"})
+    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "3"})
     expected = {
         "absent": "does not exist",
         ".": "is not a file",
@@ -100,7 +100,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
         "empty": "is not a Parquet file",
         "cut": "damaged",
         "foreign": "not a table of the schema perdure.extrapolation",
-        "old": "has version 0 .* reads version 2",
+        "old": "has version 0 .* reads version 3",
         "bare": "SHA-256",
     }
     for name, sentence in expected.items():
@@ -133,7 +133,7 @@ def test_no_flipped_bit_goes_unnoticed(tmp_path, frame):
 )
 def test_any_label_and_number_survives_the_file(tmp_path_factory, frame, label, number, seed):
     odd = frame.filter((pl.col("method") == "ppo") & (pl.col("eval_seed") == 0)).with_columns(
-        policy=pl.lit(label), train_seed=pl.lit(seed, pl.Int64), end_hold=pl.lit(number, pl.Float64)
+        policy=pl.lit(label), train_seed=pl.lit(seed, pl.Int64), end_score_vs_training=pl.lit(number, pl.Float64)
     )
     path = tmp_path_factory.getbasetemp() / "any.parquet"
     back, _ = read_table(write_table(path, odd, {"command": label}))
@@ -144,5 +144,5 @@ def test_every_column_is_declared_once_and_documented():
     rows = dict(re.findall(r"^\| (\w+) \| (\w+ \| .+) \|$", schema.__doc__, re.MULTILINE))
     rows.pop("column")
     assert list(rows) == list(COLUMNS) == list(schema.ROW.fields)
-    assert rows["outcome"].startswith('text | the verdict on the lane: "holds", "decays"')
+    assert rows["outcome"].startswith('text | the verdict on the episode: "holds", "decays"')
     assert COLUMNS["ever_idle"] is pl.Boolean

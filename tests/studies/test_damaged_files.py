@@ -45,7 +45,7 @@ def test_a_frozen_table_of_other_columns(tmp_path):
 
 def test_new_rows_replace_those_of_their_key(tmp_path):
     def rows(clock, *seeds):
-        common = {"setting": "Hopper-v3", "method": "geometric", "rule": "bandit", "lane_steps": 1}
+        common = {"setting": "Hopper-v3", "method": "geometric", "rule": "bandit", "simulated_steps": 1}
         return pl.DataFrame([{**common, "train_seed": seed, "clock": clock} for seed in seeds])
 
     CLOCKS.add(tmp_path, rows("constant:100", 1, 0))

@@ -22,15 +22,30 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
 
 Each command explains its options with --help. Documentation: {DOCS}
 """
+HOME_USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
 
-COMMANDS = {
-    **dict.fromkeys(("train", "extrapolate", "import", "export"), "commands"),
-    **{"report": "report", "watch": "watch"},
-    **dict.fromkeys(("card", "list", "inspect"), "commands"),
-    "home": "home",
-}
-"""Command to its module in this package, which is imported only when the command is used."""
+  perdure home list                          tasks, episodes, skills, objects
+  perdure home episode TASK --index 3        starts and goals of an episode; with --render out.png a picture
+  perdure home plan TASK                     the task plan, found by a STRIPS planner
+  perdure home video TASK --index 3          a film of the oracle; with --place of release strategies side by side
+  perdure home view TASK --index 3           the oracle live in a browser
+  perdure home train SKILL                   train a skill
+  perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
+  perdure home analyze LOGS --out PAGE       success per stage, failure causes, placements; with --out as a page
+  perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
+  perdure home overlaps LOGS                 objects at rest that lie inside each other: is the simulation sound?
 
+Each command explains its options with --help.
+"""
+
+
+def _names(usage: str, before: str) -> tuple[str, ...]:
+    return tuple(line.split()[before.count(" ")] for line in usage.splitlines() if line.startswith(f"  {before}"))
+
+
+COMMANDS = _names(USAGE, "perdure ")
+HOME_COMMANDS = _names(HOME_USAGE, "perdure home ")
+ALIASES = {"analyse": "analyze"}
 RESUMING = ("train", "extrapolate", "home train", "home run")
 """Commands that keep finished parts of an interrupted run."""
 
@@ -42,8 +57,7 @@ def resumes(args: Sequence[str]) -> bool:
 
 def example(command: str) -> str:
     """Return a command line that shows a command, such as "home run"; empty where there is none."""
-    usage = import_module("perdure.cli.home").USAGE if command.startswith("home ") else USAGE
-    lines = (line.strip().partition("  ")[0] for line in usage.splitlines())
+    lines = (line.strip().partition("  ")[0] for line in (USAGE + HOME_USAGE).splitlines())
     return next((line for line in lines if f"{line} ".startswith(f"perdure {command} ")), "")
 
 
@@ -51,18 +65,24 @@ def run(args: Sequence[str]) -> None:
     """Run one command line, given without the program's name.
 
     Raises:
-        SystemExit: For --help, and with code 2 for flags that cannot be read.
+        SystemExit: For --help, and with code 2 for commands that do not exist and flags that cannot be read.
     """
-    if not args or args[0] in ("-h", "--help"):
-        print(USAGE, end="")
-    elif args[0] == "--version":
+    home = list(args[:1]) == ["home"]
+    usage, commands = (HOME_USAGE, HOME_COMMANDS) if home else (USAGE, COMMANDS)
+    given = list(args[1:] if home else args)
+    command = ALIASES.get(given[0], given[0]) if given else "--help"
+    if command in ("-h", "--help"):
+        print(usage, end="")
+    elif command == "--version" and not home:
         from importlib.metadata import version
 
         print(f"perdure {version('perdure')}")
-    elif args[0] in COMMANDS:
-        name, rest = COMMANDS[args[0]], list(args[1:])
-        module = import_module(f"perdure.cli.{name}")
-        module.run(args[0], rest) if name == "commands" else module.main(rest)
+    elif command in commands:
+        # The commands' modules import much, so --help of the program does not import them.
+        import_module(f"perdure.cli.{'home' if home else 'commands'}").main(command, given[1:])
     else:
-        print(f"perdure: unknown command {args[0]!r}; the commands are {', '.join(COMMANDS)}", file=sys.stderr)
+        from perdure.errors import did_you_mean
+
+        hint = did_you_mean(command, commands) or f"; the commands are {', '.join(commands)}"
+        print(f"perdure: unknown command {'home ' if home else ''}{given[0]!r}{hint}", file=sys.stderr)
         raise SystemExit(2)

@@ -5,28 +5,57 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from perdure.cli.clocks import read_clock
-from perdure.cli.flags import Cores, On
-from perdure.cli.parse import call
-from perdure.cli.report import find_table, write_and_show
+from perdure.cli.parse import Cores, On, call
 from perdure.errors import PerdureError
+from perdure.report.charts import Format
 
 if TYPE_CHECKING:
+    from perdure.horizon import Clock
     from perdure.learn import PPOConfig
     from perdure.policy import Policy
+
+PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A policy file, or the name of a shipped policy.")]
+Normalizer = Annotated[
+    str | None,
+    tyro.conf.arg(
+        help='For models of Stable-Baselines3: the file that VecNormalize.save() wrote; "none" if only rewards were '
+        "normalized."
+    ),
+]
+TimeFeature = Annotated[
+    str | None,
+    tyro.conf.arg(
+        help="For models of Stable-Baselines3: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 "
+        "steps; linear takes the training horizon."
+    ),
+]
+TrainingHorizon = Annotated[
+    int | None,
+    tyro.conf.arg(
+        help="For models: steps of a training episode; if left out, what an exported ONNX model says, or the "
+        "environment's own step limit."
+    ),
+]
+Trust = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="For models of Stable-Baselines3: load with Stable-Baselines3 itself, which runs code in the files. Only "
+        "for files you trust."
+    ),
+]
 
 IMPORTED = "imported"
 """Folder, beside the results, of policies made of other libraries' models."""
 
 
-def run(name: str, args: list[str]) -> None:
+def main(name: str, args: list[str]) -> None:
     """Run a command of this module."""
     if name != "train":
         call(COMMANDS[name], args, name)
@@ -44,7 +73,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str = "zo
 
     config = PPOConfig() if task is None else method_config(method, task, _observation_size(task), preset)
 
-    def train(  # noqa: D417 - flags.py explains cores and on
+    def train(
         task: tyro.conf.Positional[str],
         method: str = "geometric",
         preset: str = "zoo",
@@ -62,7 +91,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str = "zo
             task: A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first.
             method: A method as `perdure list methods` names it.
             preset: Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one
-                set). For Hopper and Walker2d take cleanrl: with zoo most Hopper policies stand still.
+                set). For Hopper and Walker2d use cleanrl: with zoo most Hopper policies stand still.
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
             seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
             out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
@@ -114,33 +143,32 @@ def _value(args: list[str], flag: str, default: str) -> str:
 def _observation_size(task: str) -> int:
     from perdure.envs import make_world
 
-    world = make_world(task, [0])
-    size = world.spec.observation_size
-    world.close()
-    return size
+    with closing(make_world(task, [0])) as world:
+        return world.spec.observation_size
 
 
-def extrapolate(  # noqa: D417 - flags.py explains cores and on
+def extrapolate(
     policies: tyro.conf.Positional[tuple[str, ...]],
     env: str | None = None,
-    normalizer: str | None = None,
-    time_feature: str | None = None,
-    training_horizon: int | None = None,
-    trust: bool = False,
+    normalizer: Normalizer = None,
+    time_feature: TimeFeature = None,
+    training_horizon: TrainingHorizon = None,
+    trust: Trust = False,
     steps: int = 100_000,
     clocks: tuple[str, ...] = ("default",),
     eval_seeds: int = 20,
     first_eval_seed: int = 0,
+    disturb: tuple[str, ...] = (),
     out: Path = Path("extrapolation"),
     cores: Cores = None,
     on: On = "local",
-    max_lanes: int = 48,
+    max_episodes: int = 48,
     modules: tuple[str, ...] = (),
     command: str = "",
 ) -> None:
     """Run policies far beyond their training horizon, under several clocks, and judge them.
 
-    A lane is one deployed episode: a policy under a clock from a start state. Writes lanes.parquet, report.html and
+    An episode is one deployed run: a policy under a clock from a start state. Writes episodes.parquet, report.html and
     figures. An interrupted command resumes when you run it again.
 
     Args:
@@ -148,22 +176,17 @@ def extrapolate(  # noqa: D417 - flags.py explains cores and on
             (model.onnx) or models of Stable-Baselines3 (model.zip); all for one task.
         env: For ONNX models and models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is
             Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is EnvPool's, which is faster.
-        normalizer: For models of Stable-Baselines3: the file that VecNormalize.save() wrote; "none" if only rewards
-            were normalized.
-        time_feature: For models of Stable-Baselines3: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with
-            1000 steps; linear takes the training horizon.
-        training_horizon: For models: steps of a training episode; if left out, what an exported ONNX model says, or the
-            environment's own step limit.
-        trust: For models of Stable-Baselines3: load with Stable-Baselines3 itself, which runs code in the files. Only
-            for files you trust.
-        steps: Steps of each lane, unless it ends earlier.
+        steps: Steps of each episode, unless it ends earlier.
         clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
             the end), default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of
             100, and countdown).
         eval_seeds: Start states; the same ones for every policy and clock.
         first_eval_seed: First start state: choose a policy or a clock on some start states, and report on others.
+        disturb: What disturbs every episode, all together: action_noise:0.1 (of half the action range),
+            observation_noise:0.05 (of the spread in training), action_delay:2 (steps), push:0.5 (m/s, every 200 steps),
+            mass:1.2, friction:0.8, strength:0.9 (factors).
         out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
-        max_lanes: Most lanes in one process at a time. Results do not depend on it; a crash costs at most these lanes.
+        max_episodes: Most episodes in one process at a time. Results do not depend on it; a crash costs at most these.
         modules: Python modules that the policies' tasks may import; a policy file alone never imports anything.
         command: The command line, stored with the table.
     """
@@ -183,7 +206,8 @@ def extrapolate(  # noqa: D417 - flags.py explains cores and on
         clocks,
         eval_seeds,
         first_eval_seed=first_eval_seed,
-        max_lanes=max_lanes,
+        disturb=disturb,
+        max_episodes=max_episodes,
         modules=modules if module is None else (*modules, module),
         env=env if models else None,
         training_horizon=training_horizon if models else None,
@@ -233,10 +257,10 @@ def import_model(
     model: tyro.conf.Positional[Path],
     env: str,
     out: Path = Path("policy.safetensors"),
-    normalizer: str | None = None,
-    time_feature: str | None = None,
-    training_horizon: int | None = None,
-    trust: bool = False,
+    normalizer: Normalizer = None,
+    time_feature: TimeFeature = None,
+    training_horizon: TrainingHorizon = None,
+    trust: Trust = False,
 ) -> None:
     """Convert a Stable-Baselines3 or sb3-contrib model to a policy file: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG.
 
@@ -245,28 +269,27 @@ def import_model(
         env: The environment it was trained in. Hopper-v5 is Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is
             EnvPool's, which is faster.
         out: The file to write.
-        normalizer: The file that VecNormalize.save() wrote; "none" if only rewards were normalized.
-        time_feature: linear:1000 if trained in sb3-contrib's TimeFeatureWrapper with 1000 steps; linear takes the
-            training horizon.
-        training_horizon: Steps of a training episode; the environment's own step limit if left out.
-        trust: Load with Stable-Baselines3 itself, which runs code in the files. Only for files you trust.
     """
     from perdure.policy import Policy, save_policy
 
-    horizon = training_horizon
-    options: dict[str, Any] = {"time_feature": time_feature, "training_horizon": horizon, "trust": trust}
-    print(save_policy(Policy.from_sb3(model, env, normalizer=normalizer, **options), out))
+    found = Policy.from_sb3(
+        *(model, env),
+        normalizer=normalizer,
+        time_feature=time_feature,
+        training_horizon=training_horizon,
+        trust=trust,
+    )
+    print(save_policy(found, out))
 
 
 def export(
-    policy: tyro.conf.Positional[str],
+    policy: PolicyName,
     out: tyro.conf.Positional[Path] = Path("policy.onnx"),
     clock: str | None = None,
 ) -> None:
     """Export a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx].
 
     Args:
-        policy: A policy file, or the name of a shipped policy.
         out: The file to write.
         clock: Clock that is fixed in the model, such as constant:500, or default (the policy's own clock). If left out,
             the model has the inputs elapsed and horizon.
@@ -280,12 +303,113 @@ def export(
     print(export_onnx(loaded, out, read_clock("--clock", clock, loaded)))
 
 
+def read_clock(flag: str, text: str | None, policy: Policy, steps: int | None = None) -> Clock | None:
+    """Return the clock that a flag names; None if the flag is left out.
+
+    Args:
+        flag: Name of the flag, for the message.
+        text: "default" (the policy's own clock), "countdown" (to the end), or as `perdure.horizon.parse_clock` reads.
+        policy: The policy that gets the clock.
+        steps: Steps of the episode; None if the command knows no end, so that a countdown must name its steps.
+
+    Raises:
+        PerdureError: If the text is "default" and the policy has no time-to-go input.
+        PerdureError: If the text names no clock.
+    """
+    from perdure.horizon import Countdown, parse_clock
+
+    if text is None:
+        return None
+    if text == "default":
+        if policy.clock is None:
+            raise PerdureError(
+                f"{flag} default: this {policy.task.name} policy has no time-to-go input, so it takes no clock"
+            )
+        return policy.clock
+    return Countdown(float(steps)) if text == "countdown" and steps is not None else parse_clock(text)
+
+
+def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: tuple[Format, ...] = ("png",)) -> None:
+    """Make report.html and its figures from a table that `perdure extrapolate` wrote.
+
+    Args:
+        table: The table episodes.parquet, or the folder that holds it.
+        out: Folder to write into; the table's own by default.
+        formats: File formats of the figures beside the page.
+    """
+    table = find_table(table)
+    write_and_show(table, out or table.parent, formats)
+
+
+def find_table(path: Path) -> Path:
+    """Return the table that a path means: in a folder its episodes.parquet."""
+    if not path.is_dir():
+        return path
+    from perdure.evaluate.table import TABLE
+
+    return path / TABLE
+
+
+def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:
+    """Write the report of a table into ``out``; print the summary and the path of the report."""
+    from perdure.report import estimate_table, read_episodes, summary_text, write_report
+
+    episodes, notes = read_episodes(table)
+    estimates = estimate_table(episodes)
+    del episodes  # of a large table
+    print(summary_text(estimates))
+    print(f"\nReport: {write_report(estimates, out, notes.get('command', ''), formats).resolve()}")
+
+
+def watch(
+    policy: PolicyName,
+    clock: str | None = None,
+    until_failure: bool = False,
+    beside: str | None = None,
+    out: Path = Path("film.mp4"),
+    steps: int = 10_000,
+    eval_seeds: int = 10,
+    first_eval_seed: int = 0,
+) -> None:
+    """Film a policy as it fails. Needs the extra perdure[film].
+
+    EnvPool cannot render. The film, and the search for a failure, use Gymnasium's environment of the same name, on
+    another build of MuJoCo.
+
+    Args:
+        clock: Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its
+            own clock), which is used if left out.
+        until_failure: Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s.
+        beside: A second clock, such as constant:500, from the same start state: two films side by side.
+        out: The film: .mp4 or .gif.
+        steps: Steps of each episode, unless it ends earlier.
+        eval_seeds: Start states among which a failure is searched for.
+        first_eval_seed: First start state.
+    """
+    from perdure.evaluate import watch as films
+    from perdure.policy import load_policy
+
+    loaded = load_policy(policy)
+    film = films.watch(
+        loaded,
+        out,
+        clock=read_clock("--clock", clock, loaded, steps),
+        beside=read_clock("--beside", beside, loaded, steps),
+        until_failure=until_failure,
+        steps=steps,
+        eval_seeds=eval_seeds,
+        first_eval_seed=first_eval_seed,
+    )
+    print(*film.sentences, f"Filmed in {film.world}; a policy of EnvPool was trained on another build.", sep="\n")
+    print(f"\nFilm: {film.path.resolve()}")
+
+
 def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None) -> None:
     """Write a policy's model card in the format of Hugging Face: README.md beside its file.
 
     Args:
         policy: A policy file, a folder that holds one, or the name of a shipped policy.
-        table: The table of `perdure extrapolate` that holds the policy's episodes: lanes.parquet, or its folder.
+        table: The table of `perdure extrapolate` that holds the policy's episodes: episodes.parquet, or its folder.
         out: The file to write; by default README.md in the policy's folder, or STEM.README.md if that holds several
             policies. Required for shipped and downloaded policies.
     """
@@ -308,12 +432,8 @@ def list_names(
     print({"tasks": lambda: tasks(suite), "methods": methods, "policies": policies}[what]())
 
 
-def inspect(policy: tyro.conf.Positional[str]) -> None:
-    """Show what a policy file contains.
-
-    Args:
-        policy: A policy file, or the name of a shipped policy.
-    """
+def inspect(policy: PolicyName) -> None:
+    """Show what a policy file contains."""
     from perdure.policy import load_policy
 
     print(policy_text(load_policy(policy)))
@@ -323,6 +443,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "extrapolate": extrapolate,
     "import": import_model,
     "export": export,
+    "report": report,
+    "watch": watch,
     "card": card,
     "list": list_names,
     "inspect": inspect,
@@ -343,8 +465,8 @@ def methods() -> str:
     """Return the table of training methods."""
     from perdure.learn import presets as module
 
-    rows = [line for line in (module.__doc__ or "").splitlines() if line.startswith("|")]
-    return "\n".join(rows).replace("``", "")
+    table = "".join((module.__doc__ or "").partition("| method |")[1:])
+    return "\n".join(line for line in table.splitlines() if line.startswith("|")).replace("``", "")
 
 
 def policies() -> str:

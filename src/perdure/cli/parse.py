@@ -1,4 +1,4 @@
-"""Parse a command line by the signature of a function, or the fields of a dataclass, in the same way for every command.
+"""Parse a command line by the signature of a function, in the same way for every command; flags that commands share.
 
 tyro does the work. Added are numbers such as 1e5, errors of one line, and help that begins with an example and ends
 with a link.
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import redirect_stderr
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_type_hints
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
@@ -25,6 +25,14 @@ from perdure.cli import DOCS, example
 from perdure.cli.terminal import command_line
 
 T = TypeVar("T")
+Cores = Annotated[int | None, tyro.conf.arg(help="Cores to use; all by default. Results do not depend on it.")]
+On = Annotated[
+    str,
+    tyro.conf.arg(
+        help="Where to run: here (this process), local (a process for each core), ray (a local Ray) or ray:ADDRESS (a "
+        "Ray cluster)."
+    ),
+]
 
 FRAME = "│╭╮╰╯─ "
 """Characters of the boxes that tyro draws."""
@@ -49,25 +57,24 @@ def _whole(word: str) -> int:
     return int(word)
 
 
-def parse(kind: type[T] | Callable[..., T], args: list[str], command: str, default: T | None = None) -> T:
-    """Return the dataclass ``kind`` filled from flags; ``default`` gives the values of flags that are left out.
+def parse(kind: type[T] | Callable[..., T], args: list[str], command: str) -> T:
+    """Return what ``kind``, a function or a dataclass, returns for the arguments of a command line.
 
     Raises:
         SystemExit: For --help, and with code 2 and one line on stderr for flags that cannot be read.
     """
-    box, helps = io.StringIO(), not {"-h", "--help"}.isdisjoint(args)
-    options: dict[str, Any] = {
-        "prog": f"perdure {command}",
-        "config": (tyro.conf.AvoidSubcommands,),
-        "registry": NUMBERS,
-    }
-    if default is not None:
-        options["default"] = default
-    if helps and (shown := example(command)):
+    box = io.StringIO()
+    if {"-h", "--help"} & set(args) and (shown := example(command)):
         print(f"example: {shown}\n")
     try:
         with redirect_stderr(box):
-            filled: T = tyro.cli(cast(Any, kind), args=args, **options)
+            filled: T = tyro.cli(
+                cast(Any, kind),
+                args=args,
+                prog=f"perdure {command}",
+                config=(tyro.conf.AvoidSubcommands,),
+                registry=NUMBERS,
+            )
         return filled
     except SystemExit as end:
         if not end.code:  # --help
@@ -83,7 +90,7 @@ def call(function: Callable[..., None], args: list[str], command: str) -> None:
     A parameter `command` of the function gets the command line as text.
     """
     made = parse(deferred(function), args, command)
-    known = {"command": command_line("perdure", command, *args)}
+    known = {"command": command_line("perdure", *command.split(), *args)}
     made(**{name: text for name, text in known.items() if name in inspect.signature(function).parameters})
 
 
@@ -100,11 +107,6 @@ def deferred(function: Callable[..., None]) -> Callable[..., partial[None]]:
     # tyro keeps the line breaks inside the description of a parameter.
     bind.__doc__ = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
     return bind
-
-
-def flag_name(arg: str) -> str:
-    """Return the flag of an argument: "--eval-seed" for "--eval_seed=1"; any other argument unchanged."""
-    return arg.partition("=")[0].replace("_", "-") if arg.startswith("--") else arg
 
 
 def check_folder(path: Path) -> None:

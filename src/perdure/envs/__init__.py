@@ -2,22 +2,16 @@
 
 | file | what it holds |
 |---|---|
-| `world.py` | the interface `World`; the result of a step (`Step`); the description of a task (`TaskSpec`) |
-| `lane_tracker.py`, `checks.py` | lane states; validation of arguments |
-| `envpool_world.py`, `envpool_channel.py` | EnvPool's compiled tasks, and direct calls that bypass its Python wrapper |
-| `gymnasium_world.py`, `spaces.py` | one Gymnasium environment per lane; their spaces as vectors |
-| `third_party.py` | validation of what third-party environments return |
-| `divergence.py` | detection of invalid MuJoCo simulations |
-| `vector_env_world.py` | any Gymnasium `VectorEnv` |
-| `suites.py`, `registry.py` | task suites; `make_world`, `list_tasks` |
-| `opening.py` | `open_env`: build worlds from a name, a factory or a VectorEnv |
-| `environment_id.py` | find the task of an environment name such as "Hopper-v5" |
+| `world.py` | the interface `World`; the result of a step, the description of a task; lanes and checks of arguments |
+| `envpool.py` | EnvPool's compiled tasks |
+| `gymnasium.py`, `vector_env.py` | one Gymnasium environment a lane; any Gymnasium `VectorEnv` |
+| `suites.py` | task suites, `make_world`, `list_tasks`, and what the name of an environment means |
+| `opening.py` | `open_env`: worlds from a name, a factory or a VectorEnv |
 | `traced.py` | a world inside a compiled JAX program; not imported here, because it imports JAX |
-| `errors.py` | `PerdureError` |
 """
 
 from perdure.envs.envpool import EnvPoolWorld
-from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
+from perdure.envs.gymnasium import GymnasiumWorld, batch_of
 from perdure.envs.opening import OpenEnv, open_env
 from perdure.envs.suites import (
     TaskListing,
@@ -27,8 +21,10 @@ from perdure.envs.suites import (
     module_of,
     refuse_import,
     task_of_environment,
+    task_spec,
 )
-from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World, batch_of
+from perdure.envs.vector_env import VectorEnvWorld
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
 
 __all__ = [
     "BoolArray",
@@ -50,4 +46,5 @@ __all__ = [
     "open_env",
     "refuse_import",
     "task_of_environment",
+    "task_spec",
 ]

@@ -1,180 +1,38 @@
-"""State of a world's lanes: which run, and for how many steps."""
+"""One Gymnasium environment a lane as a `World`, its spaces as vectors, and checks of what third-party code returns."""
 
 from __future__ import annotations
 
+import math
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from perdure.envs.suites import unknown_task
 from perdure.envs.world import (
-    MAX_SEED,
-    BoolArray,
     FloatArray,
     IntArray,
+    LaneTracker,
     Step,
     TaskSpec,
-    call,
+    TrackedWorld,
     checked_actions,
-    checked_lanes,
     checked_seeds,
-    divergence_count,
-    named_lanes,
-    read_flag,
-    read_observation,
-    read_reward,
-    read_tuple,
-    shaped_actions,
-    spec_of,
 )
 from perdure.errors import PerdureError
 
+if TYPE_CHECKING:
+    import gymnasium
 
-class LaneTracker:
-    """Keeps track of which lanes run, and for how many steps.
-
-    Before a world uses its simulator, it calls `lanes_to_reset` or `lanes_to_step`, which only check the arguments.
-    Afterwards it calls `begin` or `advance`. A refused call therefore changes neither the world nor the tracker.
-    """
-
-    def __init__(self, num_lanes: int) -> None:
-        """Start with no lane running.
-
-        Args:
-            num_lanes: How many lanes there are, at least one.
-        """
-        self.num_lanes = num_lanes
-        self.closed = False
-        self._everyone = np.arange(num_lanes, dtype=np.int64)
-        self._everyone.flags.writeable = False
-        self._elapsed = np.zeros(num_lanes, dtype=np.int64)
-        self._begun = np.zeros(num_lanes, dtype=np.bool_)
-        self._running = np.zeros(num_lanes, dtype=np.bool_)
-
-    @property
-    def elapsed(self) -> IntArray:
-        """A copy of the elapsed steps, shape (num_lanes,)."""
-        return self._elapsed.copy()
-
-    @property
-    def running(self) -> BoolArray:
-        """A copy of which lanes may be stepped, shape (num_lanes,)."""
-        return self._running.copy()
-
-    def lanes_to_reset(self, lanes: IntArray | None) -> IntArray:
-        """Check a reset before it happens and return the lane numbers, shape (n,).
-
-        Args:
-            lanes: As in `World.reset`.
-
-        Raises:
-            PerdureError: If a lane is not legal.
-        """
-        return self._chosen(lanes)
-
-    def begin(self, chosen: IntArray) -> None:
-        """Record that these lanes begin a new episode.
-
-        Args:
-            chosen: Checked lane numbers, shape (n,).
-        """
-        self._elapsed[chosen] = 0
-        self._begun[chosen] = True
-        self._running[chosen] = True
-
-    def lanes_to_step(self, lanes: IntArray | None) -> IntArray:
-        """Check that these lanes may be stepped.
-
-        Args:
-            lanes: As in `World.step`.
-
-        Returns:
-            Lane numbers, shape (n,).
-
-        Raises:
-            PerdureError: If a lane does not exist, is named twice, has ended or was never reset.
-        """
-        chosen = self._chosen(lanes)
-        running = self._running if chosen is self._everyone else self._running[chosen]
-        if np.count_nonzero(running) != len(running):  # a third of the time of .all(), at every step
-            raise PerdureError(self._why_not(chosen[~running]))
-        return chosen
-
-    def advance(self, chosen: IntArray, ended: BoolArray) -> IntArray:
-        """Record that these lanes made one step, and return their elapsed steps, shape (n,).
-
-        Args:
-            chosen: Checked lane numbers, shape (n,).
-            ended: Where the task or the engine ended the episode, shape (n,).
-        """
-        if chosen is self._everyone:
-            self._elapsed += 1
-            elapsed = self._elapsed.copy()
-        else:
-            elapsed = self._elapsed[chosen] + 1
-            self._elapsed[chosen] = elapsed
-        if np.count_nonzero(ended):
-            self._running[chosen[ended]] = False
-        return elapsed
-
-    def abandon(self, lanes: IntArray) -> None:
-        """Record that the episodes of these lanes end here.
-
-        Args:
-            lanes: Lane numbers, shape (n,).
-
-        Raises:
-            PerdureError: If a lane does not exist or is named twice.
-        """
-        self._running[self._chosen(lanes)] = False
-
-    def _chosen(self, lanes: IntArray | None) -> IntArray:
-        if self.closed:
-            raise PerdureError("This world is closed; build a new one with make_world.")
-        return self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
-
-    def _why_not(self, stopped: IntArray) -> str:
-        never = stopped[~self._begun[stopped]]
-        if len(never):
-            return f"Lanes {named_lanes(never)} were never reset; reset them before the first step."
-        return f"Lanes {named_lanes(stopped)} have ended; reset them before they are stepped again."
-
-
-class TrackedWorld:
-    """Base class of worlds with a `LaneTracker`."""
-
-    _spec: TaskSpec
-    _tracker: LaneTracker
-    _space: Any = None
-    _action_space: Any = None
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._spec
-
-    @property
-    def spaces(self) -> tuple[Any, Any]:
-        """See `World.spaces`."""
-        return self._space, self._action_space
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._tracker.num_lanes
-
-    @property
-    def elapsed(self) -> IntArray:
-        """See `World.elapsed`."""
-        return self._tracker.elapsed
-
-    def abandon(self, lanes: IntArray) -> None:
-        """See `World.abandon`."""
-        self._tracker.abandon(lanes)
+T = TypeVar("T")
+UNLIMITED_TASK_HORIZON = 1000
+"""`TaskSpec.default_horizon` of an environment without a step limit."""
+BAD_STATE_WARNINGS = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
+"""Names; the numbers differ between versions of MuJoCo."""
 
 
 class GymnasiumWorld(TrackedWorld):
@@ -246,12 +104,8 @@ class GymnasiumWorld(TrackedWorld):
             env_id: Gymnasium's id, e.g. "Pendulum-v1", or "module:Id-v0" to import a module first.
             seeds: One per lane.
 
-        Returns:
-            The world.
-
         Raises:
-            PerdureError: If Gymnasium has no such id.
-            PerdureError: If the environment cannot be built or does not fit the contract.
+            PerdureError: If Gymnasium has no such id, or the environment cannot be built or does not fit the contract.
         """
         import gymnasium
 
@@ -275,6 +129,11 @@ class GymnasiumWorld(TrackedWorld):
 
         factories = [build] * len(checked_seeds(seeds))
         return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
+
+    @property
+    def environments(self) -> tuple[Any, ...]:
+        """The environment of each lane."""
+        return tuple(self._envs)
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
@@ -326,195 +185,207 @@ def _import(module: str, env_id: str) -> None:
         raise
 
 
-class VectorEnvWorld(TrackedWorld):
-    """Lanes of one `VectorEnv` (see `World`).
+# Spaces as vectors
 
-    A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
-    have ended get the action nearest to zero and what they do is ignored. Every episode is started with a seed made
-    from the lane's seed and the number of its episode, so ended episodes have no effect on later ones.
 
-    All three autoreset modes work: `AutoresetMode.DISABLED` is the plain one; with `NEXT_STEP` the self-made resets
-    happen in ended lanes only; with `SAME_STEP` the last observation is taken from `info["final_obs"]`. Resetting some
-    of the lanes needs a `VectorEnv` that follows Gymnasium's `options["reset_mask"]`; resetting all at once does not.
+def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int | None) -> TaskSpec:
+    """Return the spec of a Gymnasium environment.
+
+    Args:
+        name: Goes into the spec.
+        suite: Goes into the spec.
+        env: A single environment or a vector of them; determines the engine.
+        spaces: Observation and action space of one lane.
+        limit: The environment's own step limit, if it has one.
+
+    Raises:
+        PerdureError: If actions are neither a box nor discrete, or observations cannot become one vector.
     """
+    import gymnasium
 
-    def __init__(
-        self,
-        env: Any,
-        seeds: Sequence[int],
-        name: str = "custom",
-        suite: str = "Gymnasium",
-        default_horizon: int | None = None,
-    ) -> None:
-        """Build a world from a `VectorEnv`.
-
-        Args:
-            env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
-                `truncated`.
-            seeds: One per environment, see `checked_seeds`.
-            name: Goes into the spec.
-            suite: Goes into the spec.
-            default_horizon: Goes into the spec; None means the environment's own limit.
-
-        Raises:
-            PerdureError: If seeds and environments do not match, the spaces do not fit the contract or the vector does
-                not say how it resets itself.
-        """
-        from gymnasium.vector import AutoresetMode
-
-        self._seeds = checked_seeds(seeds)
-        if env.num_envs != len(self._seeds):
-            raise PerdureError(f"{name}: {env.num_envs} environments need as many seeds, got {len(self._seeds)}.")
-        self._mode = env.metadata.get("autoreset_mode")
-        if not isinstance(self._mode, AutoresetMode):
-            modes = ", ".join(mode.name for mode in AutoresetMode)
-            raise PerdureError(f"{name}: metadata['autoreset_mode'] must be one of {modes}, got {self._mode!r}.")
-        self._env = env
-        self._space, self._action_space = env.single_observation_space, env.single_action_space
-        limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
-        engine = getattr(env, "envs", [env])[0]
-        self._spec = spec_of(name, suite, engine, (self._space, self._action_space), limit)
-        self._tracker = LaneTracker(len(self._seeds))
-        self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
-        self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
-        self._shown: FloatArray | None = None  # what the vector showed last, all lanes
-
-    def reset(self, lanes: IntArray | None = None) -> FloatArray:
-        """See `World.reset`."""
-        chosen = self._tracker.lanes_to_reset(lanes)
-        mask = np.zeros(self.num_lanes, dtype=np.bool_)
-        mask[chosen] = True
-        shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
-        self._episodes[chosen] += 1
-        self._tracker.begin(chosen)
-        return shown[chosen]
-
-    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
-        """See `World.step`; all running lanes must be stepped together."""
-        from gymnasium.vector import AutoresetMode
-
-        chosen = self._tracker.lanes_to_step(lanes)
-        self._refuse_leaving_lanes_behind(chosen)
-        clipped = checked_actions(actions, chosen, self._spec)
-        if self._mode is AutoresetMode.DISABLED and self._over.any():
-            self._reset_inside(self._over.copy(), [None] * self.num_lanes)
-        idle = np.clip(np.zeros(self._spec.action_size), self._spec.action_low, self._spec.action_high)
-        everyone = np.tile(idle, (self.num_lanes, 1))
-        everyone[chosen] = clipped
-        name = self._spec.name
-        returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
-        batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
-        rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
-        terminated, truncated = self._column("terminated", terminated, "b"), self._column("truncated", truncated, "b")
-        self._shown = self._rows("step", batch)
-        self._over = terminated | truncated
-        last = self._shown
-        if self._mode is AutoresetMode.SAME_STEP:
-            last = self._with_final_observations(last, info)
-        elapsed = self._tracker.advance(chosen, self._over[chosen])
-        return Step(
-            last[chosen],
-            rewards[chosen],
-            terminated[chosen],
-            truncated[chosen],
-            elapsed,
-            self._diverged(info)[chosen],
-        )
-
-    def close(self) -> None:
-        """See `World.close`."""
-        if not self._tracker.closed:
-            self._tracker.closed = True
-            self._env.close()
-
-    def _episode_seed(self, lane: int) -> int:
-        seed, episode = self._seeds[lane], int(self._episodes[lane])
-        if episode == 0:
-            return seed
-        return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0]) & MAX_SEED
-
-    def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
-        """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
-        if mask.all() or self._shown is None:
-            returned = call(self._spec.name, "reset", self._env.reset, seed=list(seeds))
-            observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
-            self._shown, self._over = self._rows("reset", observations), np.zeros_like(mask)
-            return self._shown
-        only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
-        options = {"reset_mask": mask.copy()}
-        returned = call(self._spec.name, "reset", self._env.reset, seed=only_masked, options=options)
-        observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
-        shown = self._rows("reset", observations)
-        kept = ~mask & self._tracker.running
-        if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
-            raise PerdureError(
-                f"{self._spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
-                "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
-                "GymnasiumWorld."
-            )
-        self._shown, self._over = shown, self._over & ~mask
-        return shown
-
-    def _refuse_leaving_lanes_behind(self, chosen: IntArray) -> None:
-        behind = self._tracker.running
-        behind[chosen] = False
-        if behind.any():
-            raise PerdureError(
-                f"{self._spec.name}: a VectorEnv moves all lanes at once, but lanes {np.flatnonzero(behind)} are "
-                "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
-            )
-
-    def _column(self, what: str, values: Any, kinds: str) -> Any:
-        """Return one value for each lane, of one of NumPy's kinds."""
-        array = np.asarray(values)
-        if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
-            raise PerdureError(
-                f"{self._spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
-                f"({self.num_lanes},), step returned {array.dtype} of shape {array.shape}"
-            )
-        return array
-
-    def _rows(self, method: str, batch: Any) -> FloatArray:
-        """Return a batch of observations as vectors, shape (num_lanes, observation_size), copied."""
-        from gymnasium.spaces import Box
-        from gymnasium.vector.utils import iterate
-
-        if not isinstance(self._space, Box):
-            lanes = iterate(self._env.observation_space, batch)
-            return np.stack([read_observation(self._spec.name, method, self._space, lane) for lane in lanes])
-        array = np.asarray(batch)
-        shape = (self.num_lanes, *self._space.shape)
-        if array.shape != shape or array.dtype.kind not in "fiub":
-            raise PerdureError(
-                f"{self._spec.name}: {method} must return observations of shape {shape} made of real numbers, it "
-                f"returned {array.dtype} of shape {array.shape}"
-            )
-        return array.astype(np.float64).reshape(self.num_lanes, -1)
-
-    def _diverged(self, info: dict[str, Any]) -> BoolArray:
-        """Return which lanes diverged: by their info or, if the environments are in this process, by their engine."""
-        found = np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)
-        final = info.get("final_info", {})
-        if isinstance(final, dict) and "diverged" in final:  # what a lane said before it was reset in the same step
-            found = np.where(self._over, np.asarray(final["diverged"], dtype=np.bool_), found)
-        here = [divergence_count(env) > 0 for env in getattr(self._env.unwrapped, "envs", ())]
-        return found | np.array(here) if here else found
-
-    def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
-        """Return observations, with the final one of lanes that the vector has already reset."""
-        last = shown.copy()
-        for lane in np.flatnonzero(self._over):
-            final = _lane_of(self._space, info["final_obs"], int(lane))
-            last[lane] = read_observation(self._spec.name, "step (final_obs)", self._space, final)
-        return last
+    observations, actions = spaces
+    low, high, discrete = _action_range(name, actions)
+    try:
+        observation_size = gymnasium.spaces.flatdim(observations)
+    except (NotImplementedError, ValueError):
+        raise PerdureError(
+            f"{name}: observations must flatten to one vector of fixed length, this environment has {observations}."
+        ) from None
+    return TaskSpec(
+        name=name,
+        suite=suite,
+        engine=engine_of(env),
+        observation_size=observation_size,
+        action_low=low,
+        action_high=high,
+        default_horizon=UNLIMITED_TASK_HORIZON if limit is None else limit,
+        discrete_actions=discrete,
+        has_step_limit=limit is not None,
+    )
 
 
-def _lane_of(space: Any, tree: Any, lane: int) -> Any:
-    """Return one lane of a batched info entry, which may be nested and contain Gymnasium's masks."""
-    from gymnasium.spaces import Dict, Tuple
+def _action_range(name: str, space: Any) -> tuple[FloatArray, FloatArray, bool]:
+    """Return lowest and highest action per component, shape (action_size,), and whether actions are whole numbers."""
+    from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
 
-    if isinstance(space, Dict) and isinstance(tree, dict):
-        return {key: _lane_of(part, tree[key], lane) for key, part in space.items()}
-    if isinstance(space, Tuple) and isinstance(tree, tuple):
-        return tuple(_lane_of(part, branch, lane) for part, branch in zip(space, tree, strict=True))
-    return tree[lane]
+    if isinstance(space, Box):
+        return space.low.ravel(), space.high.ravel(), False
+    if isinstance(space, Discrete):
+        first = float(space.start)
+        return np.array([first]), np.array([first + float(space.n) - 1.0]), True
+    if isinstance(space, MultiDiscrete):
+        low = np.asarray(space.start, np.float64).ravel()
+        return low, low + np.asarray(space.nvec, np.float64).ravel() - 1.0, True
+    if isinstance(space, MultiBinary):
+        size = math.prod(space.shape)
+        return np.zeros(size), np.ones(size), True
+    raise PerdureError(
+        f"{name}: actions must be continuous (a Box) or discrete (Discrete, MultiDiscrete, MultiBinary), this "
+        f"environment has {space}."
+    )
+
+
+def engine_of(env: Any) -> str:
+    """Return such as "Gymnasium 1.4.0", with MuJoCo's version for one of Gymnasium's MuJoCo environments."""
+    import gymnasium
+
+    engine = f"Gymnasium {gymnasium.__version__}"
+    if hasattr(getattr(env, "unwrapped", None), "mujoco_renderer"):
+        import mujoco
+
+        engine += f", MuJoCo {mujoco.__version__}"
+    return engine
+
+
+def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:
+    """Return checked actions (n, action_size) in dtype and shape of an action space: (n, *space.shape)."""
+    return actions.reshape(len(actions), *(space.shape or ())).astype(space.dtype, copy=False)
+
+
+def batch_of(space: gymnasium.Space[Any] | None, rows: FloatArray) -> Any:
+    """Return observation vectors as a batch of the environment's own observation space.
+
+    Args:
+        space: The observation space of one lane; None: observations are vectors already.
+        rows: Shape (n, observation_size), as `gymnasium.spaces.flatten` makes them.
+
+    Returns:
+        An array of shape (n, *space.shape) and the space's number type, in newly allocated memory; for Dict and Tuple a
+        dict or tuple of such arrays.
+    """
+    from gymnasium import spaces
+
+    if space is None:
+        return rows.copy()
+    if isinstance(space, spaces.Dict):
+        return dict(zip(space, _parts(list(space.values()), rows), strict=True))
+    if isinstance(space, spaces.Tuple):
+        return tuple(_parts(list(space), rows))
+    if isinstance(space, spaces.Box | spaces.MultiBinary):
+        return rows.reshape(len(rows), *space.shape).astype(space.dtype)
+    if isinstance(space, spaces.Discrete):
+        return (rows.argmax(axis=1) + int(space.start)).astype(space.dtype)
+    return np.stack([spaces.unflatten(space, row) for row in rows])
+
+
+def _parts(spaces: Sequence[Any], rows: FloatArray) -> list[Any]:
+    """Return each part of a composed observation, as a batch."""
+    import gymnasium
+
+    ends = np.cumsum([gymnasium.spaces.flatdim(space) for space in spaces])
+    return [batch_of(space, part) for space, part in zip(spaces, np.split(rows, ends[:-1], axis=1), strict=True)]
+
+
+def divergence_count(env: Any) -> int:
+    """Return how often MuJoCo reset itself after a divergence since the environment's last reset; 0 without MuJoCo.
+
+    MuJoCo answers a position, velocity or acceleration that is not a number, or is beyond 1e10, by resetting the data
+    to its start; the counters of these warnings survive that reset (``mj_checkPos``, ``mj_checkVel``, ``mj_checkAcc``).
+    """
+    mujoco = sys.modules.get("mujoco")  # an environment on MuJoCo has imported it
+    warnings = getattr(getattr(env.unwrapped, "data", None), "warning", None)
+    if mujoco is None or warnings is None:
+        return 0
+    return sum(int(warnings[int(getattr(mujoco.mjtWarning, name))].number) for name in BAD_STATE_WARNINGS)
+
+
+# Calls of third-party environments. Gymnasium does not check what they return. NumPy would stretch an observation that
+# shrank to one number over the whole row, drop the imaginary part of a complex one, and take any text for true.
+
+
+def call(where: str, method: str, function: Callable[..., T], *args: Any, **keywords: Any) -> T:
+    """Call a method of a third-party environment.
+
+    Args:
+        where: Names the environment and, if known, lane and step.
+        method: Name of the method, for the message.
+        function: The method.
+        args: Its arguments.
+        keywords: Its keyword arguments.
+
+    Raises:
+        PerdureError: Whatever it raised, SystemExit included, in one line.
+    """
+    try:
+        return function(*args, **keywords)
+    except (KeyboardInterrupt, PerdureError):
+        raise
+    except BaseException as error:
+        text = " ".join(str(error).split())
+        raise PerdureError(f"{where}: {method} raised {type(error).__name__}{f': {text}' if text else ''}") from error
+
+
+def read_tuple(where: str, method: str, returned: Any, length: int) -> tuple[Any, ...]:
+    """Return what a method returned if it is a tuple of this length."""
+    if not isinstance(returned, tuple | list) or len(returned) != length:
+        found = f"{len(returned)} values" if isinstance(returned, tuple | list) else type(returned).__name__
+        raise PerdureError(f"{where}: {method} must return {length} values, it returned {found}")
+    return tuple(returned)
+
+
+def read_observation(where: str, method: str, space: Any, observation: Any) -> FloatArray:
+    """Return an observation as a vector, shape (flatdim(space),), float64, copied.
+
+    Raises:
+        PerdureError: If it is not made of real numbers of the shape of its space.
+    """
+    import gymnasium
+
+    size = gymnasium.spaces.flatdim(space)
+    try:
+        is_box = isinstance(space, gymnasium.spaces.Box)
+        flat = np.asarray(observation if is_box else gymnasium.spaces.flatten(space, observation))
+    except Exception as error:
+        raise PerdureError(f"{where}: {method} returned an observation that does not fit {space}: {error}") from error
+    if flat.dtype.kind not in "fiub":
+        raise PerdureError(f"{where}: {method} returned an observation of {flat.dtype}; it must be real numbers")
+    if flat.size != size or (is_box and flat.shape != space.shape and flat.shape != (size,)):
+        expected = space.shape if is_box else (size,)
+        raise PerdureError(f"{where}: {method} returned an observation of shape {flat.shape}, not {expected}")
+    return flat.astype(np.float64).ravel()
+
+
+def read_reward(where: str, reward: Any) -> float:
+    """Return a reward as a number.
+
+    Raises:
+        PerdureError: If it is not one real number.
+    """
+    value = np.asarray(reward)
+    if value.dtype.kind not in "fiub" or value.size != 1:
+        raise PerdureError(f"{where}: the reward must be a real number, it is {reward!r}")
+    return float(value.reshape(()))
+
+
+def read_flag(where: str, name: str, flag: Any) -> bool:
+    """Return `terminated` or `truncated` as a bool; 0 and 1 are taken as well.
+
+    Raises:
+        PerdureError: If it is anything else.
+    """
+    value = np.asarray(flag)
+    if value.size != 1 or not (
+        value.dtype.kind == "b" or (value.dtype.kind in "iu" and int(value.reshape(())) in (0, 1))
+    ):
+        raise PerdureError(f"{where}: {name} must be True or False, it is {flag!r}")
+    return bool(value.reshape(()))

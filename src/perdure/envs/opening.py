@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from perdure.envs.gymnasium import GymnasiumWorld, VectorEnvWorld
+from perdure.envs.gymnasium import GymnasiumWorld, call
 from perdure.envs.suites import make_world, task_of_environment
-from perdure.envs.world import World, call
+from perdure.envs.vector_env import VectorEnvWorld
+from perdure.envs.world import World
 from perdure.errors import PerdureError
 
 NEVER = 2**62
@@ -18,34 +19,10 @@ KINDS = (
     "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
 )
-
-
-@dataclass(frozen=True)
-class OpenEnv:
-    """Builds worlds of one environment."""
-
-    make: Callable[[Sequence[int]], World]
-    """Seeds, one per lane -> world."""
-    lanes: int | None = None
-    """Lanes that every world has, as a VectorEnv fixes them; None: one for each seed."""
-
-    def worlds(self, seeds: Sequence[int]) -> Iterator[World]:
-        """Yield worlds with a lane for each seed; if `lanes` is fixed, the last seed is repeated to fill a world."""
-        for group in self.groups(len(seeds)):
-            yield self.make([seeds[k] for k in group])
-
-    def groups(self, count: int, most: int = 48) -> list[list[int]]:
-        """Return numbers 0 to count - 1 in groups for one world each, the last number repeated where lanes are fixed.
-
-        Args:
-            count: How many lanes are wanted.
-            most: Lanes of a world where their number is free.
-        """
-        size = self.lanes or most
-        groups = [list(range(first, min(first + size, count))) for first in range(0, count, size)]
-        if self.lanes is not None:
-            groups[-1] += [count - 1] * (self.lanes - len(groups[-1]))
-        return groups
+_HORIZON_LIMIT = (
+    "it ends episodes at a training horizon (HorizonLimit); give the environment without it, and its steps as "
+    "training_horizon"
+)
 
 
 @contextmanager
@@ -82,10 +59,32 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         raise PerdureError(f"{KINDS}, not {type(env).__name__}")
 
 
-_HORIZON_LIMIT = (
-    "it ends episodes at a training horizon (HorizonLimit); give the environment without it, and its steps as "
-    "training_horizon"
-)
+@dataclass(frozen=True)
+class OpenEnv:
+    """Builds worlds of one environment."""
+
+    make: Callable[[Sequence[int]], World]
+    """Seeds, one per lane -> world."""
+    lanes: int | None = None
+    """Lanes that every world has, as a VectorEnv fixes them; None: one for each seed."""
+
+    def worlds(self, seeds: Sequence[int]) -> Iterator[World]:
+        """Yield worlds with a lane for each seed; if `lanes` is fixed, the last seed is repeated to fill a world."""
+        for group in self.groups(len(seeds)):
+            yield self.make([seeds[k] for k in group])
+
+    def groups(self, count: int, most: int = 48) -> list[list[int]]:
+        """Return numbers 0 to count - 1 in groups for one world each, the last number repeated where lanes are fixed.
+
+        Args:
+            count: How many lanes are wanted.
+            most: Lanes of a world where their number is free.
+        """
+        size = self.lanes or most
+        groups = [list(range(first, min(first + size, count))) for first in range(0, count, size)]
+        if self.lanes is not None:
+            groups[-1] += [count - 1] * (self.lanes - len(groups[-1]))
+        return groups
 
 
 def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
@@ -123,9 +122,16 @@ class _Borrowed(VectorEnvWorld):
         self._tracker.closed = True
 
 
-def _title(env: Any) -> str:
-    spec = getattr(env, "spec", None)
-    return str(spec.id) if spec is not None else type(env.unwrapped).__name__
+# Step limits
+
+
+def _lift(env: Any) -> list[tuple[Any, int]]:
+    """Lift every step limit; return the wrappers with their old limits."""
+    found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
+    for wrapper, _ in found:
+        _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
+        wrapper._max_episode_steps = NEVER
+    return found
 
 
 def _limits(env: Any) -> Iterator[Any]:
@@ -141,15 +147,6 @@ def _limits(env: Any) -> Iterator[Any]:
         if isinstance(env, HorizonLimit):
             raise PerdureError(f"{_title(env)}: {_HORIZON_LIMIT}")
         env = env.env
-
-
-def _lift(env: Any) -> list[tuple[Any, int]]:
-    """Lift every step limit; return the wrappers with their old limits."""
-    found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
-    for wrapper, _ in found:
-        _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
-        wrapper._max_episode_steps = NEVER
-    return found
 
 
 @contextmanager
@@ -195,3 +192,8 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
         yield int(limit)
     finally:
         vector.unwrapped.set_attr("_max_episode_steps", int(limit))
+
+
+def _title(env: Any) -> str:
+    spec = getattr(env, "spec", None)
+    return str(spec.id) if spec is not None else type(env.unwrapped).__name__

@@ -1,4 +1,4 @@
-"""Task suites: each lists its tasks and builds one.
+"""Tasks by name: `make_world` and `list_tasks` over task suites, and what the name of an environment means.
 
 EnvPool keeps its own registry; a suite is a rule that picks tasks out of it, so a task that a newer EnvPool adds to a
 suite appears here by itself.
@@ -17,10 +17,97 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
-from perdure.envs.world import World, checked_seeds
+from perdure.envs.world import TaskSpec, World, checked_seeds
 from perdure.errors import PerdureError, did_you_mean
 
-GYMNASIUM_PREFIX = "gymnasium:"
+GYMNASIUM_PREFIX, ENVPOOL_PREFIX = "gymnasium:", "envpool:"
+
+
+def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
+    """Build a world with one lane per seed.
+
+    A lane's start states depend on its seed only: the same seed in two lanes, two worlds or two batches of different
+    size gives the same episodes under the same actions.
+
+    Args:
+        task: A name from `list_tasks`, or `gymnasium:<id>`.
+        seeds: One whole number in [0, 2^31) per lane.
+        threads: Threads that simulate; more than one helps where there are many lanes. Results do not depend on it.
+
+    Returns:
+        The world; every lane must be reset before it is stepped.
+
+    Raises:
+        PerdureError: If there is no such task, seeds or threads are not legal, or the task's actions are not one box.
+    """
+    if threads < 1:
+        raise PerdureError(f"threads must be at least 1, got {threads}.")
+    return suite_of(task).make(task, seeds, threads)
+
+
+def task_spec(task: str) -> TaskSpec:
+    """Return the description of a task: builds a world of one lane and closes it. Raises as `make_world`."""
+    world = make_world(task, [0])
+    spec = world.spec
+    world.close()
+    return spec
+
+
+def list_tasks(suite: str | None = None) -> list[TaskListing]:
+    """Return every task that can be simulated, suite by suite, alphabetical inside one (`perdure list tasks`).
+
+    Args:
+        suite: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
+
+    Raises:
+        PerdureError: If there is no such suite.
+    """
+    names = [one.name for one in suites()]
+    if suite is not None and suite not in names:
+        raise PerdureError(f"There is no task suite named {suite!r}; the suites are {', '.join(names)}.")
+    return [listing for one in suites() if suite in (None, one.name) for listing in one.listings()]
+
+
+def is_task(name: str) -> bool:
+    """Return whether a suite owns the name."""
+    return any(suite.owns(name) for suite in suites())
+
+
+def task_of_environment(name: str) -> str:
+    """Return the task that an environment's name means.
+
+    | name | task |
+    |---|---|
+    | `gymnasium:Id`, `Module:Id` | that environment of Gymnasium |
+    | `envpool:Id` | EnvPool's environment of that name, which is faster |
+    | `Id` | Gymnasium's environment if Gymnasium can make it, else the task of that name in `perdure list tasks` |
+
+    The same name may mean slightly different physics in Gymnasium and in EnvPool. A policy of another library was
+    trained in Gymnasium, hence its precedence. Gymnasium's `Hopper-v3` and its like can only be made with mujoco-py, so
+    these names mean EnvPool's.
+
+    Raises:
+        PerdureError: If there is no such environment, or the name is empty.
+    """
+    if not name.strip():
+        raise PerdureError("the environment's name is empty; write for example Hopper-v5")
+    if name.startswith(GYMNASIUM_PREFIX):
+        return name
+    if name.startswith(ENVPOOL_PREFIX):
+        return _task(name.removeprefix(ENVPOOL_PREFIX))
+    if "/" in name and ":" not in name and is_task(name):  # suites of other packages, such as perdure/HomePlace-v0
+        return name
+    if ":" in name or gymnasium_makes(name):
+        return f"{GYMNASIUM_PREFIX}{name}"
+    return _task(name)
+
+
+def _task(name: str) -> str:
+    import gymnasium
+
+    if not is_task(name):
+        raise unknown_task(name, [env_id for env_id in gymnasium.registry if gymnasium_makes(env_id)])
+    return name
 
 
 @dataclass(frozen=True)
@@ -80,6 +167,14 @@ class EnvPoolSuite:
         return EnvPoolWorld(task, self.name, seeds, threads)
 
 
+def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
+    """Return EnvPool's tasks: name to (module, class name of the specification, its arguments)."""
+    import envpool.registration
+
+    registered: dict[str, tuple[str, str, dict[str, Any]]] = envpool.registration.registry.specs
+    return registered
+
+
 @dataclass(frozen=True)
 class GymnasiumSuite:
     """Every environment that Gymnasium can make by its id, written `gymnasium:<id>`."""
@@ -137,14 +232,10 @@ class VectorSuite:
         """See `TaskSuite.make`."""
         import gymnasium
 
-        from perdure.envs.gymnasium import VectorEnvWorld
+        from perdure.envs.vector_env import VectorEnvWorld
 
         registered, _, text = task.partition(",")
-        given: dict[str, Any] = {
-            "num_envs": len(checked_seeds(seeds)),
-            "max_episode_steps": None,
-            "threads": threads,
-        }
+        given: dict[str, Any] = {"num_envs": len(checked_seeds(seeds)), "max_episode_steps": None, "threads": threads}
         options = _options(text)
         for name in given.keys() & options.keys():
             raise PerdureError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
@@ -152,9 +243,21 @@ class VectorSuite:
         return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
 
 
+def _options(text: str) -> dict[str, Any]:
+    """Parse options of an environment from `name=value,name=value`; values are Python literals, or else words."""
+    options: dict[str, Any] = {}
+    for name, equals, value in (part.partition("=") for part in text.split(",") if part):
+        if not equals:
+            raise PerdureError(f"An option of a task is written name=value, not {name!r}.")
+        try:
+            options[name] = literal_eval(value)
+        except (ValueError, SyntaxError):
+            options[name] = value
+    return options
+
+
 ENTRY_POINTS = "perdure.suites"
 """Entry-point group through which a package adds a suite: each names a `TaskSuite`."""
-
 BUILT_IN: tuple[TaskSuite, ...] = (
     EnvPoolSuite("EnvPool MuJoCo", "envpool.mujoco.gym"),
     EnvPoolSuite("EnvPool dm_control", "envpool.mujoco.dmc"),
@@ -168,6 +271,43 @@ def suites() -> Iterator[TaskSuite]:
     yield from BUILT_IN
     for entry in sorted(entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
         yield entry.load()
+
+
+def suite_of(task: str) -> TaskSuite:
+    """Return the suite a task name belongs to.
+
+    Raises:
+        PerdureError: If no suite owns the name.
+    """
+    for suite in suites():
+        if suite.owns(task):
+            return suite
+    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
+    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
+
+
+def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:
+    """Return the error that no suite knows a task, with the nearest names that exist.
+
+    Args:
+        task: The name that was asked for.
+        known: Every name that would have been accepted.
+        meant: Names to offer first, however they are spelled.
+    """
+    return PerdureError(
+        f"there is no task named {task!r}: `perdure list` shows every task, any Gymnasium environment works as "
+        "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
+        f"{did_you_mean(task, known, 3, meant)}"
+    )
+
+
+def gymnasium_makes(env_id: str) -> bool:
+    """Return whether an id is registered in Gymnasium and still part of it."""
+    import gymnasium
+
+    spec = gymnasium.registry.get(env_id)
+    # Names that moved to other packages are registered with a function that says so when it is called.
+    return spec is not None and not getattr(spec.entry_point, "__name__", "").startswith("_raise_")
 
 
 def module_of(task: str) -> str | None:
@@ -196,158 +336,7 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
         )
 
 
-def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:
-    """Return the error that no suite knows a task, with the nearest names that exist.
-
-    Args:
-        task: The name that was asked for.
-        known: Every name that would have been accepted.
-        meant: Names to offer first, however they are spelled.
-    """
-    return PerdureError(
-        f"there is no task named {task!r}: `perdure list` shows every task, any Gymnasium environment works as "
-        "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
-        f"{did_you_mean(task, known, 3, meant)}"
-    )
-
-
-def suite_of(task: str) -> TaskSuite:
-    """Return the suite a task name belongs to.
-
-    Args:
-        task: A name as `list_tasks` shows it.
-
-    Returns:
-        Its suite.
-
-    Raises:
-        PerdureError: If no suite owns the name.
-    """
-    for suite in suites():
-        if suite.owns(task):
-            return suite
-    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
-    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
-
-
-def gymnasium_makes(env_id: str) -> bool:
-    """Return whether an id is registered in Gymnasium and still part of it."""
-    import gymnasium
-
-    spec = gymnasium.registry.get(env_id)
-    # Names that moved to other packages are registered with a function that says so when it is called.
-    return spec is not None and not getattr(spec.entry_point, "__name__", "").startswith("_raise_")
-
-
-def _options(text: str) -> dict[str, Any]:
-    """Parse options of an environment from `name=value,name=value`; values are Python literals, or else words."""
-    options: dict[str, Any] = {}
-    for name, equals, value in (part.partition("=") for part in text.split(",") if part):
-        if not equals:
-            raise PerdureError(f"An option of a task is written name=value, not {name!r}.")
-        try:
-            options[name] = literal_eval(value)
-        except (ValueError, SyntaxError):
-            options[name] = value
-    return options
-
-
-def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
-    """Return EnvPool's tasks: name to (module, class name of the specification, its arguments)."""
-    import envpool.registration
-
-    registered: dict[str, tuple[str, str, dict[str, Any]]] = envpool.registration.registry.specs
-    return registered
-
-
-def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
-    """Build a world with one lane per seed.
-
-    A lane's start states depend on its seed only: the same seed in two lanes, two worlds or two batches of different
-    size gives the same episodes under the same actions.
-
-    Args:
-        task: A name from `list_tasks`, or `gymnasium:<id>`.
-        seeds: One whole number in [0, 2^31) per lane.
-        threads: Threads that simulate; more than one helps where there are many lanes. Results do not depend on it.
-
-    Returns:
-        The world; every lane must be reset before it is stepped.
-
-    Raises:
-        PerdureError: If there is no such task.
-        PerdureError: If seeds or threads are not legal, or the task's actions are not one box.
-    """
-    if threads < 1:
-        raise PerdureError(f"threads must be at least 1, got {threads}.")
-    return suite_of(task).make(task, seeds, threads)
-
-
-def is_task(name: str) -> bool:
-    """Return whether a suite owns the name."""
-    return any(suite.owns(name) for suite in suites())
-
-
-def list_tasks(suite: str | None = None) -> list[TaskListing]:
-    """Return every task that can be simulated, as in `perdure list tasks`.
-
-    Args:
-        suite: Only this suite, e.g. "EnvPool MuJoCo"; None for all.
-
-    Returns:
-        Listings, suite by suite, alphabetical inside one.
-
-    Raises:
-        PerdureError: If there is no such suite.
-    """
-    names = [one.name for one in suites()]
-    if suite is not None and suite not in names:
-        raise PerdureError(f"There is no task suite named {suite!r}; the suites are {', '.join(names)}.")
-    return [listing for one in suites() if suite in (None, one.name) for listing in one.listings()]
-
-
-ENVPOOL_PREFIX = "envpool:"
-
-
-def task_of_environment(name: str) -> str:
-    """Return the task that an environment's name means.
-
-    | name | task |
-    |---|---|
-    | `gymnasium:Id`, `Module:Id` | that environment of Gymnasium |
-    | `envpool:Id` | EnvPool's environment of that name, which is faster |
-    | `Id` | Gymnasium's environment if Gymnasium can make it, else the task of that name in `perdure list tasks` |
-
-    The same name may mean slightly different physics in Gymnasium and in EnvPool. A policy of another library was
-    trained in Gymnasium, hence its precedence. Gymnasium's `Hopper-v3` and its like can only be made with mujoco-py, so
-    these names mean EnvPool's.
-
-    Raises:
-        PerdureError: If there is no such environment.
-        PerdureError: If the name is empty.
-    """
-    if not name.strip():
-        raise PerdureError("the environment's name is empty; write for example Hopper-v5")
-    if name.startswith(GYMNASIUM_PREFIX):
-        return name
-    if name.startswith(ENVPOOL_PREFIX):
-        return _task(name.removeprefix(ENVPOOL_PREFIX))
-    if "/" in name and ":" not in name and is_task(name):  # suites of other packages, such as perdure/HomePlace-v0
-        return name
-    if ":" in name or gymnasium_makes(name):
-        return f"{GYMNASIUM_PREFIX}{name}"
-    return _task(name)
-
-
-def _task(name: str) -> str:
-    import gymnasium
-
-    if not is_task(name):
-        raise unknown_task(name, [env_id for env_id in gymnasium.registry if gymnasium_makes(env_id)])
-    return name
-
-
-def source_digest(task: str) -> dict[str, str]:
+def task_source_digest(task: str) -> dict[str, str]:
     """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports; {} for other tasks.
 
     For a module inside a package, all Python files of the top-level package are included. Code that it imports from

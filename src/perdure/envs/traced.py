@@ -69,7 +69,7 @@ class WorldSlot:
         """Take the world out."""
         self._world = None
 
-    def remembers(self, on_host: Callable[[jax.Array], T]) -> Callable[[jax.Array], T]:
+    def keep_error(self, on_host: Callable[[jax.Array], T]) -> Callable[[jax.Array], T]:
         """Return a host function that keeps its error in the slot."""
 
         def watched(values: jax.Array) -> T:
@@ -89,7 +89,7 @@ class WorldSlot:
         return self._world
 
 
-def trace(slot: WorldSlot) -> TracedWorld:
+def traced_world(slot: WorldSlot) -> TracedWorld:
     """Return the functions of the world in the slot.
 
     A program made of them belongs to that world: EnvPool writes its pool's address into it, so a program kept for
@@ -111,7 +111,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
     flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)  # type: ignore[no-untyped-call]
     shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
 
-    @slot.remembers
+    @slot.keep_error
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
         step = slot.world.step(_float64(actions))
         # A state that the engine made up is neither bootstrapped nor paid for.
@@ -129,7 +129,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
     lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
 
-    @slot.remembers
+    @slot.keep_error
     def on_host(done: jax.Array) -> NDArray[np.uint32]:
         ended = np.flatnonzero(np.asarray(done))
         observations = np.zeros((lanes, size))

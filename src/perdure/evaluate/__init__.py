@@ -1,30 +1,30 @@
 """Closed-loop evaluation far beyond the training horizon.
 
-A lane is one deployed episode: a policy under a clock from a start state.
+An episode is one deployed run: a policy under a clock from a start state.
 
 | file | what it holds |
 |---|---|
 | `run.py` | `extrapolate`: a policy of any kind; functions are evaluated in this process |
 | `stored.py` | `evaluate_files`: policy files and ONNX models over several cores, resumable |
-| `episodes.py` | which lanes are evaluated, how they run, what is recorded of them |
+| `episodes.py` | which episodes are evaluated, how they run, what is recorded of them |
 | `reference.py` | reward rates of the policy within its training horizon and of an idle robot |
-| `score.py`, `verdict.py` | scores relative to these rates, the verdict of a lane |
+| `score.py`, `verdict.py` | scores relative to these rates, the verdict of an episode |
 | `table.py` | the Parquet table, the typed result |
 | `watch.py` | films of a policy as it fails |
 | `card.py` | the model card of a policy: a README with its verdict |
 """
 
-from perdure.evaluate.episodes import Extrapolation, LaneRecords, LaneSpec, evaluate_lanes
+from perdure.evaluate.episodes import EpisodeRecords, EpisodeSpec, Extrapolation, evaluate_episodes
 from perdure.evaluate.run import extrapolate
 from perdure.evaluate.stored import evaluate_files
 from perdure.evaluate.table import ExtrapolationResult
 
 __all__ = [
+    "EpisodeRecords",
+    "EpisodeSpec",
     "Extrapolation",
     "ExtrapolationResult",
-    "LaneRecords",
-    "LaneSpec",
+    "evaluate_episodes",
     "evaluate_files",
-    "evaluate_lanes",
     "extrapolate",
 ]

@@ -170,9 +170,9 @@ def _front_matter(policy: Policy, estimates: Sequence[Estimate]) -> dict[str, An
 def _metrics(estimate: Estimate) -> list[dict[str, Any]]:
     group, share = estimate.group, estimate.verdict.share
     where = f"{group.test_horizon:,} steps, clock {group.clock}"
-    holds = {"n": group.lanes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
+    holds = {"n": group.episodes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
     mean = estimate.returns
-    returns = {"n": group.lanes, "interval": _bounds(mean.lower[-1], mean.upper[-1]), "interval_method": mean.method}
+    returns = {"n": group.episodes, "interval": _bounds(mean.lower[-1], mean.upper[-1]), "interval_method": mean.method}
     return [
         {
             "type": "share_holds",
@@ -205,7 +205,7 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
             f"**{estimate.verdict.label}**",
             f"{float(share.estimate):.0%}",
             f"{float(share.lower):.0%} to {float(share.upper):.0%}",
-            str(group.lanes),
+            str(group.episodes),
             f"{estimate.final_return:,.0f}",
             outcomes,
         ]

@@ -1,7 +1,7 @@
 """Episodes far beyond the training horizon: which ones, how they run, and what is recorded of them.
 
-A lane is one deployed episode: a policy under a clock from a start state. `Extrapolation` says which lanes there are,
-`evaluate_lanes` runs them.
+An episode is one deployed run: a policy under a clock from a start state. `Extrapolation` says which ones there are,
+`evaluate_episodes` runs them.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import World, make_world
+from perdure.envs.disturbances import Disturbance, DisturbedWorld, disturbed_task, parse_disturbance
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
-from perdure.policy import ClosedLoop, LanePolicy, LaneStep, PolicyLike
+from perdure.policy import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
 
@@ -28,17 +29,17 @@ FIRST_EVAL_SEED = 1_000_000
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """A closed-loop evaluation over lanes = policies x clocks x evaluation seeds.
+    """A closed-loop evaluation over episodes = policies x clocks x evaluation seeds.
 
     Raises:
-        PerdureError: If there is no lane or no step, or a value is of another kind or out of range.
+        PerdureError: If there is no episode or no step, or a value is of another kind or out of range.
         PerdureError: If a clock makes no sense.
     """
 
     policies: tuple[Path, ...]
     """Policies for one task, each as `perdure.policy.find_policy` takes it, or ONNX models; texts become paths."""
     steps: int = 100_000
-    """T_test: steps of each lane."""
+    """T_test: steps of each episode."""
     clocks: tuple[str, ...] = ("default",)
     """Clocks of policies with a time-to-go input: "constant:500", "periodic:500", "countdown:100000", "countdown"
     (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C: constant 0 to 1000 and periodic 100 to
@@ -54,12 +55,15 @@ class Extrapolation:
     training_horizon: int | None = field(default=None, kw_only=True)
     """For ONNX models: steps of a training episode, within which the reference is measured. None: what an exported
     model says, or the step limit of the environment, 1,000 where it has none."""
-    max_lanes: int = field(default=48, kw_only=True)
-    """Lanes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
+    disturb: tuple[str, ...] = field(default=(), kw_only=True)
+    """What disturbs every episode, all together, such as "action_noise:0.1" or "push:0.5"; see
+    `perdure.envs.disturbances`. The same start state meets the same draws under every policy and clock."""
+    max_episodes: int = field(default=48, kw_only=True)
+    """Episodes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
 
     def __post_init__(self) -> None:
         """Refuse an evaluation of nothing."""
-        for name, least in (("steps", 1), ("eval_seeds", 1), ("max_lanes", 1), ("first_eval_seed", 0)):
+        for name, least in (("steps", 1), ("eval_seeds", 1), ("max_episodes", 1), ("first_eval_seed", 0)):
             object.__setattr__(self, name, whole(name, getattr(self, name), least))
         if self.training_horizon is not None:
             object.__setattr__(self, "training_horizon", whole("training_horizon", self.training_horizon, 1))
@@ -69,13 +73,19 @@ class Extrapolation:
                 f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {self.eval_seeds}"
             )
         object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
-        for name in ("clocks", "modules"):
+        for name in ("clocks", "modules", "disturb"):
             object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
         if not self.policies:
             raise PerdureError("no policy to evaluate: name at least one policy file")
         if not self.clocks:
             raise PerdureError("no clock to evaluate under; leave the option out to use each policy's own")
         self.deployment_clocks(None)
+        _ = self.disturbances
+
+    @property
+    def disturbances(self) -> tuple[Disturbance, ...]:
+        """What disturbs every episode, in one order."""
+        return tuple(sorted(map(parse_disturbance, self.disturb), key=lambda each: each.name))
 
     @property
     def seeds(self) -> range:
@@ -125,21 +135,22 @@ def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
 
 
 @dataclass(frozen=True)
-class LaneSpec:
-    """One deployed episode: a policy under a clock from a start state."""
+class EpisodeSpec:
+    """One deployed run: a policy under a clock from a start state."""
 
     policy: int
     """Index into the policies."""
     clock: Clock | None
     """None for a policy without phi."""
     eval_seed: int
+    disturbances: tuple[Disturbance, ...] = ()
 
 
-def split(lanes: Sequence[LaneSpec], size: int, parts: int) -> list[list[LaneSpec]]:
-    """Return groups of at most ``size`` lanes, of even length, as many for each of ``parts`` workers if possible."""
-    rounds = -(-len(lanes) // (size * parts))
-    count = min(rounds * parts, len(lanes))
-    return [list(lanes[len(lanes) * i // count : len(lanes) * (i + 1) // count]) for i in range(count)]
+def split(episodes: Sequence[EpisodeSpec], size: int, parts: int) -> list[list[EpisodeSpec]]:
+    """Return groups of at most ``size`` episodes, of even length, as many for each of ``parts`` workers if possible."""
+    rounds = -(-len(episodes) // (size * parts))
+    count = min(rounds * parts, len(episodes))
+    return [list(episodes[len(episodes) * i // count : len(episodes) * (i + 1) // count]) for i in range(count)]
 
 
 PER_DECADE = 10
@@ -176,41 +187,41 @@ class MovementRecorder:
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:
-        """Start before the first step, with one policy for each lane."""
-        lanes, size = len(policies), policies[0].task.observation_size
+        """Start before the first step, with one policy for each episode."""
+        episodes, size = len(policies), policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
-        self._low, self._high = np.full((lanes, size), -np.inf), np.full((lanes, size), np.inf)
-        for lane, policy in enumerate(policies):
+        self._low, self._high = np.full((episodes, size), -np.inf), np.full((episodes, size), np.inf)
+        for episode, policy in enumerate(policies):
             if policy.reference is not None:
                 low, high = policy.reference.observation_low, policy.reference.observation_high
-                self._low[lane], self._high[lane] = low - MARGIN * (high - low), high + MARGIN * (high - low)
+                self._low[episode], self._high[episode] = low - MARGIN * (high - low), high + MARGIN * (high - low)
         self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
-        self._sums, self._counts = np.zeros((2, lanes)), np.zeros((2, lanes))
-        self.left_step = np.zeros(lanes, np.int64)
+        self._sums, self._counts = np.zeros((2, episodes)), np.zeros((2, episodes))
+        self.left_step = np.zeros(episodes, np.int64)
         """Step at which a component was first seen outside; 0: never."""
-        self.left_component = np.full(lanes, -1)
+        self.left_component = np.full(episodes, -1)
 
-    def take(self, lane_step: LaneStep, step: int) -> None:
-        """Record the lanes of this step, if it is a recording step."""
+    def take(self, loop_step: LoopStep, step: int) -> None:
+        """Record the episodes of this step, if it is a recording step."""
         if step % EVERY:
             return
-        lanes, after = lane_step.lanes, lane_step.step.observations
+        episodes, after = loop_step.episodes, loop_step.step.observations
         part = 0 if step <= self._tenth else 1 if step > self._last_start else None
         with np.errstate(invalid="ignore", over="ignore"):
             if part is not None:
-                moved = (np.abs(after - lane_step.before) * self._per_deviation[lanes]).mean(axis=1)
+                moved = (np.abs(after - loop_step.before) * self._per_deviation[episodes]).mean(axis=1)
                 known = np.isfinite(moved)
-                self._sums[part, lanes[known]] += moved[known]
-                self._counts[part, lanes[known]] += 1
-            outside = (after < self._low[lanes]) | (after > self._high[lanes])
-        new = outside.any(axis=1) & (self.left_step[lanes] == 0)
-        self.left_step[lanes[new]] = step
-        self.left_component[lanes[new]] = outside[new].argmax(axis=1)
+                self._sums[part, episodes[known]] += moved[known]
+                self._counts[part, episodes[known]] += 1
+            outside = (after < self._low[episodes]) | (after > self._high[episodes])
+        new = outside.any(axis=1) & (self.left_step[episodes] == 0)
+        self.left_step[episodes[new]] = step
+        self.left_component[episodes[new]] = outside[new].argmax(axis=1)
 
     @property
     def movement(self) -> NDArray[np.float64]:
-        """Mean movement per step in the first and the last tenth, shape (2, lanes); nan where nothing was seen."""
+        """Mean movement per step in the first and the last tenth, shape (2, episodes); nan where nothing was seen."""
         result: NDArray[np.float64] = np.divide(
             self._sums, self._counts, out=np.full_like(self._sums, np.nan), where=self._counts > 0
         )
@@ -222,15 +233,15 @@ SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class LaneRecords:
-    """Results of n lanes at m recorded steps. Memory hardly depends on the number of steps."""
+class EpisodeRecords:
+    """Results of n episodes at m recorded steps. Memory hardly depends on the number of steps."""
 
     steps: NDArray[np.int64]
     """Recorded steps, shape (m,)."""
     returns: NDArray[np.float64]
-    """Cumulative return at each recorded step, shape (n, m); an ended lane keeps its last value."""
+    """Cumulative return at each recorded step, shape (n, m); an ended episode keeps its last value."""
     end_step: NDArray[np.int64]
-    """Steps the lane made, its last one included, shape (n,)."""
+    """Steps the episode made, its last one included, shape (n,)."""
     end_reason: NDArray[np.int64]
     """Index into END_REASONS, shape (n,)."""
     end_detail: list[str]
@@ -239,50 +250,56 @@ class LaneRecords:
     """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
 
 
-def evaluate_lanes(
+def evaluate_episodes(
     policies: Sequence[PolicyLike],
-    lanes: Sequence[LaneSpec],
+    episodes: Sequence[EpisodeSpec],
     steps: int,
     progress: Callable[[int, int], None] = lambda step, running: None,
     world: World | None = None,
-) -> LaneRecords:
-    """Run lanes for at most ``steps`` steps each, in this process, on one core.
+) -> EpisodeRecords:
+    """Run episodes for at most ``steps`` steps each, in this process, on one core.
 
     Args:
-        policies: All for one task; `LaneSpec.policy` is an index into them.
-        lanes: One or more.
+        policies: All for one task; `EpisodeSpec.policy` is an index into them.
+        episodes: One or more.
         steps: The test horizon.
-        progress: Called every 500 steps with (step, running lanes).
-        world: The world to run in, one lane for each of ``lanes``; it stays open. By default the policies' own task.
+        progress: Called every 500 steps with (step, running episodes).
+        world: The world to run in, one lane for each of ``episodes``; it stays open. By default the policies' own task.
 
     Raises:
-        PerdureError: If there is no lane or no step, or a lane names a policy that there is not.
+        PerdureError: If there is no episode or no step, or an episode names a policy that there is not.
         PerdureError: If a policy does not fit its clock or the world, or the world has another number of lanes.
         PerdureError: If the task's world cannot be built.
     """
     steps = whole("steps", steps, 1)
-    if not lanes:
-        raise PerdureError("there is no lane to evaluate: give at least one LaneSpec")
-    for lane in lanes:
-        if not 0 <= lane.policy < len(policies):
+    if not episodes:
+        raise PerdureError("there is no episode to evaluate: give at least one EpisodeSpec")
+    for episode in episodes:
+        if not 0 <= episode.policy < len(policies):
             raise PerdureError(
-                f"LaneSpec.policy must be an index into {len(policies)} policies, from 0, got {lane.policy}"
+                f"EpisodeSpec.policy must be an index into {len(policies)} policies, from 0, got {episode.policy}"
             )
-    lane_policies = [LanePolicy(policies[lane.policy], lane.clock) for lane in lanes]
-    if world is not None:
-        return _run(world, lane_policies, steps, progress)
-    world = make_world(lane_policies[0].policy.task.name, [FIRST_EVAL_SEED + lane.eval_seed for lane in lanes])
+    disturbances = episodes[0].disturbances
+    if any(episode.disturbances != disturbances for episode in episodes):
+        raise PerdureError("episodes that run together must have the same disturbances")
+    acting = [EpisodePolicy(policies[episode.policy], episode.clock) for episode in episodes]
+    seeds = [FIRST_EVAL_SEED + episode.eval_seed for episode in episodes]
+    opened = make_world(disturbed_task(acting[0].policy.task.name, disturbances), seeds) if world is None else world
     try:
-        return _run(world, lane_policies, steps, progress)
+        if not disturbances:
+            return _run(opened, acting, steps, progress)
+        std = np.stack([each.policy.observation_std for each in acting])
+        return _run(DisturbedWorld(opened, disturbances, seeds, std), acting, steps, progress)
     finally:
-        world.close()
+        if world is None:
+            opened.close()
 
 
 def _run(
-    world: World, lane_policies: Sequence[LanePolicy], steps: int, progress: Callable[[int, int], None]
-) -> LaneRecords:
-    loop = ClosedLoop(world, lane_policies)
-    recorder = _Recorder(loop, lane_policies, steps, world.spec.hides_divergence)
+    world: World, acting: Sequence[EpisodePolicy], steps: int, progress: Callable[[int, int], None]
+) -> EpisodeRecords:
+    loop = ClosedLoop(world, acting)
+    recorder = _Recorder(loop, acting, steps, world.spec.hides_divergence)
     with one_thread():
         for step in range(1, steps + 1):
             recorder.take(step)
@@ -294,12 +311,10 @@ def _run(
 
 
 class _Recorder:
-    """Accumulates the fields of LaneRecords while the loop runs."""
+    """Accumulates the fields of EpisodeRecords while the loop runs."""
 
-    def __init__(
-        self, loop: ClosedLoop, lane_policies: Sequence[LanePolicy], steps: int, hides_divergence: bool
-    ) -> None:
-        n = len(lane_policies)
+    def __init__(self, loop: ClosedLoop, acting: Sequence[EpisodePolicy], steps: int, hides_divergence: bool) -> None:
+        n = len(acting)
         self._loop = loop
         self._steps = recorded_steps(steps)
         self._next = 0
@@ -307,55 +322,47 @@ class _Recorder:
         self._total = np.zeros(n)
         self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._divergence = DivergenceDetector(
-            loop.observations, np.stack([each.policy.observation_std for each in lane_policies]), hides_divergence
+            loop.observations, np.stack([each.policy.observation_std for each in acting]), hides_divergence
         )
-        self._movement = MovementRecorder([each.policy for each in lane_policies], steps)
+        self._movement = MovementRecorder([each.policy for each in acting], steps)
 
     def take(self, step: int) -> None:
         """Advance the loop to step ``step`` and record the results."""
-        lane_step = self._loop.advance()
-        lanes, result = lane_step.lanes, lane_step.step
+        loop_step = self._loop.advance()
+        episodes, result = loop_step.episodes, loop_step.step
         rewards = result.rewards
-        diverged = self._divergence.diverged(lane_step)
+        diverged = self._divergence.diverged(loop_step)
         if diverged.any():
             # The jump back to the start state yields a reward that does not count.
             rewards = np.where(diverged, 0.0, rewards)
-            self._loop.drop(lanes[diverged])
-        self._total[lanes] += rewards
-        self._movement.take(lane_step, step)
+            self._loop.drop(episodes[diverged])
+        self._total[episodes] += rewards
+        self._movement.take(loop_step, step)
         ended = result.ended | diverged
         if ended.any():
-            self._end(lanes[ended], step, result.terminated[ended], diverged[ended])
+            self._end_step[episodes[ended]] = step
+            reasons = np.where(diverged, DIVERGED, np.where(result.terminated, TERMINATED, TRUNCATED))
+            self._reason[episodes[ended]] = reasons[ended]
         if step == self._steps[self._next]:
             self._returns[:, self._next] = self._total
             self._next += 1
 
-    def _end(
-        self,
-        lanes: NDArray[np.int64],
-        step: int,
-        terminated: NDArray[np.bool_],
-        diverged: NDArray[np.bool_],
-    ) -> None:
-        self._end_step[lanes] = step
-        self._reason[lanes] = np.where(diverged, DIVERGED, np.where(terminated, TERMINATED, TRUNCATED))
-
-    def records(self) -> LaneRecords:
-        """Return the records; lanes that all ended early keep their values at the recorded steps not reached."""
+    def records(self) -> EpisodeRecords:
+        """Return the records; episodes that all ended early keep their values at the recorded steps not reached."""
         if self._next < len(self._steps):
             self._returns[:, self._next :] = self._total[:, None]
-        return LaneRecords(
+        return EpisodeRecords(
             steps=self._steps,
             returns=self._returns,
             end_step=self._end_step,
             end_reason=self._reason,
-            end_detail=[self._detail(lane) for lane in range(len(self._total))],
+            end_detail=[self._detail(episode) for episode in range(len(self._total))],
             movement=self._movement.movement,
         )
 
-    def _detail(self, lane: int) -> str:
-        parts = [self._divergence.signs[lane]] if self._reason[lane] == DIVERGED else []
-        if step := int(self._movement.left_step[lane]):
-            component = self._movement.left_component[lane]
+    def _detail(self, episode: int) -> str:
+        parts = [self._divergence.signs[episode]] if self._reason[episode] == DIVERGED else []
+        if step := int(self._movement.left_step[episode]):
+            component = self._movement.left_component[episode]
             parts.append(f"observation[{component}] left its training range at step {step:,}")
         return "; ".join(parts)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import OpenEnv, TaskSpec, World, make_world
 from perdure.errors import PerdureError
-from perdure.policy import FunctionPolicy, LaneStep, Policy, PolicyLike, Reference, measure_reference
+from perdure.policy import FunctionPolicy, LoopStep, Policy, PolicyLike, Reference, measure_reference
 from perdure.policy.divergence import DivergenceDetector
 from perdure.runs import Unit, Work, config_digest, write_atomic
 from perdure.schema import Number, read_json
@@ -69,10 +69,10 @@ class Idle:
 
 
 def measure_idle(world: World | Sequence[World], steps: int = STEPS) -> Idle:
-    """Run both from every start state of a world, one lane each, in this process.
+    """Run both from every start state of a world, one episode each, in this process.
 
     Args:
-        world: Where; several worlds of one task count as one with all their lanes.
+        world: Where; several worlds of one task count as one with all their episodes.
         steps: Steps an episode may last.
     """
     worlds = world if isinstance(world, Sequence) else [world]
@@ -86,7 +86,7 @@ def measure_idle(world: World | Sequence[World], steps: int = STEPS) -> Idle:
 
 
 Choose = Callable[[int], NDArray[np.float64]]
-"""Number of lanes -> an action for each."""
+"""Number of episodes -> an action for each."""
 
 
 def _idle_actions(spec: TaskSpec, rng: np.random.Generator) -> list[Choose]:
@@ -130,16 +130,16 @@ def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
     earned, made = 0.0, 0
     before = world.reset()
     detector = DivergenceDetector(before, np.zeros_like(before), world.spec.hides_divergence)
-    lanes: NDArray[np.int64] = np.arange(world.num_lanes)
+    episodes: NDArray[np.int64] = np.arange(world.num_lanes)
     for _ in range(steps):
-        step = world.step(choose(len(lanes)), lanes)
-        valid = ~detector.diverged(LaneStep(lanes, before, step))
+        step = world.step(choose(len(episodes)), episodes)
+        valid = ~detector.diverged(LoopStep(episodes, before, step))
         earned, made = earned + float(step.rewards[valid].sum()), made + int(valid.sum())
         stays = valid & ~step.ended
         if not stays.all():
-            world.abandon(lanes[~stays])
-        lanes, before = lanes[stays], step.observations[stays]
-        if not len(lanes):
+            world.abandon(episodes[~stays])
+        episodes, before = episodes[stays], step.observations[stays]
+        if not len(episodes):
             break
     return earned, made
 
@@ -216,8 +216,8 @@ class _RunningStd:
         self._shift: NDArray[np.float64] | None = None
         self._count, self._sum, self._squares = 0, np.zeros(size), np.zeros(size)
 
-    def update(self, lane_step: LaneStep) -> None:
-        rows = lane_step.before
+    def update(self, loop_step: LoopStep) -> None:
+        rows = loop_step.before
         if self._shift is None:
             self._shift = rows[0].copy()
         centered = rows - self._shift

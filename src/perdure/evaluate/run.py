@@ -12,8 +12,8 @@ from perdure.envs import OpenEnv, open_env, refuse_import
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
 from perdure.evaluate.reference import idle_baseline, with_reference
-from perdure.evaluate.score import make_score_scale, task_rate
-from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_lanes
+from perdure.evaluate.score import make_score_scale, published_rate
+from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_episodes
 from perdure.evaluate.table import TABLE, ExtrapolationResult, judge_table, method_label
 from perdure.policy import Policy, PolicyLike
 from perdure.policy.onnx import OnnxModel, is_onnx
@@ -31,6 +31,7 @@ def extrapolate(
     clocks: Sequence[str] | str | None = None,
     eval_seeds: int = 20,
     first_eval_seed: int = 0,
+    disturb: Sequence[str] = (),
     training_horizon: int | None = None,
     recurrent: bool = False,
     name: str | None = None,
@@ -59,6 +60,7 @@ def extrapolate(
             ``elapsed`` and ``horizon``.
         eval_seeds: Start states.
         first_eval_seed: The first of them.
+        disturb: As in `Extrapolation`.
         training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
             the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
             that perdure exported.
@@ -73,7 +75,7 @@ def extrapolate(
         waiting: Called once before waiting, if another evaluation into ``out`` is running.
 
     Returns:
-        The table of all lanes; as text, the verdicts.
+        The table of all episodes; as text, the verdicts.
 
     Raises:
         PerdureError: If there is nothing to evaluate, a number makes no sense, an argument does not fit this
@@ -91,6 +93,7 @@ def extrapolate(
         named,
         eval_seeds,
         first_eval_seed=first_eval_seed,
+        disturb=tuple(disturb),
         modules=tuple(modules),
         env=env if isinstance(env, str) else None,
         training_horizon=training_horizon,
@@ -133,22 +136,22 @@ def _evaluate_here(
     """Return the table of one policy, evaluated in this process."""
     import polars as pl
 
-    lanes, steps = plan(evaluation, [policy]), evaluation.steps
+    episodes, steps = plan(evaluation, [policy]), evaluation.steps
     policy, idle = with_reference(policy, source), idle_baseline(source)
     assert policy.reference is not None
     frames = list[pl.DataFrame]()
-    for group in source.groups(len(lanes)):
-        specs, first = [lanes[k] for k in group], group[0] * steps
+    for group in source.groups(len(episodes)):
+        specs, first = [episodes[k] for k in group], group[0] * steps
 
         def report(done: float, total: float, first: int = first) -> None:
-            observe({"lanes": UnitProgress("running", first + done, steps * len(lanes))})
+            observe({"episodes": UnitProgress("running", first + done, steps * len(episodes))})
 
-        world = source.make([FIRST_EVAL_SEED + lane.eval_seed for lane in specs])
+        world = source.make([FIRST_EVAL_SEED + episode.eval_seed for episode in specs])
         try:
-            rows = run_lanes([label], [policy], specs, steps, report, world)
+            rows = run_episodes([label], [policy], specs, steps, report, world)
         finally:
             world.close()
-        # The last lane is repeated where a VectorEnv fixes their number.
+        # The last episode is repeated where a VectorEnv fixes their number.
         frames.append(rows.head(len(rows) // len(group) * len(set(group))))
-    scale = make_score_scale(policy.reference, idle, task_rate(policy.task.name))
-    return judge_table(pl.concat(frames), [scale] * len(lanes))
+    scale = make_score_scale(policy.reference, idle, published_rate(policy.task.name))
+    return judge_table(pl.concat(frames), [scale] * len(episodes))

@@ -1,10 +1,12 @@
 """Score scale of a policy: its reward rate within the training horizon, and that of an idle robot.
 
-Two normalized scores of a stretch of steps, similar to D4RL's (Fu et al., 2020). They do not depend on the unit or the
-offset of the reward:
+One normalized score of a stretch of steps, similar to D4RL's (Fu et al., 2020), with a named reference. It does not
+depend on the unit or the offset of the reward:
 
-    hold  = (rate - idle) / (reference - idle)    1: as within the training horizon; 0: no better than doing nothing
-    level = (rate - idle) / (task - idle)         1: as a published policy of the task; compares policies and methods
+    score = (rate - idle) / (reference rate - idle)    0: an idle robot; 1: the reference
+
+    score against its own training         reference: the policy within its training horizon; gives the verdict
+    score against a published policy       reference: a published policy of the task; compares policies and methods
 
 `rate` is the mean reward per step before a fall. Falls are counted separately, because a robot that dives forward has a
 high rate until it falls.
@@ -27,18 +29,18 @@ from perdure.evaluate.reference import Idle
 from perdure.policy.reference import BIN_STEPS, Reference
 
 IDLE_BELOW = 0.25
-"""A window with a lower hold score counts as idle."""
+"""A window with a lower score against the policy's own training counts as idle."""
 HOLDS_FROM = 0.75
-"""Least mean hold score of an episode that holds; between IDLE_BELOW and this it decays."""
+"""Least mean score of the last windows of an episode that holds; between IDLE_BELOW and this it decays."""
 FALSE_ALARMS = 0.05
 """Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
 SETTLING = 0.1
 """Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
-LEAST_LEVEL = 0.05
-"""If the task's level is known: a policy below this level has never worked."""
+LEAST_SCORE = 0.05
+"""A policy whose score against a published policy, if one is known, is lower has never worked."""
 LEAST_GAIN = 0.25
 """A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
-and random actions. If no level is known, this is the only criterion."""
+and random actions. If no published policy is known, this is the only criterion."""
 LEAST_SURVIVAL = 0.5
 """Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4
@@ -47,7 +49,7 @@ _DRAWS = 400
 
 State = Literal["worked", "never worked", "cannot tell"]
 
-TASK_RATES = {
+PUBLISHED_RATES = {
     "Ant": 4.079,
     "HalfCheetah": 7.337,
     "Hopper": 3.128,
@@ -55,11 +57,11 @@ TASK_RATES = {
     "Swimmer": 0.367,
     "Walker2d": 4.896,
 }
-"""Reward per step of level 1: returns of 1,000 steps / 1,000."""
-_ROBOTS = re.compile(rf"(?:gymnasium:|envpool:)?({'|'.join(TASK_RATES)})-v[2-5]")
+"""Reward per step of published policies: returns of 1,000 steps / 1,000."""
+_ROBOTS = re.compile(rf"(?:gymnasium:|envpool:)?({'|'.join(PUBLISHED_RATES)})-v[2-5]")
 """Names of these tasks in EnvPool and Gymnasium. A name with a module, such as "gymnasium:my_env:Hopper-v0", is a
-different environment, whose level is unknown."""
-TASK_RATE_SOURCES = {
+different environment, of which no published policy is known."""
+PUBLISHED_SOURCES = {
     **dict.fromkeys(
         ("Ant", "HalfCheetah", "Hopper", "Walker2d"),
         "PPO after 3,000,000 steps in Tianshou's benchmark (10 seeds, v3, deterministic)",
@@ -70,65 +72,65 @@ TASK_RATE_SOURCES = {
 """Robot to the policy that its rate is of."""
 
 
-def task_rate(task: str) -> float:
-    """Return the rate of level 1 of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5"; nan where none is known."""
+def published_rate(task: str) -> float:
+    """Return the reward per step of a published policy of a task, such as "Hopper-v3"; nan where none is known."""
     found = _ROBOTS.fullmatch(task)
-    return TASK_RATES[found[1]] if found else math.nan
+    return PUBLISHED_RATES[found[1]] if found else math.nan
 
 
 @dataclass(frozen=True)
 class ScoreScale:
     """The rates that a policy's rewards are compared with, in reward per step."""
 
-    idle: float
-    reference: float
-    task: float
-    """Rate of level 1; nan where none is known."""
+    idle_rate: float
+    training_rate: float
+    published_rate: float
+    """nan where none is known."""
     window: int
     """Steps of the shortest window that passes its test; 0 where the policy has never worked."""
-    state: State
+    policy_state: State
     """"worked": within its own training horizon it earns more than an idle robot."""
-    note: str
+    policy_note: str
     """The evidence in a sentence."""
     survival: bool = False
     """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
     settling: int = 0
     """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
 
-    def hold(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the hold score of rates; nan for a policy that never worked."""
-        if self.state != "worked":
+    def score(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the score of rates against the policy's own training; nan for a policy that never worked."""
+        if self.policy_state != "worked":
             return np.full_like(rate, np.nan)
         if self.survival:
-            return rate / self.reference
-        return (rate - self.idle) / (self.reference - self.idle)
+            return rate / self.training_rate
+        return (rate - self.idle_rate) / (self.training_rate - self.idle_rate)
 
 
-def make_score_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
+def make_score_scale(reference: Reference, idle: Idle, published: float) -> ScoreScale:
     """Compare reference episodes with an idle robot.
 
     Args:
         reference: Episodes within the training horizon.
         idle: What an idle robot earns.
-        task: Rate of level 1, or nan.
+        published: Reward per step of a published policy, or nan.
     """
     if _pays_for_survival(reference, idle):
-        return _survival_scale(reference, idle, task)
+        return _survival_scale(reference, idle, published)
     earned, lived, settling = _settled(reference)
     rate = float(earned.sum() / lived.sum())
     gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
     least = LEAST_GAIN * abs(idle.zero - idle.random)
-    if task > idle.rate:
-        least = max(least, LEAST_LEVEL * (task - idle.rate))
+    if published > idle.rate:
+        least = max(least, LEAST_SCORE * (published - idle.rate))
     note = (
         f"within its training horizon it earns {rate:.3g} a step (± {error:.2g}, {len(lived)} episodes), "
         f"an idle robot {idle.rate:.3g} ({idle.kind})"
     )
     if not gain - error > least:
         state: State = "never worked" if gain <= least else "cannot tell"
-        return ScoreScale(idle.rate, rate, task, 0, state, f"{note}; a gain above {least:.3g} would count")
+        return ScoreScale(idle.rate, rate, published, 0, state, f"{note}; a gain above {least:.3g} would count")
     window = _window(reference, idle.rate, gain)
-    return ScoreScale(idle.rate, rate, task, window, "worked", note, settling=settling)
+    return ScoreScale(idle.rate, rate, published, window, "worked", note, settling=settling)
 
 
 def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
@@ -138,7 +140,7 @@ def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
     return bool(idle.zero > 0.0 and same.all())
 
 
-def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale:
+def _survival_scale(reference: Reference, idle: Idle, published: float) -> ScoreScale:
     """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
     share = float(reference.lengths.mean()) / reference.horizon
     note = (
@@ -147,7 +149,7 @@ def _survival_scale(reference: Reference, idle: Idle, task: float) -> ScoreScale
     )
     worked = share >= LEAST_SURVIVAL
     state: State = "worked" if worked else "never worked"
-    return ScoreScale(idle.zero, idle.zero, task, BIN_STEPS if worked else 0, state, note, survival=True)
+    return ScoreScale(idle.zero, idle.zero, published, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:

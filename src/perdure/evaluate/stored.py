@@ -12,21 +12,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.envs import OpenEnv, make_world, refuse_import, task_of_environment
-from perdure.envs.suites import source_digest
+from perdure.envs.disturbances import disturbed_task, parse_disturbance
+from perdure.envs.suites import task_source_digest
 from perdure.errors import PerdureError
-from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation, LaneSpec, evaluate_lanes, split
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, Extrapolation, evaluate_episodes, split
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
-from perdure.evaluate.score import make_score_scale, task_rate
+from perdure.evaluate.score import make_score_scale, published_rate
 from perdure.evaluate.table import (
     TABLE,
     ExtrapolationResult,
+    episode_table,
     file_note,
     judge_table,
-    lane_table,
     method_label,
     train_seed,
 )
-from perdure.horizon import clock_from_json
+from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, check_fit, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.policy.reference import resolve_training_horizon
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 REFERENCES = "references"
 """Folder of the store that keeps reference episodes of policies whose files hold none."""
 GROUPS = "groups"
-"""Folder of the store that keeps finished groups of lanes. In the config of a group a lane is the identity of its
+"""Folder of the store that keeps finished groups of episodes. A group's config has of each episode the identity of its
 policy, a clock or null, and an evaluation seed."""
 REPLACED = "{} holds another evaluation, which would be replaced: name another folder, or remove it"
 
@@ -92,36 +93,37 @@ def function_policy(
     )
 
 
-def run_lanes(
+def run_episodes(
     labels: Sequence[str],
     policies: Sequence[PolicyLike],
-    lanes: Sequence[LaneSpec],
+    episodes: Sequence[EpisodeSpec],
     steps: int,
     report: Callable[[float, float], None],
     world: Any = None,
 ) -> pl.DataFrame:
-    """Return the table of a group of lanes, without verdicts."""
+    """Return the table of a group of episodes, without verdicts."""
 
     def progress(step: int, running: int) -> None:
-        ended = len(lanes) - running  # these need no more steps
-        report(step * running + steps * ended, steps * len(lanes))
+        ended = len(episodes) - running  # these need no more steps
+        report(step * running + steps * ended, steps * len(episodes))
 
-    return lane_table(labels, policies, lanes, evaluate_lanes(policies, lanes, steps, progress, world), steps)
+    records = evaluate_episodes(policies, episodes, steps, progress, world)
+    return episode_table(labels, policies, episodes, records, steps)
 
 
-def plan(evaluation: Extrapolation, policies: Sequence[PolicyLike]) -> list[LaneSpec]:
-    """Return the lanes of an evaluation; PerdureError if there is none."""
-    lanes = [
-        LaneSpec(number, clock, seed)
+def plan(evaluation: Extrapolation, policies: Sequence[PolicyLike]) -> list[EpisodeSpec]:
+    """Return the episodes of an evaluation; PerdureError if there is none."""
+    episodes = [
+        EpisodeSpec(number, clock, seed, evaluation.disturbances)
         for number, policy in enumerate(policies)
         for clock in (evaluation.deployment_clocks(getattr(policy, "clock", None)) if policy.has_clock else (None,))
         for seed in evaluation.seeds
     ]
-    if not lanes:
+    if not episodes:
         raise PerdureError(
-            "no lane to evaluate: a function or an ONNX model stores no clock; name one, such as constant:500"
+            "no episode to evaluate: a function or an ONNX model stores no clock; name one, such as constant:500"
         )
-    return lanes
+    return episodes
 
 
 @dataclass(frozen=True)
@@ -226,23 +228,23 @@ def evaluate_files(
     observe: Observer = lambda status: None,
     waiting: Callable[[], None] = lambda: None,
 ) -> ExtrapolationResult:
-    """Evaluate every lane and write ``lanes.parquet`` into ``out``.
+    """Evaluate every episode and write ``episodes.parquet`` into ``out``.
 
-    Finished lanes are kept in ``out``. An interrupted evaluation resumes, and one with more clocks, start states or
-    policies runs only the new lanes. Results do not depend on the number of cores.
+    Finished episodes are kept in ``out``. An interrupted evaluation resumes, and one with more clocks, start states or
+    policies runs only the new episodes. Results do not depend on the number of cores.
 
     Args:
         evaluation: What is evaluated.
         out: A folder; made if it is missing. None keeps nothing.
         cores: Cores to use; all of them by default.
-        on: Where lanes run: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`.
+        on: Where episodes run: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`.
         command: Command line, stored with the table.
-        observe: Called with the progress of every group of lanes, in steps of single lanes.
+        observe: Called with the progress of every group of episodes, in steps of single episodes.
         waiting: Called once before waiting, if another evaluation into ``out`` is running.
 
     Raises:
         PerdureError: If the policies do not belong to one task, or ``out`` holds the table of a function.
-        PerdureError: If a group of lanes failed, or ``cores`` or ``on`` is out of range.
+        PerdureError: If a group of episodes failed, or ``cores`` or ``on`` is out of range.
         PerdureError: If a policy file cannot be read.
         OSError: If ``out`` cannot be written.
     """
@@ -250,23 +252,23 @@ def evaluate_files(
     workers = core_count(cores)
     files = _files(evaluation)
     _check_task(files, evaluation.modules)
-    lanes = plan(evaluation, [file.policy for file in files])
+    episodes = plan(evaluation, [file.policy for file in files])
     with ExitStack() as stack:
         store = Store(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
         stack.enter_context(store.exclusive("extrapolate", waiting))
         if (store.root / TABLE).exists() and not store.keys(GROUPS):
             raise PerdureError(REPLACED.format(store.root))
-        versions = _versions(files[0].task)
-        finished = _finished(store, evaluation.steps, versions)
-        kept = {lane: finished[lane] for each in lanes if (lane := _identity(each, files)) in finished}
-        missing = [lane for lane in lanes if _identity(lane, files) not in kept]
+        versions = _versions(disturbed_task(files[0].task, evaluation.disturbances))
+        finished = _finished(store, evaluation, versions)
+        kept = {episode: finished[episode] for each in episodes if (episode := _identity(each, files)) in finished}
+        missing = [episode for episode in episodes if _identity(episode, files) not in kept]
         units = [idle_unit(files[0].task, versions)]
         units += [file.reference_unit(versions) for file in files if file.policy.reference is None]
         units = [unit for unit in units if not store.done(unit.key, unit.config)]
         units += _units(missing, evaluation, files, workers, versions, store, units)
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         run_missing(units, store.root, on, cores, observe)
-        frame = _table(store, evaluation, files, lanes, versions)
+        frame = _table(store, evaluation, files, episodes, versions)
         labels = _labels(files)
         notes = {
             file_note(label, train_seed(file.policy)): file.digest for label, file in zip(labels, files, strict=True)
@@ -279,23 +281,27 @@ def evaluate_files(
 
 
 def _table(
-    store: Store, evaluation: Extrapolation, files: Sequence[_PolicyFile], lanes: Sequence[LaneSpec], versions: Versions
+    store: Store,
+    evaluation: Extrapolation,
+    files: Sequence[_PolicyFile],
+    episodes: Sequence[EpisodeSpec],
+    versions: Versions,
 ) -> pl.DataFrame:
-    finished = _finished(store, evaluation.steps, versions)
-    wanted = [_identity(lane, files) for lane in lanes]
-    if missing := [lane for lane in wanted if lane not in finished]:
-        raise PerdureError(f"{len(missing)} of {len(lanes)} lanes are not in {store.root}")
-    groups, task = list(dict.fromkeys(finished[lane] for lane in wanted)), files[0].task
+    finished = _finished(store, evaluation, versions)
+    wanted = [_identity(episode, files) for episode in episodes]
+    if missing := [episode for episode in wanted if episode not in finished]:
+        raise PerdureError(f"{len(missing)} of {len(episodes)} episodes are not in {store.root}")
+    groups, task = list(dict.fromkeys(finished[episode] for episode in wanted)), files[0].task
     labels = _labels(files)
-    frame = _collect(store, groups, wanted, [labels[lane.policy] for lane in lanes])
+    frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
     idle, scales = read_idle(store.get(idle_unit(task, versions).key)), []
     for file in files:
         policy = file.policy
         if policy.reference is None:
             policy = load_reference(policy, store.get(file.reference_unit(versions).key))
         assert policy.reference is not None
-        scales.append(make_score_scale(policy.reference, idle, task_rate(task)))
-    return judge_table(frame, [scales[lane.policy] for lane in lanes])
+        scales.append(make_score_scale(policy.reference, idle, published_rate(task)))
+    return judge_table(frame, [scales[episode.policy] for episode in episodes])
 
 
 def _labels(files: Sequence[_PolicyFile]) -> list[str]:
@@ -309,28 +315,28 @@ def _labels(files: Sequence[_PolicyFile]) -> list[str]:
 
 
 Identity = tuple[str, str, int]
-"""What a lane's result depends on besides steps and versions: policy file, clock, evaluation seed."""
+"""What an episode's result depends on besides steps and versions: policy file, clock, evaluation seed."""
 
 
-def _identity(lane: LaneSpec, files: Sequence[_PolicyFile]) -> Identity:
-    return files[lane.policy].identity, "none" if lane.clock is None else lane.clock.label, lane.eval_seed
+def _identity(episode: EpisodeSpec, files: Sequence[_PolicyFile]) -> Identity:
+    return files[episode.policy].identity, "none" if episode.clock is None else episode.clock.label, episode.eval_seed
 
 
 Versions = dict[str, str]
-"""Of what a lane was computed with."""
+"""Of what an episode was computed with."""
 
 
 def _versions(task: str) -> Versions:
-    """Return what the lanes of a task depend on: for Gymnasium's also MuJoCo, and the module that defines the task."""
+    """Return what episodes of a task depend on: for Gymnasium's also MuJoCo, and the module that defines the task."""
     names = ("perdure", "envpool", "gymnasium", "numpy")
     found = {name: version(name) for name in names}
     if not task.startswith("gymnasium:"):
         return found
-    return {**found, "mujoco": version("mujoco"), **source_digest(task)}
+    return {**found, "mujoco": version("mujoco"), **task_source_digest(task)}
 
 
 def _units(
-    lanes: Sequence[LaneSpec],
+    episodes: Sequence[EpisodeSpec],
     evaluation: Extrapolation,
     files: Sequence[_PolicyFile],
     workers: int,
@@ -338,7 +344,7 @@ def _units(
     store: Store,
     before: Sequence[Unit],
 ) -> Iterator[Unit]:
-    """Split lanes into groups, one unit each."""
+    """Split episodes into groups, one unit each."""
     arguments = {file.identity: file.arguments() for file in files}
     after = list[str]()
     for file in files:
@@ -347,34 +353,40 @@ def _units(
             unit = file.reference_unit(versions)
             arguments[file.identity]["reference"] = str(store.root / unit.key)
             after += [unit.key] if unit in before else []
-    for group in split(lanes, evaluation.max_lanes, workers) if lanes else ():
+    for group in split(episodes, evaluation.max_episodes, workers) if episodes else ():
         written = [
-            [files[lane.policy].identity, None if lane.clock is None else lane.clock.to_json(), lane.eval_seed]
-            for lane in group
+            [files[each.policy].identity, None if each.clock is None else each.clock.to_json(), each.eval_seed]
+            for each in group
         ]
-        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": versions, "lanes": written}
+        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": versions, "episodes": written}
+        config |= {"disturb": _labels_of(evaluation)} if evaluation.disturb else {}
         yield Unit(
             f"{GROUPS}/{config_digest(config)[:16]}",
             config,
             f"{__name__}:evaluate_group",
-            {"files": arguments, "lanes": written, "steps": evaluation.steps},
+            {"files": arguments, "episodes": written, "steps": evaluation.steps, "disturb": _labels_of(evaluation)},
             tuple(after),
             size=float(len(group) * evaluation.steps),
         )
 
 
-def _finished(store: Store, steps: int, versions: Versions) -> dict[Identity, str]:
-    """Return every lane that is in the store already, and the key of its group."""
+def _labels_of(evaluation: Extrapolation) -> list[str]:
+    return [each.label for each in evaluation.disturbances]
+
+
+def _finished(store: Store, evaluation: Extrapolation, versions: Versions) -> dict[Identity, str]:
+    """Return every episode that is in the store already, and the key of its group."""
     found: dict[Identity, str] = {}
     for key in store.keys(GROUPS):
         config = store.config(key)
-        if (config.get("table"), config.get("steps"), config.get("versions")) != (SCHEMA_VERSION, steps, versions):
+        found_with = [config.get(name) for name in ("table", "steps", "versions")] + [config.get("disturb", [])]
+        if found_with != [SCHEMA_VERSION, evaluation.steps, versions, _labels_of(evaluation)]:
             continue
         try:
-            for identity, clock, seed in checked(config.get("lanes"), list[tuple[str, Any, int]], "lanes"):
-                found[identity, "none" if clock is None else clock_from_json(clock).label, seed] = key
+            for identity, clock, seed in checked(config.get("episodes"), list[tuple[str, Any, int]], "episodes"):
+                found[identity, "none" if clock is None else Clock.from_json(clock).label, seed] = key
         except PerdureError as error:
-            raise PerdureError(f"the group of lanes {key} in {store.root} cannot be read: {error}") from error
+            raise PerdureError(f"the group of episodes {key} in {store.root} cannot be read: {error}") from error
     return found
 
 
@@ -384,44 +396,50 @@ def measure_file(work: Work, *, file: Mapping[str, Any]) -> None:
 
 
 def evaluate_group(
-    work: Work, *, files: Mapping[str, Mapping[str, Any]], lanes: Sequence[Sequence[Any]], steps: int
+    work: Work,
+    *,
+    files: Mapping[str, Mapping[str, Any]],
+    episodes: Sequence[Sequence[Any]],
+    steps: int,
+    disturb: Sequence[str],
 ) -> None:
-    """Evaluate a group of lanes and write its table to the work folder; the function of an evaluation's units."""
+    """Evaluate a group of episodes and write its table to the work folder; the function of an evaluation's units."""
     if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
         return
-    used, policies = list(dict.fromkeys(identity for identity, _, _ in lanes)), list[PolicyLike]()
+    used, policies = list(dict.fromkeys(identity for identity, _, _ in episodes)), list[PolicyLike]()
     for identity in used:
         file = dict(files[identity])
         reference = file.pop("reference", None)
         policy = read_file(**file)
         policies.append(policy if reference is None else load_reference(policy, Path(reference)))
+    disturbances = tuple(map(parse_disturbance, disturb))
     specs = [
-        LaneSpec(used.index(identity), None if clock is None else clock_from_json(clock), seed)
-        for identity, clock, seed in lanes
+        EpisodeSpec(used.index(identity), None if clock is None else Clock.from_json(clock), seed, disturbances)
+        for identity, clock, seed in episodes
     ]
     buffer = io.BytesIO()
-    run_lanes(used, policies, specs, steps, work.report).write_parquet(buffer)
+    run_episodes(used, policies, specs, steps, work.report).write_parquet(buffer)
     write_result(work.folder / TABLE, buffer.getvalue())
 
 
-def _collect(store: Store, keys: Sequence[str], lanes: Sequence[Identity], labels: Sequence[str]) -> pl.DataFrame:
-    """Return the rows of these lanes in their order, policies by the label of each lane."""
+def _collect(store: Store, keys: Sequence[str], episodes: Sequence[Identity], labels: Sequence[str]) -> pl.DataFrame:
+    """Return the rows of these episodes in their order, policies by the label of each episode."""
     import polars as pl
 
     identity = ("policy", "clock", "eval_seed")
-    wanted = pl.DataFrame(lanes, list(identity), orient="row").with_columns(label=pl.Series(labels))
-    wanted = wanted.with_row_index("lane")
+    wanted = pl.DataFrame(episodes, list(identity), orient="row").with_columns(label=pl.Series(labels))
+    wanted = wanted.with_row_index("episode")
     try:
         files = [Parquet((store.get(key) / TABLE).read_bytes()) for key in keys]
         names = [name for name in files[0].columns if name != "policy"]
         found = pl.concat([file.read([*identity, "step"]) for file in files])
     except (PerdureError, pl.exceptions.PolarsError) as error:
-        raise PerdureError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}") from error
+        raise PerdureError(f"groups of episodes in {store.root} are damaged: remove its folder {GROUPS}") from error
     found = found.join(wanted, identity, "left", maintain_order="left")
-    order = found.select(pl.arg_sort_by("lane", "step", nulls_last=True)).to_series()
-    order = order[: len(found) - found["lane"].null_count()]
-    if found["lane"].n_unique() - (len(order) < len(found)) < len(lanes):
-        raise PerdureError(f"groups of lanes in {store.root} are damaged: remove its folder {GROUPS}")
+    order = found.select(pl.arg_sort_by("episode", "step", nulls_last=True)).to_series()
+    order = order[: len(found) - found["episode"].null_count()]
+    if found["episode"].n_unique() - (len(order) < len(found)) < len(episodes):
+        raise PerdureError(f"groups of episodes in {store.root} are damaged: remove its folder {GROUPS}")
     policies = found["label"].gather(order).alias("policy")
     del found
     # Column by column: a table of a million rows is never held twice.

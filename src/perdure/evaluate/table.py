@@ -1,6 +1,6 @@
 """The table ``perdure.extrapolation`` of an evaluation (columns: ``perdure.report.schema``), and the result around it.
 
-`lane_table` makes the table of lanes. `judge_table` adds verdicts once the idle rate is known.
+`episode_table` makes the table of episodes. `judge_table` adds verdicts once the idle rate is known.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.evaluate.episodes import END_REASONS, SURVIVED, LaneRecords, LaneSpec, window_steps
+from perdure.evaluate.episodes import END_REASONS, SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
 from perdure.evaluate.score import ScoreScale
-from perdure.evaluate.verdict import judge_lane
+from perdure.evaluate.verdict import judge_episode
 from perdure.policy import PolicyLike
+from perdure.report.schema import CALM
 
 if TYPE_CHECKING:
     import polars as pl
 
-TABLE = "lanes.parquet"
+TABLE = "episodes.parquet"
 """Name of the table's file."""
 FILE_NOTE = "sha256 of "
 """How the names of the notes begin that say which policy files a table is of."""
@@ -34,10 +35,10 @@ def file_note(policy: str, train_seed: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ExtrapolationResult:
-    """The table of all lanes, and where it was written. As text: the verdicts and the summary table."""
+    """The table of all episodes, and where it was written. As text: the verdicts and the summary table."""
 
     frame: pl.DataFrame
-    """One row for each lane and recorded step; columns as in ``perdure.report.schema``."""
+    """One row for each episode and recorded step; columns as in ``perdure.report.schema``."""
     path: Path | None
     """The Parquet file; None where nothing was written."""
     files: Mapping[str, str] = field(default_factory=dict)
@@ -63,15 +64,15 @@ class ExtrapolationResult:
         return write_report(self.frame, out, command)
 
     def final(self) -> pl.DataFrame:
-        """Return one row for each lane: its values at the last recorded step."""
+        """Return one row for each episode: its values at the last recorded step."""
         import polars as pl
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
     def summary(self, by_training_run: bool = False) -> pl.DataFrame:
-        """Return one row for each policy and clock: lanes, mean return, shares of outcomes, median time to failure.
+        """Return one row for each policy and clock: episodes, mean return, shares of outcomes, median time to failure.
 
-        The median is that of the Kaplan-Meier curve; null where less than half of the lanes failed. `policy_state`
+        The median is that of the Kaplan-Meier curve; null where less than half of the episodes failed. `policy_state`
         names every state of the policies in the row, such as "never worked, worked".
 
         Args:
@@ -83,15 +84,15 @@ class ExtrapolationResult:
 
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
         keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock"]
-        lanes = self.final().with_columns(verdict=VERDICT)
+        episodes = self.final().with_columns(verdict=VERDICT)
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
-            for part in lanes.partition_by(keys, maintain_order=True)
+            for part in episodes.partition_by(keys, maintain_order=True)
         ]
         return (
-            lanes.group_by(keys, maintain_order=True)
+            episodes.group_by(keys, maintain_order=True)
             .agg(
-                lanes=pl.len(),
+                episodes=pl.len(),
                 mean_return=pl.col("return").mean(),
                 policy_state=pl.col("policy_state").unique().sort().str.join(", "),
                 **{outcome.replace(" ", "_"): (pl.col("outcome") == outcome).mean() for outcome in outcomes},
@@ -111,22 +112,26 @@ def train_seed(policy: PolicyLike) -> int:
     return int(policy.provenance.get("seed", 0))
 
 
-def lane_table(
-    labels: Sequence[str], policies: Sequence[PolicyLike], lanes: Sequence[LaneSpec], records: LaneRecords, steps: int
+def episode_table(
+    labels: Sequence[str],
+    policies: Sequence[PolicyLike],
+    episodes: Sequence[EpisodeSpec],
+    records: EpisodeRecords,
+    steps: int,
 ) -> pl.DataFrame:
-    """Return one row for each lane and recorded step.
+    """Return one row for each episode and recorded step.
 
     Args:
         labels: Name of each policy.
-        policies: `LaneSpec.policy` is an index into them.
-        lanes: The lanes of ``records``, in their order.
+        policies: `EpisodeSpec.policy` is an index into them.
+        episodes: The episodes of ``records``, in their order.
         records: Their results.
         steps: The test horizon.
     """
     import polars as pl
 
     n, m = records.returns.shape
-    rows = [_lane_row(labels[lane.policy], policies[lane.policy], lane) for lane in lanes]
+    rows = [_episode_row(labels[episode.policy], policies[episode.policy], episode) for episode in episodes]
     reached = records.steps[None, :] <= records.end_step[:, None]
     survived = (records.end_reason == SURVIVED)[:, None]
     columns: dict[str, object] = {name: [row[name] for row in rows for _ in range(m)] for name in rows[0]}
@@ -134,7 +139,7 @@ def lane_table(
         "test_horizon": np.full(n * m, steps),
         "step": np.tile(records.steps, n),
         "return": records.returns.ravel(),
-        # A lane that ended with step s has completed s - 1 steps without ending.
+        # An episode that ended with step s has completed s - 1 steps without ending.
         "alive": (reached & (survived | (records.steps[None, :] < records.end_step[:, None]))).ravel(),
         "end_reason": [END_REASONS[reason] for reason in records.end_reason for _ in range(m)],
         "end_step": np.repeat(records.end_step, m),
@@ -145,8 +150,8 @@ def lane_table(
     return pl.DataFrame(columns)
 
 
-def _lane_row(label: str, policy: PolicyLike, lane: LaneSpec) -> dict[str, object]:
-    clock = lane.clock
+def _episode_row(label: str, policy: PolicyLike, episode: EpisodeSpec) -> dict[str, object]:
+    clock = episode.clock
     return {
         "policy": label,
         "method": str(policy.provenance.get("method", "unknown")),
@@ -156,38 +161,32 @@ def _lane_row(label: str, policy: PolicyLike, lane: LaneSpec) -> dict[str, objec
         "clock": "none" if clock is None else clock.label,
         "clock_kind": "none" if clock is None else clock.name,
         "clock_steps": math.nan if clock is None else float(clock.steps),
-        "eval_seed": lane.eval_seed,
+        "eval_seed": episode.eval_seed,
+        "disturbance": " ".join(each.label for each in episode.disturbances) or CALM,
     }
 
 
 def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.DataFrame:
-    """Add the score scale of each lane's policy, and the verdict on each lane.
+    """Add the score scale of each episode's policy, and the verdict on each episode.
 
     Args:
-        frame: As `lane_table` makes it, lane after lane.
-        score_scales: The measure of each lane's policy, in the order of the lanes.
+        frame: As `episode_table` makes it, episode after episode.
+        score_scales: The measure of each episode's policy, in the order of the episodes.
     """
     import polars as pl
 
     each = frame["step"].n_unique()
-    lanes = frame.select("end_step", "end_reason").gather_every(each, each - 1)
+    episodes = frame.select("end_step", "end_reason").gather_every(each, each - 1)
     grid = frame["step"][:each].to_numpy()
     steps = window_steps(int(frame["test_horizon"][0]))
     returns = frame["return"].to_numpy().reshape(-1, each)[:, np.isin(grid, steps)]
     rows = []
-    for earned, (end_step, end_reason), scale in zip(returns, lanes.iter_rows(), score_scales, strict=True):
-        verdict = judge_lane(steps, earned, end_step, end_reason, scale)
-        rows.append({name: getattr(scale, field) for name, field in YARDSTICK.items()} | asdict(verdict))
+    for earned, (end_step, end_reason), scale in zip(returns, episodes.iter_rows(), score_scales, strict=True):
+        verdict = judge_episode(steps, earned, end_step, end_reason, scale)
+        rows.append({name: getattr(scale, name) for name in RATES} | asdict(verdict))
     added = pl.DataFrame(rows)
     return frame.hstack(added[np.repeat(np.arange(len(rows)), each)])
 
 
-YARDSTICK = {
-    "idle_rate": "idle",
-    "reference_rate": "reference",
-    "level_rate": "task",
-    "window": "window",
-    "policy_state": "state",
-    "policy_note": "note",
-}
-"""Columns of the table that hold fields of `ScoreScale`."""
+RATES = ("idle_rate", "training_rate", "published_rate", "window", "policy_state", "policy_note")
+"""Columns of the table that are fields of `ScoreScale`."""

@@ -1,4 +1,4 @@
-"""Outcome of each lane (holds, decays, fails silently, falls or diverges), and the step at which a failure began."""
+"""Outcome of each episode (holds, decays, fails silently, falls or diverges), and the step at which a failure began."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ MOST = 2.0
 
 
 @dataclass(frozen=True)
-class LaneVerdict:
-    """The verdict of one lane."""
+class EpisodeVerdict:
+    """The verdict of one episode."""
 
     outcome: Outcome
     failed_step: int
-    """Steps completed before the failure began; without a failure, all steps of the lane."""
-    end_hold: float
-    """Hold score at the end, or before the lane ended; nan where there is no whole window."""
+    """Steps completed before the failure began; without a failure, all steps of the episode."""
+    end_score_vs_training: float
+    """At the end, or before the episode ended; nan where there is no whole window."""
     ever_idle: bool
     """Two consecutive windows were no better than idle, at any time."""
 
 
-def judge_lane(
+def judge_episode(
     steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, end_reason: str, score_scale: ScoreScale
-) -> LaneVerdict:
-    """Return the verdict on a lane.
+) -> EpisodeVerdict:
+    """Return the verdict on an episode.
 
     Args:
         steps: Rising step numbers, shape (m,), evenly spaced; the last one is the test horizon.
         returns: Sum of rewards up to each, shape (m,).
-        end_step: Steps the lane lasted.
+        end_step: Steps the episode lasted.
         end_reason: "survived", "terminated", "truncated" or "diverged".
-        score_scale: The measure of the lane's policy.
+        score_scale: The measure of the episode's policy.
     """
     begins, scores = window_scores(steps, returns, end_step, score_scale)
     ended: dict[str, Outcome] = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
-    if score_scale.state != "worked":
-        return LaneVerdict(ended.get(end_reason, "unknown"), end_step, float("nan"), False)
+    if score_scale.policy_state != "worked":
+        return EpisodeVerdict(ended.get(end_reason, "unknown"), end_step, float("nan"), False)
     count = min(len(scores), max(FEWEST_WINDOWS, round(LAST * len(scores))))
     last = float(scores[-count:].mean()) if count else float("nan")
     idle = scores < IDLE_BELOW
@@ -63,30 +63,30 @@ def judge_lane(
     silent = _since(scores, IDLE_BELOW) if last < IDLE_BELOW else len(scores)
     if end_reason in ended:
         failed = int(begins[silent]) if silent < len(scores) else end_step
-        return LaneVerdict(ended[end_reason], failed, last, ever)
+        return EpisodeVerdict(ended[end_reason], failed, last, ever)
     # The reference leaves the start from rest out; a mean that includes it would be too low.
     settled = scores[begins >= score_scale.settling]
     if len(settled) < FEWEST_WINDOWS:
-        return LaneVerdict("unknown", end_step, last, ever)
+        return EpisodeVerdict("unknown", end_step, last, ever)
     pause = _longest(idle[:silent])
     span = scores[-max(count, MEMORY * pause) :]
     if last < IDLE_BELOW and (len(scores) - silent >= SURE * pause or span.mean() < IDLE_BELOW):
-        return LaneVerdict("fails silently", int(begins[silent]), last, ever)
+        return EpisodeVerdict("fails silently", int(begins[silent]), last, ever)
     decayed = _decayed(settled, min(len(span), len(settled)))
     if decayed is None:
-        return LaneVerdict("unknown", end_step, last, ever)
+        return EpisodeVerdict("unknown", end_step, last, ever)
     if decayed:
-        return LaneVerdict("decays", int(begins[_since(scores, HOLDS_FROM)]), last, ever)
-    return LaneVerdict("holds", end_step, last, ever)
+        return EpisodeVerdict("decays", int(begins[_since(scores, HOLDS_FROM)]), last, ever)
+    return EpisodeVerdict("holds", end_step, last, ever)
 
 
 def window_scores(
     steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, score_scale: ScoreScale
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return (steps before it, hold score) of each whole window of a lane, in the order of time.
+    """Return (steps before it, score against training) of each whole window of an episode, in the order of time.
 
-    Windows are laid from the lane's end backwards, so what is left over lies at the start, where a robot may still be
-    on its way to its usual gait.
+    Windows are laid from the episode's end backwards, so what is left over lies at the start, where a robot may still
+    be on its way to its usual gait.
     """
     reached = np.flatnonzero(steps <= end_step)
     if not len(reached):
@@ -97,7 +97,7 @@ def window_scores(
     stride = max(1, -(-score_scale.window // spacing))
     marks = np.arange(len(steps) - 1, -1, -stride)[::-1]
     width = np.diff(steps[marks])
-    return steps[marks][:-1], np.minimum(score_scale.hold(np.diff(returns[marks]) / width), MOST)
+    return steps[marks][:-1], np.minimum(score_scale.score(np.diff(returns[marks]) / width), MOST)
 
 
 def _since(scores: NDArray[np.float64], bound: float) -> int:
@@ -114,7 +114,7 @@ def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
     """Return whether the last windows are significantly below HOLDS_FROM; None if there are too few windows.
 
     Args:
-        scores: Of a lane.
+        scores: Of an episode.
         count: Windows to begin with; doubled until the verdict is clear.
     """
     while True:

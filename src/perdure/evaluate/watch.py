@@ -27,13 +27,13 @@ from numpy.typing import NDArray
 from perdure.envs import GymnasiumWorld, OpenEnv, refuse_import
 from perdure.envs.suites import GYMNASIUM_PREFIX
 from perdure.errors import PerdureError
-from perdure.evaluate.episodes import FIRST_EVAL_SEED, LaneSpec, evaluate_lanes
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.reference import idle_baseline, with_reference
-from perdure.evaluate.score import ScoreScale, make_score_scale, task_rate
-from perdure.evaluate.table import judge_table, lane_table
+from perdure.evaluate.score import ScoreScale, make_score_scale, published_rate
+from perdure.evaluate.table import episode_table, judge_table
 from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, Row, annotate, check_film, tile, write_film
 from perdure.horizon import Clock
-from perdure.policy import ClosedLoop, LanePolicy, Policy
+from perdure.policy import ClosedLoop, EpisodePolicy, Policy
 from perdure.policy.network import one_thread
 from perdure.report import wording
 
@@ -65,7 +65,7 @@ ZERO_FORCES = {("Ant", "v3"), ("Ant", "v2"), ("Humanoid", "v2"), ("Humanoid", "v
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedLane:
+class JudgedEpisode:
     """One episode and its outcome."""
 
     clock: Clock | None
@@ -102,7 +102,7 @@ class Film:
     """A finished video and its facts."""
 
     path: Path
-    lanes: tuple[JudgedLane, ...]
+    episodes: tuple[JudgedEpisode, ...]
     """The panels from left to right."""
     world: str
     """Environment and engine that were filmed."""
@@ -111,7 +111,7 @@ class Film:
     @property
     def sentences(self) -> list[str]:
         """Description of the video."""
-        words = [(*lane.words, lane.eval_seed) for lane in self.lanes]
+        words = [(*episode.words, episode.eval_seed) for episode in self.episodes]
         return [f"{clock}, start state {seed}: {outcome}" for clock, outcome, seed in words]
 
 
@@ -158,15 +158,15 @@ def watch(
     render_env = find_render_env(policy.task.name, policy.task.observation_size)
     judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
-    lane = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
-    lanes = [lane] if beside is None else [lane, *judge.judge(beside, [lane.eval_seed])]
-    lanes.sort(key=lambda each: each.outcome != "holds")
-    shown, rate = _shown_steps(render_env, judge.scale, lane if until_failure else None)
+    episode = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
+    episodes = [episode] if beside is None else [episode, *judge.judge(beside, [episode.eval_seed])]
+    episodes.sort(key=lambda each: each.outcome != "holds")
+    shown, rate = _shown_steps(render_env, judge.scale, episode if until_failure else None)
     world = f"{render_env.env_id}, Gymnasium {gymnasium.__version__}, MuJoCo {version('mujoco')}"
 
-    panels = [_panel(judge, each, render_env, shown, size, world) for each in lanes]
+    panels = [_panel(judge, each, render_env, shown, size, world) for each in episodes]
     pictures = (tile(row, len(row)) for row in zip(*panels, strict=True))
-    return Film(out, tuple(lanes), world, write_film(pictures, out, rate))
+    return Film(out, tuple(episodes), world, write_film(pictures, out, rate))
 
 
 class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
@@ -254,30 +254,30 @@ class Judge:
         assert measured.reference is not None
         self.policy, self._source, self._steps = measured, source, steps
         self.scale: ScoreScale = make_score_scale(
-            measured.reference, idle_baseline(source), task_rate(policy.task.name)
+            measured.reference, idle_baseline(source), published_rate(policy.task.name)
         )
 
-    def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedLane]:
+    def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedEpisode]:
         """Run one episode from each start state."""
-        lanes = [LaneSpec(0, clock, seed) for seed in eval_seeds]
+        episodes = [EpisodeSpec(0, clock, seed) for seed in eval_seeds]
         world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
         try:
-            records = evaluate_lanes([self.policy], lanes, self._steps, world=world)
+            records = evaluate_episodes([self.policy], episodes, self._steps, world=world)
         finally:
             world.close()
         frame = judge_table(
-            lane_table(["policy"], [self.policy], lanes, records, self._steps), [self.scale] * len(lanes)
+            episode_table(["policy"], [self.policy], episodes, records, self._steps), [self.scale] * len(episodes)
         )
         return [
-            JudgedLane(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
+            JudgedEpisode(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
             for row in frame.filter(frame["step"] == self._steps).iter_rows(named=True)
         ]
 
-    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int]) -> JudgedLane:
+    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int]) -> JudgedEpisode:
         """Return the first of these episodes that fails; PerdureError if none does."""
-        for lane in self.judge(clock, eval_seeds):
-            if lane.failed:
-                return lane
+        for episode in self.judge(clock, eval_seeds):
+            if episode.failed:
+                return episode
         raise PerdureError(
             f"none of {len(eval_seeds)} episodes of {self._steps:,} steps fails under "
             f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, or another --clock"
@@ -296,31 +296,31 @@ class Instant:
     """The environment in the state after this step."""
 
 
-def replay(policy: Policy, lane: JudgedLane, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
+def replay(policy: Policy, episode: JudgedEpisode, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
     """Yield each step of a judged episode, and of what the robot does after its end, up to step ``stop``.
 
     Raises:
         PerdureError: If the episode is not the one that was judged.
     """
     env = render_env.build()
-    world = GymnasiumWorld([lambda: env], [FIRST_EVAL_SEED + lane.eval_seed])
+    world = GymnasiumWorld([lambda: env], [FIRST_EVAL_SEED + episode.eval_seed])
     try:
         with one_thread():
-            loop = ClosedLoop(world, [LanePolicy(policy, lane.clock)])
+            loop = ClosedLoop(world, [EpisodePolicy(policy, episode.clock)])
             total = 0.0
-            for step in range(1, min(stop, lane.end_step) + 1):
+            for step in range(1, min(stop, episode.end_step) + 1):
                 result = loop.advance().step
                 total += float(result.rewards[0])
-                if bool(result.terminated[0]) != (step == lane.end_step and lane.outcome == "falls"):
-                    raise PerdureError(f"the episode of start state {lane.eval_seed} is not the one that was judged")
+                if bool(result.terminated[0]) != (step == episode.end_step and episode.outcome == "falls"):
+                    raise PerdureError(f"the episode of start state {episode.eval_seed} is not the one that was judged")
                 yield Instant(step, float(result.rewards[0]), total, env)
-            if stop >= lane.end_step and lane.outcome != "diverges" and not math.isclose(total, lane.total):
+            if stop >= episode.end_step and episode.outcome != "diverges" and not math.isclose(total, episode.total):
                 raise PerdureError(
-                    f"the episode returned {total:.6g} when it was filmed and {lane.total:.6g} when judged"
+                    f"the episode returned {total:.6g} when it was filmed and {episode.total:.6g} when judged"
                 )
             observations, space = result.observations, env.action_space
-            for step in range(lane.end_step + 1, stop + 1):
-                action = policy.act(observations, np.array([step - 1.0]), lane.clock)[0]
+            for step in range(episode.end_step + 1, stop + 1):
+                action = policy.act(observations, np.array([step - 1.0]), episode.clock)[0]
                 observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
                 observations = np.asarray(observation, np.float64)[None]
                 yield Instant(step, float(reward), total, env)
@@ -356,7 +356,7 @@ class RobotCamera(Renderer):
         return self.draw(self._data, self._camera)
 
 
-def _shown_steps(render_env: RenderEnv, scale: ScoreScale, failing: JudgedLane | None) -> tuple[range, float]:
+def _shown_steps(render_env: RenderEnv, scale: ScoreScale, failing: JudgedEpisode | None) -> tuple[range, float]:
     """Return the steps to show, around a failure or from the first one, and the pictures per second."""
     env = render_env.build()
     seconds_per_step = float(env.unwrapped.dt)
@@ -370,25 +370,25 @@ def _shown_steps(render_env: RenderEnv, scale: ScoreScale, failing: JudgedLane |
 
 
 def _panel(
-    judge: Judge, lane: JudgedLane, render_env: RenderEnv, shown: range, size: tuple[int, int], world: str
+    judge: Judge, episode: JudgedEpisode, render_env: RenderEnv, shown: range, size: tuple[int, int], world: str
 ) -> Iterator[Picture]:
     """Yield the pictures of one episode at some steps."""
     recent: deque[float] = deque(maxlen=SCORE_STEPS)
-    clock, outcome = lane.words
-    color = GREEN if lane.outcome == "holds" else RED if lane.failed else INK
+    clock, outcome = episode.words
+    color = GREEN if episode.outcome == "holds" else RED if episode.failed else INK
     above: list[Row] = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
     with ExitStack() as stack:
         camera: RobotCamera | None = None
-        for instant in replay(judge.policy, lane, render_env, shown.stop - 1):
+        for instant in replay(judge.policy, episode, render_env, shown.stop - 1):
             recent.append(instant.reward)
             if instant.step not in shown:
                 continue
             now = f"step {instant.step:,}"
-            if instant.step > lane.end_step:
-                now += f"   ended at step {lane.end_step:,}"
-            elif judge.scale.state == "worked":
-                score = (sum(recent) / len(recent) - judge.scale.idle) / (judge.scale.reference - judge.scale.idle)
-                now += f"   hold score {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
+            if instant.step > episode.end_step:
+                now += f"   ended at step {episode.end_step:,}"
+            elif judge.scale.policy_state == "worked":
+                score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
+                now += f"   score against its own training {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
             camera = camera or stack.enter_context(RobotCamera(instant.env, size))
-            failed = lane.failed and instant.step >= lane.failed_step
+            failed = episode.failed and instant.step >= episode.failed_step
             yield annotate(camera.take(), above, [(BELOW, [(now, INK)])], RED if failed else None)

@@ -1,15 +1,15 @@
 """The Home Assistant Benchmark on MuJoCo: a Fetch robot tidies the house, prepares groceries and sets the table.
 
 Subpackages, each built on those before it:
-    sim          the simulated world: robot, objects, apartments, head camera
-    benchmark    tasks, episodes, planner
+    sim          robot, objects, apartments; simulators of one or many of them; head camera
+    tasks        tasks, episodes and their generator, planner
     skills       observations, rewards, start states and recipes of the skills
     agents       policies, oracle, release strategies
     evaluate     run episodes, write logs, measure success
     pictures, film, failures    pictures of a home; films and a live view; failed episodes in pictures
 
-Words: a lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023),
-whose code (hab-mobile-manipulation) most definitions follow. OURS marks what this package decided itself.
+A lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023), whose
+code (hab-mobile-manipulation) most definitions follow. OURS marks what this package decided itself.
 
 Importing this package imports NumPy and nothing heavier; MuJoCo and SciPy are imported where they are used.
 """

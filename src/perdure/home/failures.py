@@ -17,7 +17,7 @@ import numpy as np
 from perdure.errors import PerdureError
 from perdure.film import GRAY, INK, Picture, Row, annotate, tile
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.files import POLICIES, check_distinct, read_logs, read_note, read_notes
+from perdure.home.evaluate.files import POLICIES, check_distinct, read_log_file, read_note
 from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
 from perdure.home.evaluate.outcomes import (
     REST_MOVE,
@@ -121,7 +121,7 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     Raises:
         PerdureError: A file holds no logs, an episode is there twice, or cannot be replayed by this package.
     """
-    files = [(read_logs(path), read_notes(path), path) for path in paths]
+    files = [(*read_log_file(path), path) for path in paths]
     check_distinct([log for logs, _, _ in files for log in logs], "the logs")
     failures = []
     for logs, notes, path in files:

@@ -193,7 +193,7 @@ def record(
 
     Args:
         episode: The episode.
-        agent: Who acts.
+        agent: Policies and release strategy.
         options: Evaluation seed and settings of the world; one lane and one thread are used.
         seconds: Simulated time after which it is broken off.
         show: Called with every frame while the episode runs.
@@ -244,7 +244,7 @@ def film_episode(
         episode: The episode.
         path: The film: `.mp4` or `.gif`.
         options: Settings; the size is that of one agent's picture.
-        agents: Who acts; the oracle if there is none.
+        agents: Policies and release strategies; the oracle if there is none.
 
     Returns:
         A log for each agent, None where the film ended before the episode.

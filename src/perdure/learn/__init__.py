@@ -1,15 +1,11 @@
-"""PPO as in Stable-Baselines3, with a configurable horizon; each iteration is one compiled JAX program.
+"""Training: PPO as in Stable-Baselines3 with a configurable horizon, in runs that resume after a kill.
 
 | file | what it holds |
 |---|---|
-| `config.py`, `presets.py`, `methods.py` | settings; tuned hyperparameters of each task with their source; methods |
-| `networks.py`, `normalizer.py` | policy and value network; running normalization |
-| `rollout.py` | experience collection in one compiled loop |
-| `ppo.py` | PPO: one iteration from top to bottom, loss and Adam |
-| `estimators/` | advantage estimators |
-| `checkpoint.py` | state of a run and its file |
-| `run.py` | training runs in segments: a killed run resumes; the files they write |
-| `errors.py` | `PerdureError`, `PerdureError` |
+| `config.py`, `presets.py` | settings; tuned hyperparameters of each task with their source, and the methods |
+| `algorithm.py` | the interface between a run and a learning algorithm |
+| `ppo.py`, `rollout.py`, `advantages.py`, `networks.py` | PPO; each iteration is a few compiled JAX programs |
+| `run.py`, `checkpoint.py` | runs in segments: seeds, checkpoints and the files that a run writes |
 """
 
 from perdure.learn.config import PPOConfig

@@ -1,30 +1,7 @@
 """Advantage estimators by name: discounted (GAE) and average reward.
 
-The state is a tree of arrays. It is saved in every checkpoint without being named anywhere else.
-
-The differential value V(s) is how much more reward follows s than follows on average. With rho the average reward,
-
-    delta_t = r_t - rho + V'_t - V(s_t)
-    A_t     = delta_t + lambda A_{t+1}
-
-as in Zhang and Ross, On-policy deep reinforcement learning for the average-reward criterion (2021). As there, a fall
-does not end anything: it costs `reset_cost`, and the next start state follows it. So V'_t = V(s_{t+1}) and the trace
-runs on. Where an episode was cut, V'_t = V(last_t) and the trace ends.
-
-From Ma et al., Average-reward reinforcement learning with trust region methods (2021): rho is a moving average over
-rollouts, rho <- (1 - alpha) rho + alpha mean(r). V is determined only up to a constant, so it may drift; the average
-value constraint pulls its mean b to 0: the value network is fitted to V(s_t) + A_t - nu b.
-
-Schulman et al., High-dimensional continuous control using generalized advantage estimation (2016), eq. 16, with
-
-    delta_t = r_t + gamma V'_t - V(s_t)
-    A_t     = delta_t + gamma lambda (1 - done_t) A_{t+1}
-
-where V'_t, the value of what follows step t, is
-
-    0           if the task ended, or if the horizon ended and its end means ``terminated``
-    V(last_t)   if the episode was cut: ``last_t`` is the observation it stopped at, not the one after the reset
-    V(s_{t+1})  otherwise
+An estimator turns rollouts into advantages and targets of the value network. Its state is a tree of arrays, which the
+checkpoint saves without knowing it.
 """
 
 from __future__ import annotations
@@ -41,6 +18,7 @@ if TYPE_CHECKING:
     from perdure.learn.config import PPOConfig
 
 __all__ = ["ESTIMATORS", "Ends", "Estimate", "Estimator", "State", "Transitions", "make_estimator"]
+
 
 State = Any
 """A tree of arrays, such as a named tuple; () for an estimator that remembers nothing."""
@@ -92,32 +70,60 @@ class Estimator(Protocol):
         """Return the next state and the estimates of one rollout; traced by JAX."""
 
 
-def sum_traces(deltas: jax.Array, decay: jax.Array) -> jax.Array:
-    """Return A_t = delta_t + decay_t A_{t+1}, with A = 0 after the last row; shapes (n_steps, n_envs)."""
+@dataclass(frozen=True)
+class Discounted:
+    """GAE of the discounted return; of the undiscounted return within the horizon where gamma is 1.
 
-    def backwards(later: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        delta, weight = step
-        now = delta + weight * later
-        return now, now
+    Schulman et al., High-dimensional continuous control using generalized advantage estimation (2016), eq. 16, with
 
-    _, result = jax.lax.scan(backwards, jnp.zeros_like(deltas[0]), (deltas, decay), reverse=True)
-    return result
+        delta_t = r_t + gamma V'_t - V(s_t)
+        A_t     = delta_t + gamma lambda (1 - done_t) A_{t+1}
 
+    where V'_t, the value of what follows step t, is
 
-class AverageRewardState(NamedTuple):
-    """Moving averages over rollouts; scalars, float32."""
+        0           if the task ended, or if the horizon ended and its end means ``terminated``
+        V(last_t)   if the episode was cut: ``last_t`` is the observation it stopped at, not the one after the reset
+        V(s_{t+1})  otherwise
+    """
 
-    rate: jax.Array
-    """rho: scaled reward per step, the cost of falls included."""
-    value: jax.Array
-    """b: mean of V."""
-    rollouts: jax.Array
-    """Rollouts seen."""
+    gamma: float
+    gae_lambda: float
+    horizon_terminates: bool
+    """Whether reaching the horizon counts as the task's own end."""
+
+    @classmethod
+    def of(cls, config: PPOConfig) -> Self:
+        """Return the estimator of a configuration."""
+        return cls(config.protocol.gamma, config.gae_lambda, config.protocol.end == "terminated")
+
+    def start(self) -> State:
+        """Return nothing: every rollout stands for itself."""
+        return ()
+
+    def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
+        """See `Estimator.estimate`."""
+        rewards, values, last_values, ends, _ = transitions
+        following = following_values(values, last_values, ends, self.horizon_terminates)
+        found = advantages(rewards, values[:-1], following, ends.done, self.gamma, self.gae_lambda)
+        return state, Estimate(found, found + values[:-1])
 
 
 @dataclass(frozen=True)
 class AverageReward:
     """Advantages of the average reward.
+
+    The differential value V(s) is how much more reward follows s than follows on average. With rho the average reward,
+
+        delta_t = r_t - rho + V'_t - V(s_t)
+        A_t     = delta_t + lambda A_{t+1}
+
+    as in Zhang and Ross, On-policy deep reinforcement learning for the average-reward criterion (2021). As there, a
+    fall does not end anything: it costs `reset_cost`, and the next start state follows it. So V'_t = V(s_{t+1}) and the
+    trace runs on. Where an episode was cut, V'_t = V(last_t) and the trace ends.
+
+    From Ma et al., Average-reward reinforcement learning with trust region methods (2021): rho is a moving average over
+    rollouts, rho <- (1 - alpha) rho + alpha mean(r). V is determined only up to a constant, so it may drift; the
+    average value constraint pulls its mean b to 0: the value network is fitted to V(s_t) + A_t - nu b.
 
     Raises:
         PerdureError: If a number is out of its range.
@@ -175,55 +181,15 @@ class AverageReward:
         return now, Estimate(advantages, advantages + values[:-1] - self.nu * now.value)
 
 
-@dataclass(frozen=True)
-class Discounted:
-    """GAE of the discounted return; of the undiscounted return within the horizon where gamma is 1."""
+class AverageRewardState(NamedTuple):
+    """Moving averages over rollouts; scalars, float32."""
 
-    gamma: float
-    gae_lambda: float
-    horizon_terminates: bool
-    """Whether reaching the horizon counts as the task's own end."""
-
-    @classmethod
-    def of(cls, config: PPOConfig) -> Self:
-        """Return the estimator of a configuration."""
-        return cls(config.protocol.gamma, config.gae_lambda, config.protocol.end == "terminated")
-
-    def start(self) -> State:
-        """Return nothing: every rollout stands for itself."""
-        return ()
-
-    def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
-        """See `Estimator.estimate`."""
-        rewards, values, last_values, ends, _ = transitions
-        following = following_values(values, last_values, ends, self.horizon_terminates)
-        found = advantages(rewards, values[:-1], following, ends.done, self.gamma, self.gae_lambda)
-        return state, Estimate(found, found + values[:-1])
-
-
-def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, horizon_terminates: bool) -> jax.Array:
-    """Return V'_t for every step.
-
-    Args:
-        values: V(s_t), with V of the state after the rollout as last row; shape (n_steps + 1, n_envs).
-        last_values: V(last_t), used where an episode was cut; shape (n_steps, n_envs).
-        ends: What ended at each step.
-        horizon_terminates: True if reaching the horizon counts as the task's own end.
-
-    Returns:
-        Shape (n_steps, n_envs).
-    """
-    terminal = ends.terminated | ends.horizon_end if horizon_terminates else ends.terminated
-    bootstrapped = jnp.where(ends.done, last_values, values[1:])
-    return jnp.where(terminal, 0.0, bootstrapped)
-
-
-def advantages(
-    rewards: jax.Array, values: jax.Array, following: jax.Array, done: jax.Array, gamma: float, gae_lambda: float
-) -> jax.Array:
-    """Return A_t for every step; all arrays have shape (n_steps, n_envs)."""
-    deltas = rewards + gamma * following - values
-    return sum_traces(deltas, gamma * gae_lambda * (1.0 - done.astype(rewards.dtype)))
+    rate: jax.Array
+    """rho: scaled reward per step, the cost of falls included."""
+    value: jax.Array
+    """b: mean of V."""
+    rollouts: jax.Array
+    """Rollouts seen."""
 
 
 ESTIMATORS: dict[str, type[Any]] = {"discounted": Discounted, "average-reward": AverageReward}
@@ -253,3 +219,40 @@ def make_estimator(config: PPOConfig) -> Estimator:
             raise PerdureError(f"{part!r} in estimator {config.estimator!r} must be written name=number") from None
     estimator: Estimator = ESTIMATORS[name].of(config, **numbers)
     return estimator
+
+
+def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, horizon_terminates: bool) -> jax.Array:
+    """Return V'_t for every step.
+
+    Args:
+        values: V(s_t), with V of the state after the rollout as last row; shape (n_steps + 1, n_envs).
+        last_values: V(last_t), used where an episode was cut; shape (n_steps, n_envs).
+        ends: What ended at each step.
+        horizon_terminates: True if reaching the horizon counts as the task's own end.
+
+    Returns:
+        Shape (n_steps, n_envs).
+    """
+    terminal = ends.terminated | ends.horizon_end if horizon_terminates else ends.terminated
+    bootstrapped = jnp.where(ends.done, last_values, values[1:])
+    return jnp.where(terminal, 0.0, bootstrapped)
+
+
+def advantages(
+    rewards: jax.Array, values: jax.Array, following: jax.Array, done: jax.Array, gamma: float, gae_lambda: float
+) -> jax.Array:
+    """Return A_t for every step; all arrays have shape (n_steps, n_envs)."""
+    deltas = rewards + gamma * following - values
+    return sum_traces(deltas, gamma * gae_lambda * (1.0 - done.astype(rewards.dtype)))
+
+
+def sum_traces(deltas: jax.Array, decay: jax.Array) -> jax.Array:
+    """Return A_t = delta_t + decay_t A_{t+1}, with A = 0 after the last row; shapes (n_steps, n_envs)."""
+
+    def backwards(later: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        delta, weight = step
+        now = delta + weight * later
+        return now, now
+
+    _, result = jax.lax.scan(backwards, jnp.zeros_like(deltas[0]), (deltas, decay), reverse=True)
+    return result

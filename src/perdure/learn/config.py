@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol
@@ -14,6 +14,8 @@ from perdure.learn.advantages import make_estimator
 Activation = Literal["relu", "tanh"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
+LATER = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning")
+"""Settings that are missing in older runs and policy files, which were made with their defaults."""
 
 
 def _default_protocol() -> HorizonProtocol:
@@ -81,57 +83,38 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be trained."""
+
+        def require(condition: bool, name: str, valid: str) -> None:
+            if not condition:
+                raise PerdureError(f"{name} is {getattr(self, name)!r}; it must be {valid}")
+
         for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs", "segment_steps"):
-            _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+            require(getattr(self, name) >= 1, name, "at least 1")
         for each in dataclasses.fields(self):
             value = getattr(self, each.name)
-            _require(not isinstance(value, float) or math.isfinite(value), each.name, value, "a finite number")
+            require(not isinstance(value, float) or math.isfinite(value), each.name, "a finite number")
         for name in ("learning_rate", "clip_range", "max_grad_norm"):
-            _require(getattr(self, name) > 0, name, getattr(self, name), "a positive number")
+            require(getattr(self, name) > 0, name, "a positive number")
         for name in ("ent_coef", "vf_coef"):
-            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
-        _require(0 <= self.gae_lambda <= 1, "gae_lambda", self.gae_lambda, "in [0, 1]")
-        _require(
-            self.learning_rate_decay in ("none", "linear"),
-            "learning_rate_decay",
-            self.learning_rate_decay,
-            "'none' or 'linear'",
-        )
-        _require(
-            self.log_std_end is None or self.log_std_end <= self.log_std_init,
-            "log_std_end",
-            self.log_std_end,
-            f"None or at most log_std_init = {self.log_std_init}",
-        )
-        _require(
-            self.conditioning in ("concatenate", "film"), "conditioning", self.conditioning, "'concatenate' or 'film'"
-        )
-        _require(
-            self.conditioning != "film" or self.protocol.embedding is not None,
-            "conditioning",
-            self.conditioning,
-            "'concatenate' for a policy without an embedding",
-        )
-        _require(
-            self.conditioning != "film" or not self.protocol.normalize_embedding,
-            "conditioning",
-            self.conditioning,
-            "'concatenate' if protocol.normalize_embedding is set",
-        )
+            require(getattr(self, name) >= 0, name, "0 or more")
+        for name, kind in (("learning_rate_decay", Decay), ("conditioning", Conditioning), ("activation", Activation)):
+            require(getattr(self, name) in get_args(kind), name, " or ".join(map(repr, get_args(kind))))
+        require(0 <= self.gae_lambda <= 1, "gae_lambda", "in [0, 1]")
+        ceiling = f"None or at most log_std_init = {self.log_std_init}"
+        require(self.log_std_end is None or self.log_std_end <= self.log_std_init, "log_std_end", ceiling)
         begin, end = self.log_std_fall
-        _require(0 <= begin < end <= 1, "log_std_fall", self.log_std_fall, "two shares that grow, from 0 to 1")
-        _require(self.activation in ("relu", "tanh"), "activation", self.activation, "'relu' or 'tanh'")
-        _require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", self.hidden_sizes, "widths")
-        _require(
-            self.rollout_size % self.batch_size == 0,
-            "batch_size",
-            self.batch_size,
-            f"a divisor of n_envs * n_steps = {self.rollout_size}",
-        )
-        _require(
+        require(0 <= begin < end <= 1, "log_std_fall", "two shares that grow, from 0 to 1")
+        if self.conditioning == "film":
+            reason = "'concatenate' for a policy without an embedding"
+            require(self.protocol.embedding is not None, "conditioning", reason)
+            reason = "'concatenate' if protocol.normalize_embedding is set"
+            require(not self.protocol.normalize_embedding, "conditioning", reason)
+        require(bool(self.hidden_sizes) and min(self.hidden_sizes) >= 1, "hidden_sizes", "widths")
+        divisor = f"a divisor of n_envs * n_steps = {self.rollout_size}"
+        require(self.rollout_size % self.batch_size == 0, "batch_size", divisor)
+        require(
             self.learning_rate_decay == "none" or self.total_steps > self.rollout_size,
             "total_steps",
-            self.total_steps,
             f"more than one rollout of {self.rollout_size} steps, because learning_rate_decay is 'linear': the last "
             "iteration learns nothing",
         )
@@ -159,15 +142,12 @@ class PPOConfig:
 
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values; newer settings only where they differ from their default."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        for name, default in _LATER.items():
-            if values[name] == default:
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        for name in LATER:
+            if values[name] == getattr(PPOConfig, name):
                 del values[name]
         values["protocol"] = self.protocol.to_json()
-        values["hidden_sizes"] = list(self.hidden_sizes)
-        if "log_std_fall" in values:
-            values["log_std_fall"] = list(self.log_std_fall)
-        return values
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
@@ -176,29 +156,12 @@ class PPOConfig:
         Raises:
             PerdureError: If a field is unknown, missing or out of range.
         """
-        known = {f.name for f in dataclasses.fields(cls)}
+        known = {each.name for each in dataclasses.fields(cls)}
         if unknown := sorted(set(values) - known):
             raise PerdureError(f"unknown PPO setting {', '.join(unknown)}; the settings are {', '.join(sorted(known))}")
-        if missing := sorted(known - set(values) - set(_LATER)):
+        if missing := sorted(known - set(values) - set(LATER)):
             raise PerdureError(f"missing PPO setting {', '.join(missing)}")
-        rest = dict(values)
-        rest["protocol"] = HorizonProtocol.from_json(values["protocol"])
-        rest["hidden_sizes"] = tuple(values["hidden_sizes"])
-        if "log_std_fall" in values:
-            rest["log_std_fall"] = tuple(values["log_std_fall"])
-        return cls(**rest)
-
-
-_LATER: dict[str, Any] = {
-    "learning_rate_decay": "none",
-    "log_std_end": None,
-    "log_std_fall": (0.0, 0.6),
-    "estimator": "discounted",
-    "conditioning": "concatenate",
-}
-"""Settings that are missing in older runs and policy files, with their values there."""
-
-
-def _require(condition: bool, name: str, value: object, valid: str) -> None:
-    if not condition:
-        raise PerdureError(f"{name} is {value!r}; it must be {valid}")
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+        }
+        return cls(**(given | {"protocol": HorizonProtocol.from_json(values["protocol"])}))

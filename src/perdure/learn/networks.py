@@ -1,14 +1,14 @@
-"""Policy and value networks: two separate multilayer perceptrons, and a Gaussian with state-independent width.
+"""Policy and value networks, and the running normalization of observations and rewards.
 
-As in Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so that a file of them can be read by eye:
+Two separate multilayer perceptrons, and a Gaussian whose standard deviation does not depend on the observation.
+
+This is Stable-Baselines3's ``MlpPolicy``. Parameters are a flat dictionary, so that a file of them can be read by eye:
 ``policy.0.weight`` (in, out), ``policy.0.bias`` (out,), ..., ``value.2.weight``, ``log_std`` (action_size,).
 
 phi is appended to the observation. With ``conditioning="film"`` the first layer takes the observation only, and every
 hidden layer becomes act((1 + phi @ scale) * (h @ weight + bias) + phi @ shift), with ``policy.0.scale`` and
 ``policy.0.shift`` of shape (embedding_size, out) (feature-wise linear modulation; Perez et al., 2018). Both start at
 zero, so the networks begin as those of a policy without phi.
-
-Statistics are kept in float64 and merged by the parallel rule of Chan, Golub and LeVeque (1979).
 """
 
 from __future__ import annotations
@@ -94,6 +94,9 @@ def entropy(log_std: jax.Array) -> jax.Array:
     """Return the Gaussian's entropy in nats, the same for all states: sum_i (1/2 + log sqrt(2 pi) + log std_i)."""
     return (0.5 + LOG_SQRT_2PI + log_std).sum()
 
+
+# Running normalization, as in Stable-Baselines3's ``VecNormalize``. Statistics are kept in float64 and merged by the
+# parallel rule of Chan, Golub and LeVeque (1979).
 
 CLIP = 10.0
 """Both observations and rewards are clipped to +-CLIP after scaling."""

@@ -1,6 +1,7 @@
-"""PPO as an algorithm: `init`, `start`, `iterate` and `policy` over a state that is a tree of arrays.
+"""PPO as an algorithm (see `perdure.learn.algorithm`): `init`, `start`, `iterate` and `policy` over a tree of arrays.
 
-One iteration, from top to bottom: collect a rollout, estimate advantages, train several epochs of minibatches.
+`PPO.iterate` is one iteration from top to bottom: collect a rollout (`rollout.py`), prepare it (values, advantages and
+targets), then train several epochs of minibatches (`epoch`, `loss`, `adam_step`).
 
 Schulman et al., Proximal policy optimization algorithms (2017), eq. 7 and 9, with the details of Stable-Baselines3:
 advantages normalized in each minibatch (unbiased standard deviation), squared value error without clipping, Adam with
@@ -20,13 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs.traced import Handle, WorldSlot, trace
+from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import State, Transitions, make_estimator
+from perdure.learn.algorithm import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
-    Draws,
     EnvState,
     Episodes,
     Experience,
@@ -40,7 +41,7 @@ from perdure.learn.rollout import (
 from perdure.policy import Normalizer, Policy, TaskInfo
 
 if TYPE_CHECKING:
-    from perdure.envs.world import TaskSpec
+    from perdure.envs import TaskSpec
     from perdure.learn.config import PPOConfig
 
 T = TypeVar("T")
@@ -57,14 +58,6 @@ LOSSES = ("policy_loss", "value_loss", "approx_kl", "clip_fraction")
 """What a minibatch reports, in the order of the vector that carries it."""
 
 
-class AdamState(NamedTuple):
-    """First and second moments of the gradient, and the number of updates so far."""
-
-    first: Params
-    second: Params
-    count: jax.Array  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
-
-
 class PPOState(NamedTuple):
     """What one seed has learned: a tree of arrays."""
 
@@ -73,6 +66,14 @@ class PPOState(NamedTuple):
     statistics: Statistics
     estimator: State
     """What the advantage estimator remembers."""
+
+
+class AdamState(NamedTuple):
+    """First and second moments of the gradient, and the number of updates so far."""
+
+    first: Params
+    second: Params
+    count: jax.Array  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,101 @@ class Running:
     env_state: EnvState
 
 
-class Metrics(NamedTuple):
-    """What one iteration reports for the learning curves."""
+class PPO:
+    """Proximal policy optimization for one task and configuration; keeps its compiled programs."""
 
-    episodes: NDArray[np.float64]
-    """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
-    numbers: dict[str, float]
-    """Mean losses, explained variance and standard deviation of the actions."""
+    numbers = (*LOSSES, "explained_variance", "std")
+    """Names of `Metrics.numbers`, in their order."""
+
+    def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
+        """Keep the settings; compilation happens at first use.
+
+        Raises:
+            PerdureError: The task has discrete actions.
+        """
+        if spec.discrete_actions:
+            raise PerdureError(f"{spec.name}: PPO here needs continuous actions (a Box); this task's are discrete")
+        self._config, self._spec = config, spec
+
+        def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+            return jax.jit(partial(function, config=config), compiler_options=COMPILER_OPTIONS, **options)
+
+        self._draw = compiled(
+            lambda seed, iteration, config: draw(stream(seed, ROLLOUT_STREAM, iteration), spec.action_size, config)
+        )
+        self._finish = compiled(finish)
+        self._prepare = compiled(prepare)
+        self._epoch = compiled(epoch, donate_argnums=(0, 1))
+
+    def init(self, seed: int) -> PPOState:
+        """Return the state before training. The same seed gives the same weights."""
+        config, spec = self._config, self._spec
+        embedded = config.protocol.embedding_size
+        normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
+        with jax.enable_x64(True):
+            key = stream(seed, WEIGHT_STREAM)
+            params = init_params(key, spec.observation_size + embedded, spec.action_size, config)
+            statistics = Statistics(start_moments(normalized), start_moments(1))
+            return PPOState(params, start_adam(params), statistics, make_estimator(config).start())
+
+    def start(
+        self, state: PPOState, slot: WorldSlot, observations: Any, *, seed: int, segment: int
+    ) -> tuple[PPOState, Running]:
+        """Begin a segment; see `Algorithm.start`. The horizons of its first episodes depend on (seed, segment)."""
+        config = self._config
+        with jax.enable_x64(True):
+            # EnvPool writes its pool's address into the program: one made for an earlier pool would step that one. So
+            # this loop is compiled again for every segment, and everything else is kept out of it.
+            collect = jax.jit(make_collect(traced_world(slot), self._spec, config), compiler_options=COMPILER_OPTIONS)
+            key = stream(seed, HORIZON_STREAM, segment)
+            uniform = jax.random.uniform(key, (config.n_envs,), jnp.float64)
+            env_state = start_env_state(config, jnp.asarray(observations), uniform)
+            moments = update_moments(config, state.statistics.observations, env_state)
+        statistics = state.statistics._replace(observations=moments)
+        return state._replace(statistics=statistics), Running(collect, slot.handle, env_state)
+
+    def iterate(
+        self, state: PPOState, running: Running, *, seed: int, iteration: int
+    ) -> tuple[PPOState, Running, Metrics]:
+        """Collect one rollout and learn from it.
+
+        The memory of the weights and of the optimizer state is reused: ``state`` must not be used afterwards.
+
+        Raises:
+            PerdureError: A loss is not finite.
+        """
+        with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
+            draws = self._draw(seed, iteration)
+            start = running.env_state, state.statistics
+            handle, last, traced = running.collect(running.handle, start, state.params, draws)
+            rollout = _ready(self._finish(last, traced))
+        prepared = _ready(self._prepare(state.params, state.estimator, rollout.experience, seed, iteration))
+        params, adam, losses = state.params, state.adam, []
+        for order in prepared.orders:
+            params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
+            losses.append(reported)
+        numbers = _numbers(params, losses, prepared)
+        if not all(math.isfinite(numbers[name]) for name in LOSSES):
+            raise PerdureError(
+                f"training diverged in iteration {iteration + 1}: losses are not finite (learning rate "
+                f"{self._config.learning_rate:g})"
+            )
+        learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
+        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), numbers)
+        return learned, Running(running.collect, handle, rollout.env_state), metrics
+
+    def policy(self, state: PPOState) -> Policy:
+        """Return the policy of the current weights, without provenance and reference."""
+        spec, moments = self._spec, state.statistics.observations
+        return Policy(
+            task=TaskInfo.of(spec),
+            weights={name: np.asarray(value) for name, value in state.params.items()},
+            activation=self._config.activation,
+            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), CLIP, EPSILON),
+            protocol=self._config.protocol,
+            clock=default_clock(self._config),
+            return_scale=math.sqrt(float(state.statistics.returns.var[0]) + EPSILON),
+        )
 
 
 class Batch(NamedTuple):
@@ -119,125 +208,6 @@ class Prepared(NamedTuple):
     """1 - Var(targets - values) / Var(targets) before the update."""
     estimator: State
     """State of the advantage estimator after this rollout."""
-
-
-class PPO:
-    """Proximal policy optimization for one task and configuration; keeps its compiled programs."""
-
-    numbers = (*LOSSES, "explained_variance", "std")
-    """Names of `Metrics.numbers`, in their order."""
-
-    def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
-        """Keep the settings; compilation happens at first use.
-
-        Raises:
-            PerdureError: The task has discrete actions.
-        """
-        if spec.discrete_actions:
-            raise PerdureError(f"{spec.name}: PPO here needs continuous actions (a Box); this task's are discrete")
-        self._config, self._spec = config, spec
-
-        def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-            return jax.jit(partial(function, config=config), compiler_options=COMPILER_OPTIONS, **options)
-
-        self._draw = compiled(partial(_draw, action_size=spec.action_size))
-        self._finish = compiled(finish)
-        self._prepare = compiled(prepare)
-        self._epoch = compiled(epoch, donate_argnums=(0, 1))
-
-    def init(self, seed: int) -> PPOState:
-        """Return the state before training. The same seed gives the same weights."""
-        config, spec = self._config, self._spec
-        embedded = config.protocol.embedding_size
-        normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
-        with jax.enable_x64(True):
-            key = stream(seed, WEIGHT_STREAM)
-            params = init_params(key, spec.observation_size + embedded, len(spec.action_low), config)
-            statistics = Statistics(start_moments(normalized), start_moments(1))
-            return PPOState(params, start_adam(params), statistics, make_estimator(config).start())
-
-    def start(self, state: PPOState, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> Any:
-        """Begin a segment: return the state and the running environments.
-
-        Args:
-            state: What was learned so far.
-            slot: Holds the world, which has been reset.
-            observations: Of the reset, shape (n_envs, observation_size).
-            seed: Of the run.
-            segment: Number of the segment, from 0; horizons depend on it.
-        """
-        config = self._config
-        with jax.enable_x64(True):
-            # EnvPool writes its pool's address into the program: one made for an earlier pool would step that one. So
-            # this loop is compiled again for every segment, and everything else is kept out of it.
-            collect = jax.jit(make_collect(trace(slot), self._spec, config), compiler_options=COMPILER_OPTIONS)
-            key = stream(seed, HORIZON_STREAM, segment)
-            uniform = jax.random.uniform(key, (config.n_envs,), jnp.float64)
-            env_state = start_env_state(config, jnp.asarray(observations), uniform)
-            moments = update_moments(config, state.statistics.observations, env_state)
-        statistics = state.statistics._replace(observations=moments)
-        return state._replace(statistics=statistics), Running(collect, slot.handle, env_state)
-
-    def iterate(
-        self, state: PPOState, running: Running, *, seed: int, iteration: int
-    ) -> tuple[PPOState, Running, Metrics]:
-        """Collect one rollout and learn from it.
-
-        The memory of the weights and of the optimizer state is reused: ``state`` must not be used afterwards.
-
-        Raises:
-            PerdureError: A loss is not finite.
-        """
-        with jax.enable_x64(True):  # EnvPool's functions need 64 bits; learning does not
-            draws = self._draw(seed, iteration)
-            handle, last, traced = running.collect(
-                running.handle, (running.env_state, state.statistics), state.params, draws
-            )
-            rollout = _ready(self._finish(last, traced))
-        prepared = _ready(self._prepare(state.params, state.estimator, rollout.experience, seed, iteration))
-        params, adam, losses = state.params, state.adam, []
-        for order in prepared.orders:
-            params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
-            losses.append(reported)
-        numbers = _numbers(params, losses, prepared)
-        if not all(math.isfinite(numbers[name]) for name in LOSSES):
-            raise PerdureError(
-                f"training diverged in iteration {iteration + 1}: losses are not finite (learning rate "
-                f"{self._config.learning_rate:g})"
-            )
-        learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
-        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), numbers)
-        return learned, Running(running.collect, handle, rollout.env_state), metrics
-
-    def policy(self, state: PPOState) -> Policy:
-        """Return the policy of the current weights, without provenance and reference."""
-        spec, moments = self._spec, state.statistics.observations
-        return Policy(
-            task=TaskInfo(
-                spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
-            ),
-            weights={name: np.asarray(value) for name, value in state.params.items()},
-            activation=self._config.activation,
-            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), CLIP, EPSILON),
-            protocol=self._config.protocol,
-            clock=default_clock(self._config),
-            return_scale=math.sqrt(float(state.statistics.returns.var[0]) + EPSILON),
-        )
-
-
-def stream(seed: Any, *path: Any) -> jax.Array:
-    """Return a random key of the seed and a path of numbers, so that no generator state is stored."""
-    key = jax.random.key(seed)
-    for number in path:
-        key = jax.random.fold_in(key, number)
-    return key
-
-
-def start_adam(params: Params) -> AdamState:
-    """Return zero moments."""
-    return AdamState(
-        jax.tree.map(jnp.zeros_like, params), jax.tree.map(jnp.zeros_like, params), jnp.zeros((), jnp.int32)
-    )
 
 
 def prepare(
@@ -270,64 +240,6 @@ def prepare(
     return Prepared(batch, orders, 1.0 - unexplained, estimator)
 
 
-def _draw(seed: Any, iteration: Any, *, action_size: int, config: PPOConfig) -> Draws:
-    return draw(stream(seed, ROLLOUT_STREAM, iteration), action_size, config=config)
-
-
-def _ready(result: T) -> T:
-    """Wait for the result: JAX runs asynchronously and would keep the inputs in memory."""
-    jax.block_until_ready(result)  # type: ignore[no-untyped-call]
-    return result
-
-
-def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> NDArray[np.float64]:
-    """Return rows (step, return, length) of the episodes that ended, in the order of their steps."""
-    when, lane = np.nonzero(np.asarray(episodes.done))
-    steps = iteration * config.rollout_size + (when + 1) * config.n_envs
-    returns, lengths = np.asarray(episodes.returns)[when, lane], np.asarray(episodes.lengths)[when, lane]
-    return np.stack([steps, returns, lengths], axis=1).astype(np.float64)
-
-
-def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, jax.Array]:
-    """Return the loss of one minibatch (surrogate, entropy bonus, squared value error), and LOSSES, shape (4,)."""
-    advantages = batch.advantages
-    if advantages.shape[0] > 1:
-        advantages = (advantages - advantages.mean()) / (advantages.std(ddof=1) + 1e-8)
-    mean = forward(params, "policy", batch.inputs, config.activation)
-    values = forward(params, "value", batch.inputs, config.activation)[:, 0]
-    log_ratio = log_prob(mean, params["log_std"], batch.actions) - batch.log_probs
-    ratio = jnp.exp(log_ratio)
-    clipped = jnp.clip(ratio, 1 - config.clip_range, 1 + config.clip_range)
-    policy_loss = -jnp.minimum(advantages * ratio, advantages * clipped).mean()
-    value_loss = jnp.square(batch.returns - values).mean()
-    total = policy_loss - config.ent_coef * entropy(params["log_std"]) + config.vf_coef * value_loss
-    clip_fraction = (jnp.abs(ratio - 1) > config.clip_range).astype(jnp.float32).mean()
-    return total, jnp.stack([policy_loss, value_loss, (ratio - 1 - log_ratio).mean(), clip_fraction])
-
-
-def adam_step(
-    params: Params, state: AdamState, gradient: Params, learning_rate: jax.Array | float, max_grad_norm: float
-) -> tuple[Params, AdamState]:
-    """Make one Adam step along the gradient cut to ``max_grad_norm``.
-
-    The bias corrections are folded into the step size and epsilon (Kingma and Ba, section 2, last paragraph), which
-    leaves one division and one square root for each weight.
-    """
-    norm = jnp.sqrt(sum((jnp.vdot(g, g) for g in jax.tree.leaves(gradient)), start=jnp.zeros(())))
-    scale = jnp.minimum(1.0, max_grad_norm / (norm + CLIP_NORM_EPSILON))
-    count = state.count + 1
-    steps = count.astype(jnp.float32)
-    correction = jnp.sqrt(1 - ADAM_BETA2**steps)
-    step_size = learning_rate * correction / (1 - ADAM_BETA1**steps)
-    epsilon = ADAM_EPSILON * correction
-    first_weight = (1 - ADAM_BETA1) * scale
-    second_weight = (1 - ADAM_BETA2) * jnp.square(scale)
-    first = jax.tree.map(lambda m, g: ADAM_BETA1 * m + first_weight * g, state.first, gradient)
-    second = jax.tree.map(lambda v, g: ADAM_BETA2 * v + second_weight * (g * g), state.second, gradient)
-    params = jax.tree.map(lambda p, m, v: p - step_size * m / (jnp.sqrt(v) + epsilon), params, first, second)
-    return params, AdamState(first, second, count)
-
-
 def epoch(
     params: Params, adam: AdamState, batch: Batch, order: jax.Array, config: PPOConfig
 ) -> tuple[Params, AdamState, jax.Array]:
@@ -356,6 +268,52 @@ def epoch(
     return params, adam, losses.mean(axis=0)
 
 
+def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, jax.Array]:
+    """Return the loss of one minibatch (surrogate, entropy bonus, squared value error), and LOSSES, shape (4,)."""
+    advantages = batch.advantages
+    if advantages.shape[0] > 1:
+        advantages = (advantages - advantages.mean()) / (advantages.std(ddof=1) + 1e-8)
+    mean = forward(params, "policy", batch.inputs, config.activation)
+    values = forward(params, "value", batch.inputs, config.activation)[:, 0]
+    log_ratio = log_prob(mean, params["log_std"], batch.actions) - batch.log_probs
+    ratio = jnp.exp(log_ratio)
+    clipped = jnp.clip(ratio, 1 - config.clip_range, 1 + config.clip_range)
+    policy_loss = -jnp.minimum(advantages * ratio, advantages * clipped).mean()
+    value_loss = jnp.square(batch.returns - values).mean()
+    total = policy_loss - config.ent_coef * entropy(params["log_std"]) + config.vf_coef * value_loss
+    clip_fraction = (jnp.abs(ratio - 1) > config.clip_range).astype(jnp.float32).mean()
+    return total, jnp.stack([policy_loss, value_loss, (ratio - 1 - log_ratio).mean(), clip_fraction])
+
+
+def start_adam(params: Params) -> AdamState:
+    """Return zero moments."""
+    first, second = (jax.tree.map(jnp.zeros_like, params) for _ in range(2))  # two buffers: both are donated
+    return AdamState(first, second, jnp.zeros((), jnp.int32))
+
+
+def adam_step(
+    params: Params, state: AdamState, gradient: Params, learning_rate: jax.Array | float, max_grad_norm: float
+) -> tuple[Params, AdamState]:
+    """Make one Adam step along the gradient cut to ``max_grad_norm``.
+
+    The bias corrections are folded into the step size and epsilon (Kingma and Ba, section 2, last paragraph), which
+    leaves one division and one square root for each weight.
+    """
+    norm = jnp.sqrt(sum((jnp.vdot(g, g) for g in jax.tree.leaves(gradient)), start=jnp.zeros(())))
+    scale = jnp.minimum(1.0, max_grad_norm / (norm + CLIP_NORM_EPSILON))
+    count = state.count + 1
+    steps = count.astype(jnp.float32)
+    correction = jnp.sqrt(1 - ADAM_BETA2**steps)
+    step_size = learning_rate * correction / (1 - ADAM_BETA1**steps)
+    epsilon = ADAM_EPSILON * correction
+    first_weight = (1 - ADAM_BETA1) * scale
+    second_weight = (1 - ADAM_BETA2) * jnp.square(scale)
+    first = jax.tree.map(lambda m, g: ADAM_BETA1 * m + first_weight * g, state.first, gradient)
+    second = jax.tree.map(lambda v, g: ADAM_BETA2 * v + second_weight * (g * g), state.second, gradient)
+    params = jax.tree.map(lambda p, m, v: p - step_size * m / (jnp.sqrt(v) + epsilon), params, first, second)
+    return params, AdamState(first, second, count)
+
+
 def _step_size(config: PPOConfig, count: jax.Array) -> jax.Array | float:
     """Return Adam's step size after ``count`` steps."""
     if config.learning_rate_decay == "none":
@@ -375,11 +333,30 @@ def _iteration(config: PPOConfig, count: jax.Array) -> jax.Array:
     return count // (config.n_epochs * (config.rollout_size // config.batch_size))
 
 
+def stream(seed: Any, *path: Any) -> jax.Array:
+    """Return a random key of the seed and a path of numbers, so that no generator state is stored."""
+    key = jax.random.key(seed)
+    for number in path:
+        key = jax.random.fold_in(key, number)
+    return key
+
+
+def _ready(result: T) -> T:
+    """Wait for the result: JAX runs asynchronously and would keep the inputs in memory."""
+    jax.block_until_ready(result)  # type: ignore[no-untyped-call]
+    return result
+
+
 def _numbers(params: Params, losses: list[jax.Array], prepared: Prepared) -> dict[str, float]:
+    """Return mean losses, explained variance and standard deviation of the actions."""
     means = np.mean([np.asarray(each, np.float64) for each in losses], axis=0)
-    std = np.exp(np.asarray(params["log_std"], np.float64)).mean()
-    return {
-        **dict(zip(LOSSES, means.tolist(), strict=True)),
-        "explained_variance": float(prepared.explained_variance),
-        "std": float(std),
-    }
+    std = float(np.exp(np.asarray(params["log_std"], np.float64)).mean())
+    return dict(zip(PPO.numbers, (*means.tolist(), float(prepared.explained_variance), std), strict=True))
+
+
+def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> NDArray[np.float64]:
+    """Return rows (step, return, length) of the episodes that ended, in the order of their steps."""
+    when, env = np.nonzero(np.asarray(episodes.done))
+    steps = iteration * config.rollout_size + (when + 1) * config.n_envs
+    returns, lengths = np.asarray(episodes.returns)[when, env], np.asarray(episodes.lengths)[when, env]
+    return np.stack([steps, returns, lengths], axis=1).astype(np.float64)

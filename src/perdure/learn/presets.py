@@ -1,4 +1,4 @@
-"""Tuned PPO hyperparameters for each task, with their sources.
+"""Tuned PPO hyperparameters for each task with their sources, and the training methods.
 
 All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
 22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.
@@ -74,9 +74,6 @@ from perdure.horizon import (
 )
 from perdure.learn.config import Conditioning, PPOConfig
 
-DEFAULT_GAMMA = 0.99
-"""Stable-Baselines3's."""
-
 
 @dataclass(frozen=True)
 class Preset:
@@ -86,90 +83,29 @@ class Preset:
     settings: dict[str, Any]
 
 
-_WIDE = {"hidden_sizes": (256, 256), "activation": "relu", "log_std_init": -2.0, "ortho_init": False}
-
 ZOO = "zoo"
 """The preset that is used when none is named."""
+_COLUMNS = (
+    *("n_steps", "batch_size", "n_epochs", "gae_lambda", "learning_rate"),
+    *("ent_coef", "clip_range", "max_grad_norm", "vf_coef"),
+)
+_WIDE = {"hidden_sizes": (256, 256), "activation": "relu", "log_std_init": -2.0, "ortho_init": False}
+# Humanoid steps slowly: shorter segments keep what a kill can cost under a minute.
+_LONG = {"total_steps": 10_000_000, "segment_steps": 20_000}
 
-_ZOO: dict[str, Preset] = {
-    "HalfCheetah": Preset(
-        0.98,
-        {
-            "n_steps": 512,
-            "batch_size": 64,
-            "n_epochs": 20,
-            "gae_lambda": 0.92,
-            "learning_rate": 2.0633e-5,
-            "ent_coef": 4.01762e-4,
-            "clip_range": 0.1,
-            "max_grad_norm": 0.8,
-            "vf_coef": 0.58096,
-            **_WIDE,
-        },
-    ),
-    "Hopper": Preset(
-        0.999,
-        {
-            "n_steps": 512,
-            "batch_size": 32,
-            "n_epochs": 5,
-            "gae_lambda": 0.99,
-            "learning_rate": 9.80828e-5,
-            "ent_coef": 2.29519e-3,
-            "clip_range": 0.2,
-            "max_grad_norm": 0.7,
-            "vf_coef": 0.835671,
-            **_WIDE,
-        },
-    ),
-    "Walker2d": Preset(
-        0.99,
-        {
-            "n_steps": 512,
-            "batch_size": 32,
-            "n_epochs": 20,
-            "gae_lambda": 0.95,
-            "learning_rate": 5.05041e-5,
-            "ent_coef": 5.85045e-4,
-            "clip_range": 0.1,
-            "max_grad_norm": 1.0,
-            "vf_coef": 0.871923,
-        },
-    ),
-    "Humanoid": Preset(
-        0.95,
-        {
-            "n_steps": 512,
-            "batch_size": 256,
-            "n_epochs": 5,
-            "gae_lambda": 0.9,
-            "learning_rate": 3.56987e-5,
-            "ent_coef": 2.38306e-3,
-            "clip_range": 0.3,
-            "max_grad_norm": 2.0,
-            "vf_coef": 0.431892,
-            "total_steps": 10_000_000,
-            # Humanoid steps slowly: shorter segments keep what a kill can cost under a minute.
-            "segment_steps": 20_000,
-            **_WIDE,
-        },
-    ),
-    "Swimmer": Preset(
-        0.9999,
-        {
-            "n_envs": 4,
-            "n_steps": 1024,
-            "batch_size": 256,
-            "gae_lambda": 0.98,
-            "learning_rate": 6e-4,
-        },
-    ),
-    "Ant": Preset(0.99, {}),
+
+def _tuned(gamma: float, *values: float, **others: Any) -> Preset:
+    return Preset(gamma, {**dict(zip(_COLUMNS, values, strict=True)), **others})
+
+
+_ZOO = {
+    "HalfCheetah": _tuned(0.98, 512, 64, 20, 0.92, 2.0633e-5, 4.01762e-4, 0.1, 0.8, 0.58096, **_WIDE),
+    "Hopper": _tuned(0.999, 512, 32, 5, 0.99, 9.80828e-5, 2.29519e-3, 0.2, 0.7, 0.835671, **_WIDE),
+    "Walker2d": _tuned(0.99, 512, 32, 20, 0.95, 5.05041e-5, 5.85045e-4, 0.1, 1.0, 0.871923),
+    "Humanoid": _tuned(0.95, 512, 256, 5, 0.9, 3.56987e-5, 2.38306e-3, 0.3, 2.0, 0.431892, **_WIDE, **_LONG),
+    "Swimmer": _tuned(0.9999, 1024, 256, 10, 0.98, 6e-4, 0.0, 0.2, 0.5, 0.5, n_envs=4),
 }
-
-
-_DEFAULTS = Preset(DEFAULT_GAMMA, {})
-_CLEANRL = Preset(DEFAULT_GAMMA, {"learning_rate_decay": "linear"})
+_DEFAULTS, _CLEANRL = Preset(0.99, {}), Preset(0.99, {"learning_rate_decay": "linear"})
 
 PRESETS: dict[str, Callable[[str], Preset]] = {
     ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
@@ -190,22 +126,23 @@ def find_preset(task: str, name: str = ZOO) -> Preset:
     return PRESETS[name](robot_of(task))
 
 
-EPISODE = Fixed(1000)
-SHORT_EPISODE = Fixed(200)
-RANDOM_EPISODE = Uniform(200, 1000)
+EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(1000), Fixed(200), Uniform(200, 1000)
 DEPLOYED_STEPS_TO_GO = 500
 """Largest C of the default clock."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the table. ``embedding`` makes phi from (observation size, task)."""
+    """One row of the table of methods."""
 
     horizon: HorizonDistribution
     terminal: bool
+    """Whether reaching T is terminal; otherwise the last observation is bootstrapped."""
     undiscounted: bool = False
     embedding: Callable[[int, str], Embedding] | None = None
+    """Makes phi from (observation size, task)."""
     n_envs: int | None = None
+    """Environments side by side; None: those of the preset."""
     estimator: str = "discounted"
     conditioning: Conditioning = "concatenate"
 

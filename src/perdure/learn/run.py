@@ -3,7 +3,7 @@
 A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next. It
 builds its environments from (seed, segment) alone and cuts running episodes as the end of a rollout does, because an
 engine's inner state and random generator cannot be saved. So a run that was killed and a run that was not are the same
-run. A run knows no algorithm: it steps whatever `make_algorithm` returns.
+run. A run knows no algorithm: it steps the `Algorithm` that `make_algorithm` returns.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import TaskSpec, make_world
-from perdure.envs.suites import source_digest
+from perdure.envs import TaskSpec, make_world, task_spec
+from perdure.envs.suites import task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
 from perdure.horizon import Embedding
+from perdure.learn.algorithm import Algorithm
 from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
 from perdure.learn.config import PPOConfig
 from perdure.learn.ppo import PPO
@@ -81,7 +82,7 @@ class TrainRun:
         """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
         identity |= {"preset": self.preset} if self.preset != ZOO else {}
-        source = source_digest(self.task)
+        source = task_source_digest(self.task)
         return identity | ({"source": source} if source else {})
 
     def unit(self, seed: int) -> Unit:
@@ -97,22 +98,6 @@ class TrainRun:
             size=steps,
             cores=self.config.n_envs,
         )
-
-
-@dataclass(frozen=True)
-class Report:
-    """Progress report of a training run."""
-
-    seed: int
-    """Seed that has made progress."""
-    step: int
-    """Environment steps it has made."""
-    steps: int
-    """Environment steps it will have made in all."""
-    mean_return: float
-    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
-    share: float
-    """Share of the work that is done, all seeds together, from 0 to 1."""
 
 
 def train(
@@ -139,16 +124,30 @@ def train(
         waiting: Called once, before waiting for seeds that other commands train.
 
     Raises:
-        PerdureError: If the run makes no sense.
-        PerdureError: If the folder already holds a run of the same name with other settings.
-        PerdureError: If there is no such task.
-        PerdureError: If training a seed failed, or ``cores`` or ``on`` is out of range.
+        PerdureError: There is no such task, the folder holds a run of the same name with other settings, training a
+            seed failed, or ``cores`` or ``on`` is out of range.
     """
     check_on(on)
     store, units = Store(out), [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
     run_missing(units, out, on, cores, observe, waiting)
     return [store.get(unit.key) / POLICY for unit in units]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Progress report of a training run."""
+
+    seed: int
+    """Seed that has made progress."""
+    step: int
+    """Environment steps it has made."""
+    steps: int
+    """Environment steps it will have made in all."""
+    mean_return: float
+    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
+    share: float
+    """Share of the work that is done, all seeds together, from 0 to 1."""
 
 
 def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
@@ -166,6 +165,29 @@ def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
                 callback(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
 
     return observe
+
+
+@contextmanager
+def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
+    """Return a function of reports that writes ``train/seed-N/mean_return`` for TensorBoard, at the seed's step.
+
+    Raises:
+        PerdureError: If tensorboardX is not installed.
+    """
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError:
+        raise PerdureError("TensorBoard output needs tensorboardX: pip install 'perdure[tensorboard]'") from None
+    writer = SummaryWriter(str(folder))
+
+    def watch(report: Report) -> None:
+        if not math.isnan(report.mean_return):
+            writer.add_scalar(f"train/seed-{report.seed}/mean_return", report.mean_return, report.step)
+
+    try:
+        yield watch
+    finally:
+        writer.close()
 
 
 def train_segment(
@@ -206,11 +228,6 @@ def train_segment(
     return True
 
 
-def make_algorithm(config: PPOConfig, spec: TaskSpec) -> PPO:
-    """Return the learner of a configuration: `init`, `start`, `iterate` and `policy` over a state of arrays."""
-    return PPO(config, spec)
-
-
 class Segments:
     """Runs segments of one task and configuration; keeps compiled programs from segment to segment."""
 
@@ -225,9 +242,7 @@ class Segments:
         Raises:
             PerdureError: The algorithm cannot learn the task.
         """
-        world = make_world(task, [0])
-        self.spec = world.spec
-        world.close()
+        self.spec = task_spec(task)
         self._task, self._config, self._threads = task, config, threads
         self.algorithm, self._slot = make_algorithm(config, self.spec), WorldSlot()
 
@@ -278,6 +293,11 @@ class Segments:
 def _segments(task: str, config: PPOConfig, threads: int) -> Segments:
     """Keep the compiled programs from segment to segment."""
     return Segments(task, config, threads)
+
+
+def make_algorithm(config: PPOConfig, spec: TaskSpec) -> Algorithm:
+    """Return the algorithm of a configuration."""
+    return PPO(config, spec)
 
 
 def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
@@ -362,26 +382,3 @@ def _write_table(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None
     buffer = io.BytesIO()
     pl.DataFrame(dict(columns)).write_parquet(buffer)
     write_atomic(path, buffer.getvalue())
-
-
-@contextmanager
-def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a function of reports that writes ``train/seed-N/mean_return`` for TensorBoard, at the seed's step.
-
-    Raises:
-        PerdureError: If tensorboardX is not installed.
-    """
-    try:
-        from tensorboardX import SummaryWriter
-    except ImportError:
-        raise PerdureError("TensorBoard output needs tensorboardX: pip install 'perdure[tensorboard]'") from None
-    writer = SummaryWriter(str(folder))
-
-    def watch(report: Report) -> None:
-        if not math.isnan(report.mean_return):
-            writer.add_scalar(f"train/seed-{report.seed}/mean_return", report.mean_return, report.step)
-
-    try:
-        yield watch
-    finally:
-        writer.close()

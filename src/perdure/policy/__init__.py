@@ -9,15 +9,15 @@
 | `reference.py` | episodes within the training horizon |
 | `files.py` | `save_policy`, `load_policy`, `find_policy`: one safetensors file with a checksum |
 | `readers/` | models of Stable-Baselines3, sb3-contrib and CleanRL |
-| `onnx/` | export to and import from ONNX |
+| `onnx.py` | export to ONNX, and ONNX models as policies |
 """
 
 from perdure.policy.closed_loop import (
-    ActingLanes,
+    ActingEpisodes,
     ClosedLoop,
+    EpisodePolicy,
     FunctionPolicy,
-    LanePolicy,
-    LaneStep,
+    LoopStep,
     PolicyLike,
     check_fit,
 )
@@ -26,11 +26,11 @@ from perdure.policy.policy import Normalizer, Policy, TaskInfo
 from perdure.policy.reference import Reference, measure_reference
 
 __all__ = [
-    "ActingLanes",
+    "ActingEpisodes",
     "ClosedLoop",
+    "EpisodePolicy",
     "FunctionPolicy",
-    "LanePolicy",
-    "LaneStep",
+    "LoopStep",
     "Normalizer",
     "Policy",
     "PolicyLike",

@@ -1,7 +1,7 @@
-"""Policies of any origin act in a world, step by step, until every lane has ended.
+"""Policies of any origin act in a world, step by step, until every episode has ended.
 
-A lane's trajectory depends on its policy, its clock and its seed alone. Neither its neighbors nor the order of the
-lanes change one bit of it, because acting is row-invariant and worlds step lanes independently.
+An episode's trajectory depends on its policy, its clock and its seed alone. Neither its neighbors nor the order of the
+episodes change one bit of it, because acting is row-invariant and worlds step lanes independently.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 # Interface of policies: they act on rows of observations and describe themselves for the evaluation.
 
 
-class ActingLanes(Protocol):
-    """The running lanes of one actor in a closed loop."""
+class ActingEpisodes(Protocol):
+    """The running episodes of one actor in a closed loop."""
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
-        """Return an action for each running lane.
+        """Return an action for each running episode.
 
         Args:
-            observations: Shape (n, observation_size), one row for each running lane. Neither changed nor kept.
+            observations: Shape (n, observation_size), one row for each running episode. Neither changed nor kept.
             elapsed: Steps since reset, the same for all.
 
         Returns:
@@ -39,9 +39,9 @@ class ActingLanes(Protocol):
         """
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Drop ended lanes: keep the rows where ``rows``, shape (n,), is true.
+        """Drop ended episodes: keep the rows where ``rows``, shape (n,), is true.
 
-        It is called when lanes end, perhaps more than once before the next `act`.
+        It is called when episodes end, perhaps more than once before the next `act`.
         """
 
 
@@ -54,7 +54,7 @@ class PolicyLike(Protocol):
 
     @property
     def has_clock(self) -> bool:
-        """Whether it has a time-to-go input, so that each of its lanes needs a clock."""
+        """Whether it has a time-to-go input, so that each of its episodes needs a clock."""
 
     @property
     def training_horizon(self) -> float:
@@ -72,12 +72,12 @@ class PolicyLike(Protocol):
     def observation_std(self) -> FloatArray:
         """Standard deviation of each observation component in training, shape (observation_size,)."""
 
-    def start(self, clocks: Sequence[Clock | None]) -> ActingLanes:
+    def start(self, clocks: Sequence[Clock | None]) -> ActingEpisodes:
         """Begin episodes, one for each clock; a clock is None exactly if there is no time-to-go input."""
 
 
 @dataclass(frozen=True, eq=False)
-class LanePolicy:
+class EpisodePolicy:
     """A policy and the clock that sets its time-to-go input; the clock is None for a policy without that input."""
 
     policy: PolicyLike
@@ -85,11 +85,11 @@ class LanePolicy:
 
 
 @dataclass(frozen=True, eq=False)
-class LaneStep:
-    """One step of the running lanes; row i belongs to lane ``lanes[i]``."""
+class LoopStep:
+    """One step of the running episodes; row i belongs to episode ``episodes[i]``."""
 
-    lanes: IntArray
-    """Lanes that were stepped, shape (n,)."""
+    episodes: IntArray
+    """Episodes that were stepped, shape (n,)."""
     before: FloatArray
     """Observations acted on, shape (n, observation_size)."""
     step: Step
@@ -97,67 +97,67 @@ class LaneStep:
 
 
 class ClosedLoop:
-    """Step all running lanes until they end; ended lanes leave the batch.
+    """Step all running episodes until they end; ended episodes leave the batch.
 
     Raises:
-        PerdureError: If the numbers of policies and lanes differ, a policy does not fit the world or its clock, or an
-            episode starts with an observation that is not finite.
+        PerdureError: If the numbers of policies and episodes differ, a policy does not fit the world or its clock, or
+            an episode starts with an observation that is not finite.
     """
 
-    def __init__(self, world: World, lane_policies: Sequence[LanePolicy]) -> None:
+    def __init__(self, world: World, policies: Sequence[EpisodePolicy]) -> None:
         """Reset every lane of the world, with no horizon.
 
         Args:
-            world: Has one lane for each lane_policy.
-            lane_policies: The policy of lane 0, 1, ...
+            world: Has one lane for each episode; a lane is an episode's place in the batch.
+            policies: The policy of episode 0, 1, ...
         """
-        if len(lane_policies) != world.num_lanes:
-            raise PerdureError(f"{len(lane_policies)} policies for {world.num_lanes} lanes; each lane needs one")
-        for lane_policy in lane_policies:
-            if (lane_policy.clock is not None) != lane_policy.policy.has_clock:
+        if len(policies) != world.num_lanes:
+            raise PerdureError(f"{len(policies)} policies for {world.num_lanes} lanes; each lane needs one")
+        for each in policies:
+            if (each.clock is not None) != each.policy.has_clock:
                 raise PerdureError(
-                    f"a lane of {lane_policy.policy.task.name} needs a clock exactly if its policy has a time-to-go "
-                    f"input; this one has {'no clock' if lane_policy.clock is None else lane_policy.clock.label}"
+                    f"an episode of {each.policy.task.name} needs a clock exactly if its policy has a time-to-go "
+                    f"input; this one has {'no clock' if each.clock is None else each.clock.label}"
                 )
-        for policy in {id(lane_policy.policy): lane_policy.policy for lane_policy in lane_policies}.values():
+        for policy in {id(each.policy): each.policy for each in policies}.values():
             check_fit(policy, world)
         self.world = world
         self._observations = world.reset()
         if not np.isfinite(self._observations).all():
-            lane, component = np.argwhere(~np.isfinite(self._observations))[0]
+            episode, component = np.argwhere(~np.isfinite(self._observations))[0]
             raise PerdureError(
                 f"{world.spec.name} starts an episode with observation[{component}] = "
-                f"{self._observations[lane, component]}; observations must be finite"
+                f"{self._observations[episode, component]}; observations must be finite"
             )
         self._elapsed = 0
         self._running: IntArray = np.arange(world.num_lanes)
-        self._groups = _group(lane_policies)
+        self._groups = _group(policies)
 
     @property
     def running(self) -> IntArray:
-        """Lanes that the next step will move, shape (n,)."""
+        """Episodes that the next step will move, shape (n,)."""
         return self._running
 
     @property
     def observations(self) -> FloatArray:
-        """Current observations of the running lanes, shape (n, observation_size)."""
+        """Current observations of the running episodes, shape (n, observation_size)."""
         return self._observations
 
-    def advance(self) -> LaneStep:
-        """Move every running lane by one step; lanes that end in it are not running afterwards."""
+    def advance(self) -> LoopStep:
+        """Move every running episode by one step; episodes that end in it are not running afterwards."""
         before = self._observations
         actions = self._act(before)
         step = self.world.step(actions, self._running)
-        lane_step = LaneStep(self._running, before, step)
+        loop_step = LoopStep(self._running, before, step)
         self._observations = step.observations
         self._elapsed += 1
         if step.ended.any():
             self.drop(self._running[step.ended])
-        return lane_step
+        return loop_step
 
-    def drop(self, lanes: NDArray[np.int64]) -> None:
-        """Remove lanes; the other lanes are unaffected."""
-        stays = ~np.isin(self._running, lanes)
+    def drop(self, episodes: NDArray[np.int64]) -> None:
+        """Remove episodes; the other episodes are unaffected."""
+        stays = ~np.isin(self._running, episodes)
         if stays.all():
             return
         self.world.abandon(self._running[~stays])
@@ -182,19 +182,19 @@ class ClosedLoop:
 
 @dataclass(eq=False)
 class _Group:
-    """The running lanes of one actor."""
+    """The running episodes of one actor."""
 
-    acting: ActingLanes
+    acting: ActingEpisodes
     rows: IntArray
-    """Their places among all running lanes, rising."""
+    """Their places among all running episodes, rising."""
 
 
-def _group(lane_policies: Sequence[LanePolicy]) -> list[_Group]:
+def _group(policies: Sequence[EpisodePolicy]) -> list[_Group]:
     by_actor: dict[int, list[int]] = {}
-    for row, lane_policy in enumerate(lane_policies):
-        by_actor.setdefault(id(lane_policy.policy), []).append(row)
+    for row, each in enumerate(policies):
+        by_actor.setdefault(id(each.policy), []).append(row)
     return [
-        _Group(lane_policies[rows[0]].policy.start([lane_policies[row].clock for row in rows]), np.array(rows))
+        _Group(policies[rows[0]].policy.start([policies[row].clock for row in rows]), np.array(rows))
         for rows in by_actor.values()
     ]
 
@@ -222,7 +222,7 @@ def check_fit(policy: PolicyLike, world: World) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A function as a `PolicyLike`. Every call passes all n lanes of a closed loop, ended ones included.
+    """A function as a `PolicyLike`. Every call passes all n episodes of a closed loop, ended ones included.
 
     | kind | call | returns |
     |---|---|---|
@@ -235,18 +235,18 @@ class FunctionPolicy:
     - ``actions`` likewise: shape (n, *shape) for a Box, whole numbers of shape (n,) for Discrete, (n, k) for
       MultiDiscrete and MultiBinary.
     - ``state`` is the state that the function returned last, None at first. It is passed back unchanged, so its arrays
-      may have the lanes along any axis, as in Stable-Baselines3's ``predict`` of a recurrent policy.
-    - ``episode_starts`` is true for every lane in the first call of an episode and false afterwards, shape (n,).
+      may have the episodes along any axis, as in Stable-Baselines3's ``predict`` of a recurrent policy.
+    - ``episode_starts`` is true for every row in the first call of an episode and false afterwards, shape (n,).
     - ``elapsed`` and ``horizon`` are the output of the clock, shape (n,): the time-to-go is their difference.
 
-    A lane that has ended shows its last observation; what the function answers for it is ignored. So n stays the same,
-    and a compiled function is compiled once.
+    An episode that has ended shows its last observation; what the function answers for it is ignored. So n stays the
+    same, and a compiled function is compiled once.
     """
 
     function: Callable[..., Any]
     task: TaskInfo
     spaces: tuple[Any, Any] = (None, None)
-    """Gymnasium's observation and action space of one lane; None: flat vectors."""
+    """Gymnasium's observation and action space of one episode; None: flat vectors."""
     recurrent: bool = False
     has_clock: bool = False
     """Whether the function has the arguments ``elapsed`` and ``horizon``."""
@@ -264,13 +264,13 @@ class FunctionPolicy:
         """Standard deviation of each observation component within the training horizon; 0 where it is not known."""
         return np.zeros(self.task.observation_size) if self.std is None else self.std
 
-    def start(self, clocks: Sequence[Clock | None]) -> _FunctionLanes:
+    def start(self, clocks: Sequence[Clock | None]) -> _FunctionEpisodes:
         """See `PolicyLike.start`."""
-        return _FunctionLanes(self, clocks)
+        return _FunctionEpisodes(self, clocks)
 
 
-class _FunctionLanes:
-    """See `ActingLanes`: keeps a row for every lane that was started, and the state between calls."""
+class _FunctionEpisodes:
+    """See `ActingEpisodes`: keeps a row for every episode that was started, and the state between calls."""
 
     def __init__(self, policy: FunctionPolicy, clocks: Sequence[Clock | None]) -> None:
         self._policy = policy
@@ -285,13 +285,13 @@ class _FunctionLanes:
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
         self._shown[self._running] = observations
-        lanes = len(self._shown)
+        episodes = len(self._shown)
         seen = batch_of(self._policy.spaces[0], self._shown)
         time = {}
         if self._clocks is not None:
-            time = dict(zip(("elapsed", "horizon"), self._clocks.time(np.full(lanes, float(elapsed))), strict=True))
+            time = dict(zip(("elapsed", "horizon"), self._clocks.time(np.full(episodes, float(elapsed))), strict=True))
         if self._policy.recurrent:
-            starts = np.full(lanes, elapsed == 0)
+            starts = np.full(episodes, elapsed == 0)
             returned = self._policy.function(seen, self._state, starts, **time)
             actions, self._state = self._pair(returned)
         else:
@@ -306,8 +306,8 @@ class _FunctionLanes:
         return returned
 
     def _rows(self, actions: Any, elapsed: int) -> FloatArray:
-        """Return actions as rows of finite numbers, shape (lanes, action_size)."""
-        task, lanes = self._policy.task, len(self._shown)
+        """Return actions as rows of finite numbers, shape (episodes, action_size)."""
+        task, episodes = self._policy.task, len(self._shown)
         if isinstance(actions, tuple):
             raise PerdureError(
                 "the function must return actions, it returned a tuple; of Stable-Baselines3, give "
@@ -319,12 +319,12 @@ class _FunctionLanes:
         except (TypeError, ValueError, RuntimeError) as error:
             raise PerdureError(f"the function's actions are not an array of numbers: {error}") from None
         shape = self._shape
-        if array.shape[:1] != (lanes,) or array.size != lanes * task.action_size:
+        if array.shape[:1] != (episodes,) or array.size != episodes * task.action_size:
             raise PerdureError(
-                f"the function's actions must have shape {(lanes, *shape)} (lanes, then one action of {task.name}), "
-                f"they have {array.shape}"
+                f"the function's actions must have shape {(episodes, *shape)} (an action of {task.name} for "
+                f"each episode), they have {array.shape}"
             )
-        values = values.reshape(lanes, task.action_size)
+        values = values.reshape(episodes, task.action_size)
         bad = self._running[~np.isfinite(values[self._running]).all(axis=1)]
         if len(bad):
             raise PerdureError(f"the function's action at step {elapsed + 1} is not finite: {values[bad[0]]}")

@@ -1,18 +1,18 @@
 """Detect simulations that diverged.
 
-MuJoCo resets a diverging simulation to its start and only logs a warning. The lane seems to continue, and the jump back
-gives one very large, often positive, reward. Any one of three signs ends the lane as "diverged"; the reward of that
-step is not counted.
+MuJoCo resets a diverging simulation to its start and only logs a warning. The episode seems to continue, and the jump
+back gives one very large, often positive, reward. Any one of three signs ends the episode as "diverged"; the reward of
+that step is not counted.
 
 1. An observation or reward that is not finite, or the engine's own report.
-2. A reward far outside the lane's earlier ones. A locomotion reward contains the speed, and a reset from x meters away
-   is a speed of x / dt.
-3. A jump back: within one step the observation moves from far away to near the lane's first one, measured in standard
-   deviations of the policy's normalizer.
+2. A reward far outside the episode's earlier ones. A locomotion reward contains the speed, and a reset from x meters
+   away is a speed of x / dt.
+3. A jump back: within one step the observation moves from far away to near the episode's first one, measured in
+   standard deviations of the policy's normalizer.
 
 Signs 2 and 3 count only where the engine hides a divergence (`TaskSpec.hides_divergence`), and not in the last step of
-an episode: elsewhere a reward of 100 is a goal, or the price of a fall. A reset within the first meters of a lane, from
-an ordinary pose, shows none of the three signs. For Gymnasium environments in this process, also inside a
+an episode: elsewhere a reward of 100 is a goal, or the price of a fall. A reset within the first meters of an episode,
+from an ordinary pose, shows none of the three signs. For Gymnasium environments in this process, also inside a
 SyncVectorEnv, perdure reads MuJoCo's warnings, so that every divergence is detected. In other vector environments only
 sign 1 applies.
 """
@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.policy.closed_loop import LaneStep
+from perdure.policy.closed_loop import LoopStep
 
 REWARD_FACTOR = 10.0
 """A reward is impossible if it exceeds this many times the largest before it ..."""
@@ -37,14 +37,14 @@ SMALLEST_JUMP = 0.999 * (FAR - NEAR)
 
 
 class DivergenceDetector:
-    """Detects divergence from the rewards and first observations of each lane."""
+    """Detects divergence from the rewards and first observations of each episode."""
 
     def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64], hidden: bool) -> None:
-        """Start at the lanes' first observations.
+        """Start at the episodes' first observations.
 
         Args:
-            first_observations: Shape (lanes, d).
-            scale: Standard deviation of each component as the lane's policy knows it, shape (lanes, d).
+            first_observations: Shape (episodes, d).
+            scale: Standard deviation of each component as the episode's policy knows it, shape (episodes, d).
             hidden: Whether the engine hides divergences.
         """
         self._hidden = hidden
@@ -54,58 +54,58 @@ class DivergenceDetector:
         self._per_deviation = 1.0 / self._scale
         self._largest = np.zeros(len(first_observations))
         self.signs = [""] * len(first_observations)
-        """What gave each lane away that has blown up, in words."""
+        """What gave each episode away that has blown up, in words."""
 
-    def diverged(self, lane_step: LaneStep) -> NDArray[np.bool_]:
-        """Return which of the lanes in this step have diverged, shape (n,)."""
-        lanes, rewards, after = lane_step.lanes, lane_step.step.rewards, lane_step.step.observations
+    def diverged(self, loop_step: LoopStep) -> NDArray[np.bool_]:
+        """Return which of the episodes in this step have diverged, shape (n,)."""
+        episodes, rewards, after = loop_step.episodes, loop_step.step.rewards, loop_step.step.observations
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.abs(rewards)
-            largest = self._largest[lanes]
+            largest = self._largest[episodes]
             # The sum is finite only if every term is: one pass instead of two. Large finite terms may overflow, too.
             bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1))
             bad[bad] = ~(np.isfinite(rewards[bad]) & np.isfinite(after[bad]).all(axis=1))
-            bad |= lane_step.step.diverged
+            bad |= loop_step.step.diverged
             if self._hidden:
                 # The first reward has nothing to be compared with.
-                goes_on = (lane_step.step.elapsed > 1) & ~lane_step.step.ended
+                goes_on = (loop_step.step.elapsed > 1) & ~loop_step.step.ended
                 bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & goes_on
             for row in np.flatnonzero(bad):
-                self.signs[lanes[row]] = _first_sign(lane_step, int(row))
+                self.signs[episodes[row]] = _first_sign(loop_step, int(row))
             if self._hidden:
-                back = self._jumped_back(lane_step)
+                back = self._jumped_back(loop_step)
                 for row in back[~bad[back]]:
-                    self.signs[lanes[row]] = "put back to its start within a step"
+                    self.signs[episodes[row]] = "put back to its start within a step"
                 bad[back] = True
-        self._largest[lanes] = np.where(bad, largest, np.maximum(largest, size))
+        self._largest[episodes] = np.where(bad, largest, np.maximum(largest, size))
         return bad
 
-    def _jumped_back(self, lane_step: LaneStep) -> NDArray[np.int64]:
-        """Return the rows of the lanes that moved from far away to their start in this step and did not end."""
-        lanes, before, after = lane_step.lanes, lane_step.before, lane_step.step.observations
+    def _jumped_back(self, loop_step: LoopStep) -> NDArray[np.int64]:
+        """Return the rows of the episodes that moved from far away to their start in this step and did not end."""
+        episodes, before, after = loop_step.episodes, loop_step.before, loop_step.step.observations
         change = after - before
-        change *= self._per_deviation[lanes]
+        change *= self._per_deviation[episodes]
         jumps = np.abs(change, out=change) > SMALLEST_JUMP
         if not np.count_nonzero(jumps):
             return np.zeros(0, np.int64)
-        suspects = np.flatnonzero(jumps.any(axis=1) & ~lane_step.step.ended)
-        return suspects[self._snapped_back(lanes[suspects], before[suspects], after[suspects])]
+        suspects = np.flatnonzero(jumps.any(axis=1) & ~loop_step.step.ended)
+        return suspects[self._snapped_back(episodes[suspects], before[suspects], after[suspects])]
 
     def _snapped_back(
-        self, lanes: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
+        self, episodes: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        first, scale = self._first[lanes], self._scale[lanes]
+        first, scale = self._first[episodes], self._scale[episodes]
         was_far = (np.abs(before - first) / scale).max(axis=1) > FAR
         is_near = (np.abs(after - first) / scale).max(axis=1) < NEAR
         result: NDArray[np.bool_] = was_far & is_near
         return result
 
 
-def _first_sign(lane_step: LaneStep, row: int) -> str:
+def _first_sign(loop_step: LoopStep, row: int) -> str:
     """Return the first sign of divergence other than the jump back to the start."""
-    if lane_step.step.diverged[row]:
+    if loop_step.step.diverged[row]:
         return "reported by the physics engine"
-    if not np.isfinite(lane_step.step.observations[row]).all():
+    if not np.isfinite(loop_step.step.observations[row]).all():
         return "an observation that is not finite"
-    reward = lane_step.step.rewards[row]
+    reward = loop_step.step.rewards[row]
     return f"an impossible reward of {reward:.3g}" if np.isfinite(reward) else "a reward that is not finite"

@@ -20,55 +20,20 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError, did_you_mean
-from perdure.horizon import HorizonProtocol, clock_from_json
+from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.network import LARGEST_INPUT
 from perdure.policy.policy import Normalizer, Policy, TanhSquash, TaskInfo
 from perdure.policy.reference import Reference
 from perdure.runs import write_atomic
 from perdure.schema import LARGEST, Count, Line, Name, Number, Record, checked, read_json
 
-# What a file may hold
-
+FORMAT = "perdure.policy"
 VERSIONS = (1, 2, 3)
-
-
-class Description(Record, frozen=True):
-    """What a policy file says in JSON. Protocol, clock and squash are checked where they are built."""
-
-    version: int
-    task: TaskInfo
-    activation: str
-    normalizer: dict[Literal["clip", "epsilon"], Annotated[float, Meta(gt=0, le=LARGEST_INPUT)]]
-    protocol: Any
-    clock: Any
-    provenance: dict[str, Any]
-    return_scale: Number | None = None
-    reference: dict[Literal["horizon"], Annotated[int, Meta(ge=1, le=100_000_000)]] | None = None
-    squash: Any = None
-
-    def __post_init__(self) -> None:
-        """Check the version and the task, and what others read of the provenance."""
-        if self.version not in VERSIONS:
-            raise ValueError(f"its format is version {self.version}; versions 1 to {VERSIONS[-1]} are read")
-        checked(self.task.name, Name, "task.name")
-        low, high = self.task.action_low, self.task.action_high
-        if not 0 < len(low) == len(high) or not all(a <= b for a, b in zip(low, high, strict=True)):
-            raise ValueError("action_low and action_high must have the same length, and no low above its high")
-        if not 1 <= self.task.observation_size <= 1_000_000:
-            raise ValueError(f"observation_size must be 1 to 1,000,000, not {self.task.observation_size}")
-        if len(self.normalizer) < 2 or self.normalizer["epsilon"] > 1:
-            raise ValueError("normalizer must have a clip, and an epsilon of at most 1")
-        checked(self.provenance, _Provenance, "provenance")
-
-
-class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
-    method: Name = "unknown"
-    seed: Count = 0
-    preset: Line = ""
-    engine: Line = ""
-    command: Annotated[str, Meta(max_length=10_000)] = ""
-
-
+VERSION = VERSIONS[-1]
+"""Of policies with a squashed output, which older readers would clip. All others are written as version 2. Version 1,
+which is still read, had neither the scale of the returns nor reference episodes."""
+MAX_HEADER = 10_000_000
+"""Bytes; a policy's header is a few thousand."""
 ARRAYS: Mapping[str, str] = {
     "normalizer.mean": "f8",
     "normalizer.var": "f8",
@@ -81,32 +46,118 @@ ARRAYS: Mapping[str, str] = {
 """Name of an array to its type; every other array holds weights."""
 WEIGHTS = ("f2", "f4")
 """Types of weights."""
+_MEASURED = tuple(name.removeprefix("reference.") for name in ARRAYS if name.startswith("reference."))
+"""Arrays of a reference, stored as tensors."""
+Tensors = dict[str, NDArray[Any]]
 
 
-def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check types and numbers of a file's arrays; shapes are checked where policy and reference are built.
+def save_policy(policy: Policy, path: str | Path) -> Path:
+    """Write the policy, whole or not at all. The same policy gives the same bytes.
 
     Raises:
-        PerdureError: With the name of the array.
+        PerdureError: If the policy holds what no file may hold, such as a weight that is not finite.
+        OSError: If the file cannot be written; an old one is untouched.
     """
-    for name, array in arrays.items():
-        kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
-        if kind not in allowed:
-            raise PerdureError(f"{name} must hold numbers of the type {' or '.join(allowed)}, not {kind}")
-        if not np.isfinite(array).all() or (kind == "f8" and (np.abs(array) > LARGEST).any()):
-            raise PerdureError(f"{name} holds numbers that are not finite")
-        if name == "normalizer.var" and (array < 0).any():
-            raise PerdureError(f"{name} holds a negative variance")
+    from safetensors.numpy import save
+
+    tensors: Tensors = {name: np.ascontiguousarray(policy.weights[name]) for name in sorted(policy.weights)}
+    tensors["normalizer.mean"] = policy.normalizer.mean
+    tensors["normalizer.var"] = policy.normalizer.var
+    if policy.reference is not None:
+        tensors |= {f"reference.{name}": np.ascontiguousarray(getattr(policy.reference, name)) for name in _MEASURED}
+    description = _describe(policy)
+    try:
+        read_json(description, Description)
+        check_arrays(tensors)
+    except PerdureError as error:
+        raise PerdureError(f"{path} cannot be written: {error}") from None
+    metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
+    write_atomic(Path(path), _stable_header(save(tensors, metadata)))
+    return Path(path)
 
 
-# Find policies in folders: your own, or the cache of Hugging Face's tools.
-# Nothing is downloaded here. `huggingface-cli download ORG/NAME` and `snapshot_download` leave ``models--ORG--
-# NAME/snapshots/COMMIT/`` behind, with the commit of each branch in ``refs/``.
+def load_policy(path: str | Path) -> Policy:
+    """Return the policy in a file or a folder, or a shipped policy by its name, such as "Hopper-v3/geometric".
 
+    Args:
+        path: As `perdure.policy.find_policy` takes it.
+
+    Raises:
+        PerdureError: If there is no such policy, or the file is not a policy, is damaged or was
+            changed, with what is wrong.
+    """
+    path = find_policy(path)
+    if not path.is_file():
+        raise PerdureError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
+    description, checksum, data = _read(path)
+    tensors = _tensors(path, data)
+    if checksum != _digest(description, tensors):
+        raise PerdureError(f"{path} was changed after it was written: its contents do not match its checksum")
+    try:
+        return _build(read_json(description, Description), tensors)
+    except PerdureError as error:
+        raise PerdureError(f"{path} cannot be read as a policy: {error}") from error
+
+
+# Finding a policy's file
 
 SUFFIX = ".safetensors"
 BRANCH = "main"
 _MODEL = re.compile(r"models--.+")
+SHIPPED = Path(__file__).parent / "shipped"
+"""`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
+LABELS = {
+    "HalfCheetah-v3/geometric": "holds under constant:500 in 9 of 10 episodes; turns over under constant:0",
+    "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
+    "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
+    "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
+    "Hopper-v3/ppo": "falls, half of its episodes by step 4,000",
+    "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
+    "Walker2d-v3/geometric": "holds under constant:500",
+    "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
+}
+"""Outcomes of the shipped locomotion policies after 100,000 steps, judged by `perdure extrapolate` from the start
+states 0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they
+are examples, no comparison of methods."""
+
+
+def find_policy(name: str | Path) -> Path:
+    """Return a policy's file.
+
+    Args:
+        name: A file; a folder that holds one policy; a shipped policy, such as "Hopper-v3/geometric"; or a model
+            "ORG/NAME" that Hugging Face's tools have downloaded. Nothing is downloaded here.
+
+    Raises:
+        PerdureError: If there is none; the message offers the nearest names.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = shipped_policies()
+    if path.is_dir() and str(name) in shipped and not any(path.glob("*.safetensors")):
+        raise PerdureError(
+            f"{name} is a shipped policy, but there is a folder {path.resolve()}: name a policy file in it, or run the "
+            "command in another folder"
+        )
+    if path.exists():
+        return policy_in_folder(path) if path.is_dir() else path
+    if str(name) in shipped:
+        return shipped[str(name)]
+    if downloaded := policy_in_cache(str(name)):
+        return downloaded
+    raise PerdureError(
+        f"there is no policy file {name}, and no shipped policy of that name; "
+        f"`perdure list policies` shows all{did_you_mean(name, shipped, 2)}"
+    )
+
+
+def shipped_policies() -> dict[str, Path]:
+    """Return name, such as "Hopper-v3/geometric" or "home/set_table/place/seed-0", to file."""
+    return {
+        path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in sorted(SHIPPED.rglob("*.safetensors"))
+    }
 
 
 def policy_in_folder(folder: Path) -> Path:
@@ -172,123 +223,60 @@ def _snapshot(model: Path) -> Path:
     return snapshots[0]
 
 
-# Policies that come with the package, by name.
+# Contents of a file
 
 
-SHIPPED = Path(__file__).parent / "shipped"
-"""`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
+class Description(Record, frozen=True):
+    """What a policy file says in JSON. Protocol, clock and squash are checked where they are built."""
+
+    version: int
+    task: TaskInfo
+    activation: str
+    normalizer: dict[Literal["clip", "epsilon"], Annotated[float, Meta(gt=0, le=LARGEST_INPUT)]]
+    protocol: Any
+    clock: Any
+    provenance: dict[str, Any]
+    return_scale: Number | None = None
+    reference: dict[Literal["horizon"], Annotated[int, Meta(ge=1, le=100_000_000)]] | None = None
+    squash: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the version and the task, and what others read of the provenance."""
+        if self.version not in VERSIONS:
+            raise ValueError(f"its format is version {self.version}; versions 1 to {VERSIONS[-1]} are read")
+        checked(self.task.name, Name, "task.name")
+        low, high = self.task.action_low, self.task.action_high
+        if not 0 < len(low) == len(high) or not all(a <= b for a, b in zip(low, high, strict=True)):
+            raise ValueError("action_low and action_high must have the same length, and no low above its high")
+        if not 1 <= self.task.observation_size <= 1_000_000:
+            raise ValueError(f"observation_size must be 1 to 1,000,000, not {self.task.observation_size}")
+        if len(self.normalizer) < 2 or self.normalizer["epsilon"] > 1:
+            raise ValueError("normalizer must have a clip, and an epsilon of at most 1")
+        checked(self.provenance, _Provenance, "provenance")
 
 
-def shipped_policies() -> dict[str, Path]:
-    """Return name, such as "Hopper-v3/geometric" or "home/set_table/place/seed-0", to file."""
-    return {
-        path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in sorted(SHIPPED.rglob("*.safetensors"))
-    }
+class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
+    method: Name = "unknown"
+    seed: Count = 0
+    preset: Line = ""
+    engine: Line = ""
+    command: Annotated[str, Meta(max_length=10_000)] = ""
 
 
-LABELS = {
-    "HalfCheetah-v3/geometric": "holds under constant:500 in 9 of 10 episodes; turns over under constant:0",
-    "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
-    "Hopper-v3/geometric": "holds under constant:500, falls within 300 steps under constant:0",
-    "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
-    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
-    "Hopper-v3/ppo": "falls, half of its episodes by step 4,000",
-    "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
-    "Walker2d-v3/geometric": "holds under constant:500",
-    "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
-}
-"""Outcomes of the shipped locomotion policies after 100,000 steps, judged by `perdure extrapolate` from the start
-states 0 to 9. Each is one training seed, chosen on other start states to show one of the ways to hold or to fail: they
-are examples, no comparison of methods."""
-
-
-def find_policy(name: str | Path) -> Path:
-    """Return a policy's file.
-
-    Args:
-        name: A file; a folder that holds one policy; a shipped policy, such as "Hopper-v3/geometric"; or a model
-            "ORG/NAME" that Hugging Face's tools have downloaded (see `perdure.policy.files`).
-
-    Raises:
-        PerdureError: If there is none; the message offers the nearest names.
-    """
-    shipped, path = shipped_policies(), Path(name)
-    if path.is_dir() and str(name) in shipped and not any(path.glob("*.safetensors")):
-        raise PerdureError(
-            f"{name} is a shipped policy, but there is a folder {path.resolve()}: name a policy file in it, or run the "
-            "command in another folder"
-        )
-    if path.exists():
-        return policy_in_folder(path) if path.is_dir() else path
-    if str(name) in shipped:
-        return shipped[str(name)]
-    if downloaded := policy_in_cache(str(name)):
-        return downloaded
-    raise PerdureError(
-        f"there is no policy file {name}, and no shipped policy of that name; "
-        f"`perdure list policies` shows all{did_you_mean(name, shipped, 2)}"
-    )
-
-
-FORMAT = "perdure.policy"
-VERSION = VERSIONS[-1]
-"""Of policies with a squashed output, which older readers would clip. All others are written as version 2. Version 1,
-which is still read, had neither the scale of the returns nor reference episodes."""
-MAX_HEADER = 10_000_000
-"""Bytes; a policy's header is a few thousand."""
-
-_MEASURED = ("rewards", "lengths", "terminated", "observation_low", "observation_high")
-"""Arrays of a reference, stored as tensors."""
-
-Tensors = dict[str, NDArray[Any]]
-
-
-def save_policy(policy: Policy, path: str | Path) -> Path:
-    """Write the policy, whole or not at all. The same policy gives the same bytes.
+def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Check types and numbers of a file's arrays; shapes are checked where policy and reference are built.
 
     Raises:
-        PerdureError: If the policy holds what no file may hold, such as a weight that is not finite.
-        OSError: If the file cannot be written; an old one is untouched.
+        PerdureError: With the name of the array.
     """
-    from safetensors.numpy import save
-
-    tensors: Tensors = {name: np.ascontiguousarray(policy.weights[name]) for name in sorted(policy.weights)}
-    tensors["normalizer.mean"] = policy.normalizer.mean
-    tensors["normalizer.var"] = policy.normalizer.var
-    if policy.reference is not None:
-        tensors |= {f"reference.{name}": np.ascontiguousarray(getattr(policy.reference, name)) for name in _MEASURED}
-    description = _describe(policy)
-    try:
-        read_json(description, Description)
-        check_arrays(tensors)
-    except PerdureError as error:
-        raise PerdureError(f"{path} cannot be written: {error}") from None
-    metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
-    write_atomic(Path(path), _stable_header(save(tensors, metadata)))
-    return Path(path)
-
-
-def load_policy(path: str | Path) -> Policy:
-    """Return the policy in a file or a folder, or a shipped policy by its name, such as "Hopper-v3/geometric".
-
-    Args:
-        path: As `perdure.policy.find_policy` takes it.
-
-    Raises:
-        PerdureError: If there is no such policy, or the file is not a policy, is damaged or was
-            changed, with what is wrong.
-    """
-    path = find_policy(path)
-    if not path.is_file():
-        raise PerdureError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
-    description, checksum, data = _read(path)
-    tensors = _tensors(path, data)
-    if checksum != _digest(description, tensors):
-        raise PerdureError(f"{path} was changed after it was written: its contents do not match its checksum")
-    try:
-        return _build(read_json(description, Description), tensors)
-    except PerdureError as error:
-        raise PerdureError(f"{path} cannot be read as a policy: {error}") from error
+    for name, array in arrays.items():
+        kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
+        if kind not in allowed:
+            raise PerdureError(f"{name} must hold numbers of the type {' or '.join(allowed)}, not {kind}")
+        if not np.isfinite(array).all() or (kind == "f8" and (np.abs(array) > LARGEST).any()):
+            raise PerdureError(f"{name} holds numbers that are not finite")
+        if name == "normalizer.var" and (array < 0).any():
+            raise PerdureError(f"{name} holds a negative variance")
 
 
 def _read(path: Path) -> tuple[str, str | None, bytes]:
@@ -367,7 +355,7 @@ def _build(description: Description, tensors: Tensors) -> Policy:
         activation=description.activation,
         normalizer=Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description.normalizer),
         protocol=HorizonProtocol.from_json(description.protocol),
-        clock=None if description.clock is None else clock_from_json(description.clock),
+        clock=None if description.clock is None else Clock.from_json(description.clock),
         provenance=description.provenance,
         return_scale=description.return_scale,
         reference=measured,

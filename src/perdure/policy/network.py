@@ -1,4 +1,9 @@
-"""Forward pass of a multilayer perceptron in NumPy, with every row's result independent of the other rows."""
+"""The forward pass of a policy's networks in NumPy, each row's result independent of the other rows, bit for bit.
+
+A matrix product may add its terms in another order when the number of rows or of threads changes, and in another order
+for some rows of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another
+trajectory. So `RowInvariantMatmul` multiplies tiles of a fixed number of rows on one thread.
+"""
 
 from __future__ import annotations
 
@@ -13,206 +18,20 @@ from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
 
-# Activation functions in NumPy, entry by entry, so that a row's result does not depend on the other rows.
-# Names and definitions are PyTorch's with its default settings (`torch.nn`), in 32 bits.
-
-
 Float32Array = NDArray[np.float32]
+Weights = Mapping[str, NDArray[np.floating[Any]]]
+"""By name. Stored in 16 or 32 bits; products are of 32 bits."""
 Activation = Callable[[Float32Array], Float32Array]
 """Returns the activated values, shape kept; may write into its argument."""
-
-
-def _elu(x: Float32Array) -> Float32Array:
-    result: Float32Array = np.where(x > 0, x, np.expm1(np.minimum(x, np.float32(0))))
-    return result
-
-
-def _selu(x: Float32Array) -> Float32Array:
-    scale, alpha = np.float32(1.0507009873554805), np.float32(1.6732632423543772)
-    result: Float32Array = scale * np.where(x > 0, x, alpha * np.expm1(np.minimum(x, np.float32(0))))
-    return result
-
-
-def _sigmoid(x: Float32Array) -> Float32Array:
-    from scipy.special import expit
-
-    result: Float32Array = expit(x)
-    return result
-
-
-def _gelu(x: Float32Array) -> Float32Array:
-    """Return x times the standard normal distribution function of x (the exact form, with erf)."""
-    from scipy.special import erf
-
-    result: Float32Array = np.float32(0.5) * x * (1 + erf(x * np.float32(np.sqrt(0.5))))
-    return result
-
-
-def _softplus(x: Float32Array) -> Float32Array:
-    return np.logaddexp(x, np.float32(0))
-
-
-ACTIVATIONS: dict[str, Activation] = {
-    "relu": lambda x: np.maximum(x, 0.0, out=x),
-    "tanh": lambda x: np.tanh(x, out=x),
-    "elu": _elu,
-    "selu": _selu,
-    "leaky_relu": lambda x: np.maximum(x, np.float32(0.01) * x),
-    "sigmoid": _sigmoid,
-    "silu": lambda x: x * _sigmoid(x),
-    "gelu": _gelu,
-    "softplus": _softplus,
-    "mish": lambda x: x * np.tanh(_softplus(x)),
-}
-"""By the name that policy files use."""
-
-
-# Run matrix products on one thread: with several, the last bits depend on the number of threads.
-
-
-_inside = False
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Run NumPy's matrix products on one thread for the duration of a block.
-
-    Entering the block costs tens of microseconds, so put whole loops inside it.
-    """
-    global _inside
-    if _inside:
-        yield
-        return
-    changed = [(library, number) for library in _libraries() if (number := library.get_num_threads()) != 1]
-    for library, _ in changed:
-        library.set_num_threads(1)
-    _inside = True
-    try:
-        yield
-    finally:
-        _inside = False
-        for library, number in changed:
-            library.set_num_threads(number)
-
-
-@cache
-def _libraries() -> list[Any]:
-    """Return the matrix libraries of this process; searched once, because the search takes milliseconds."""
-    from threadpoolctl import ThreadpoolController
-
-    controllers: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers
-    return controllers
-
-
-# Matrix product in which every row's result is independent of the other rows.
-# A matrix product may add its terms in another order when the number of rows changes, and in another order for some
-# rows of one product than for others: over 100,000 chaotic steps a difference in the last bit becomes another
-# trajectory. So rows are packed into tiles of a fixed size and multiplied on one thread. The tile of a matrix is the
-# largest for which this machine's product gives a row the same result wherever in the tile it lies.
-
-
+LARGEST_INPUT = 1e6
+"""Inputs whose size is at most this never make a network overflow."""
+LARGEST_PROBE = 10.0
+"""No bounded activation exceeds it."""
 TILES = (16, 8, 4, 2, 1)
 """Rows of one product, to choose from; each divides the ones before it. Large tiles run at a better rate, but waste
 more on the last few lanes, and not all of them treat every row alike."""
 PROBES = 4
 """Random rows that a tile is tried with."""
-
-
-class RowInvariantMatmul:
-    """Rows times one matrix. Use it under `one_thread`."""
-
-    def __init__(self, matrix: Float32Array) -> None:
-        """Keep a matrix of shape (in, out); the tile is chosen at the first product."""
-        self.matrix = matrix
-
-    @cached_property
-    def _tile(self) -> int:
-        return next(tile for tile in TILES if _treats_rows_alike(tile, self.matrix))
-
-    def __call__(self, rows: Float32Array) -> Float32Array:
-        """Return rows @ matrix, shape (n, out), of rows (n, in); n must be a multiple of the largest tile."""
-        product: Float32Array = rows.reshape(-1, self._tile, len(self.matrix)) @ self.matrix
-        return product.reshape(len(rows), -1)
-
-
-def pad(rows: Float32Array) -> Float32Array:
-    """Return the rows with rows of zeros after them, up to a multiple of the largest tile."""
-    padded = np.zeros((-(-len(rows) // TILES[0]) * TILES[0], rows.shape[1]), np.float32)
-    padded[: len(rows)] = rows
-    return padded
-
-
-def _treats_rows_alike(tile: int, matrix: Float32Array) -> bool:
-    """Return whether a row's product with this matrix is the same, bit for bit, at every place in the tile."""
-    rows = np.random.default_rng(0).standard_normal((PROBES, 1, len(matrix)), np.float32)
-    product = np.repeat(rows, tile, axis=1) @ matrix
-    return bool((product == product[:, :1]).all())
-
-
-# Feature-wise linear modulation: the time-to-go scales and shifts the hidden layers (Perez et al., 2018).
-# The alternative to appending phi to the observation; `perdure.learn.networks` has the equation.
-
-
-@dataclass(frozen=True, eq=False)
-class FiLM:
-    """Scales and shifts of every hidden layer."""
-
-    scales: Sequence[RowInvariantMatmul]
-    shifts: Sequence[RowInvariantMatmul]
-
-    @classmethod
-    def of(cls, pairs: Sequence[tuple[Float32Array, Float32Array]], widths: Sequence[int], name: str) -> FiLM:
-        """Return the modulation by these (scale, shift), each of shape (embedding_size, width).
-
-        Args:
-            pairs: One for each hidden layer; at least one.
-            widths: Of the hidden layers.
-            name: Of the network, for messages.
-
-        Raises:
-            PerdureError: If shapes do not fit.
-        """
-        size = len(pairs[0][0]) if pairs[0][0].ndim == 2 else 0
-        for layer, (pair, width) in enumerate(zip(pairs, widths, strict=True)):
-            for part, matrix in zip(("scale", "shift"), pair, strict=True):
-                if not size or matrix.shape != (size, width):
-                    raise PerdureError(
-                        f"the {part} of layer {layer} of the {name} network has the shape {matrix.shape}; it must have "
-                        f"one row for each number of phi and {width} columns"
-                    )
-        return cls([RowInvariantMatmul(scale) for scale, _ in pairs], [RowInvariantMatmul(shift) for _, shift in pairs])
-
-    @property
-    def size(self) -> int:
-        """Length of phi."""
-        return len(self.scales[0].matrix)
-
-    def __call__(self, layer: int, sums: Float32Array, phi: Float32Array) -> Float32Array:
-        """Return (1 + phi @ scale) * sums + phi @ shift, shape (n, width); n is a multiple of the largest tile."""
-        factors = self.scales[layer](phi)
-        factors += 1.0
-        factors *= sums
-        factors += self.shifts[layer](phi)
-        return factors
-
-    def bound(self, layer: int, sums: float, largest_phi: float) -> float:
-        """Return a bound on the size of the result and of everything on the way to it."""
-        factor = 1.0 + largest_phi * _column_sum(self.scales[layer])
-        return factor * max(sums, 1.0) + largest_phi * _column_sum(self.shifts[layer])
-
-
-def _column_sum(product: RowInvariantMatmul) -> float:
-    return float(np.abs(product.matrix).sum(axis=0, dtype=np.float64).max())
-
-
-LARGEST_PROBE = 10.0
-"""No bounded activation exceeds it."""
-
-LARGEST_INPUT = 1e6
-"""Inputs whose size is at most this never make a network overflow."""
-
-Weights = Mapping[str, NDArray[np.floating[Any]]]
-"""By name. Stored in 16 or 32 bits; products are of 32 bits."""
 
 
 class Perceptron:
@@ -329,3 +148,171 @@ def _check(layers: list[tuple[Float32Array, Float32Array]], name: str) -> None:
         given = weight.shape[1]
     if not all(size for weight, _ in layers for size in weight.shape):
         raise PerdureError(f"the {name} network has a layer without a neuron")
+
+
+@dataclass(frozen=True, eq=False)
+class FiLM:
+    """Feature-wise linear modulation: phi scales and shifts every hidden layer (Perez et al., 2018).
+
+    The alternative to appending phi to the observation; `perdure.learn.networks` has the equation.
+    """
+
+    scales: Sequence[RowInvariantMatmul]
+    shifts: Sequence[RowInvariantMatmul]
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[Float32Array, Float32Array]], widths: Sequence[int], name: str) -> FiLM:
+        """Return the modulation by these (scale, shift), each of shape (embedding_size, width).
+
+        Args:
+            pairs: One for each hidden layer; at least one.
+            widths: Of the hidden layers.
+            name: Of the network, for messages.
+
+        Raises:
+            PerdureError: If shapes do not fit.
+        """
+        size = len(pairs[0][0]) if pairs[0][0].ndim == 2 else 0
+        for layer, (pair, width) in enumerate(zip(pairs, widths, strict=True)):
+            for part, matrix in zip(("scale", "shift"), pair, strict=True):
+                if not size or matrix.shape != (size, width):
+                    raise PerdureError(
+                        f"the {part} of layer {layer} of the {name} network has the shape {matrix.shape}; it must have "
+                        f"one row for each number of phi and {width} columns"
+                    )
+        return cls([RowInvariantMatmul(scale) for scale, _ in pairs], [RowInvariantMatmul(shift) for _, shift in pairs])
+
+    @property
+    def size(self) -> int:
+        """Length of phi."""
+        return len(self.scales[0].matrix)
+
+    def __call__(self, layer: int, sums: Float32Array, phi: Float32Array) -> Float32Array:
+        """Return (1 + phi @ scale) * sums + phi @ shift, shape (n, width); n is a multiple of the largest tile."""
+        factors = self.scales[layer](phi)
+        factors += 1.0
+        factors *= sums
+        factors += self.shifts[layer](phi)
+        return factors
+
+    def bound(self, layer: int, sums: float, largest_phi: float) -> float:
+        """Return a bound on the size of the result and of everything on the way to it."""
+        factor = 1.0 + largest_phi * _column_sum(self.scales[layer])
+        return factor * max(sums, 1.0) + largest_phi * _column_sum(self.shifts[layer])
+
+
+def _column_sum(product: RowInvariantMatmul) -> float:
+    return float(np.abs(product.matrix).sum(axis=0, dtype=np.float64).max())
+
+
+class RowInvariantMatmul:
+    """Rows times one matrix. Use it under `one_thread`.
+
+    The tile is the largest for which this machine's product gives a row the same result wherever in the tile it lies.
+    """
+
+    def __init__(self, matrix: Float32Array) -> None:
+        """Keep a matrix of shape (in, out); the tile is chosen at the first product."""
+        self.matrix = matrix
+
+    @cached_property
+    def _tile(self) -> int:
+        return next(tile for tile in TILES if _treats_rows_alike(tile, self.matrix))
+
+    def __call__(self, rows: Float32Array) -> Float32Array:
+        """Return rows @ matrix, shape (n, out), of rows (n, in); n must be a multiple of the largest tile."""
+        product: Float32Array = rows.reshape(-1, self._tile, len(self.matrix)) @ self.matrix
+        return product.reshape(len(rows), -1)
+
+
+def _treats_rows_alike(tile: int, matrix: Float32Array) -> bool:
+    """Return whether a row's product with this matrix is the same, bit for bit, at every place in the tile."""
+    rows = np.random.default_rng(0).standard_normal((PROBES, 1, len(matrix)), np.float32)
+    product = np.repeat(rows, tile, axis=1) @ matrix
+    return bool((product == product[:, :1]).all())
+
+
+def pad(rows: Float32Array) -> Float32Array:
+    """Return the rows with rows of zeros after them, up to a multiple of the largest tile."""
+    padded = np.zeros((-(-len(rows) // TILES[0]) * TILES[0], rows.shape[1]), np.float32)
+    padded[: len(rows)] = rows
+    return padded
+
+
+_inside = False
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run NumPy's matrix products on one thread for the duration of a block.
+
+    Entering the block costs tens of microseconds, so put whole loops inside it.
+    """
+    global _inside
+    if _inside:
+        yield
+        return
+    changed = [(library, number) for library in _libraries() if (number := library.get_num_threads()) != 1]
+    for library, _ in changed:
+        library.set_num_threads(1)
+    _inside = True
+    try:
+        yield
+    finally:
+        _inside = False
+        for library, number in changed:
+            library.set_num_threads(number)
+
+
+@cache
+def _libraries() -> list[Any]:
+    """Return the matrix libraries of this process; searched once, because the search takes milliseconds."""
+    from threadpoolctl import ThreadpoolController
+
+    controllers: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers
+    return controllers
+
+
+def _elu(x: Float32Array) -> Float32Array:
+    result: Float32Array = np.where(x > 0, x, np.expm1(np.minimum(x, np.float32(0))))
+    return result
+
+
+def _selu(x: Float32Array) -> Float32Array:
+    scale, alpha = np.float32(1.0507009873554805), np.float32(1.6732632423543772)
+    result: Float32Array = scale * np.where(x > 0, x, alpha * np.expm1(np.minimum(x, np.float32(0))))
+    return result
+
+
+def _sigmoid(x: Float32Array) -> Float32Array:
+    from scipy.special import expit
+
+    result: Float32Array = expit(x)
+    return result
+
+
+def _gelu(x: Float32Array) -> Float32Array:
+    """Return x times the standard normal distribution function of x (the exact form, with erf)."""
+    from scipy.special import erf
+
+    result: Float32Array = np.float32(0.5) * x * (1 + erf(x * np.float32(np.sqrt(0.5))))
+    return result
+
+
+def _softplus(x: Float32Array) -> Float32Array:
+    return np.logaddexp(x, np.float32(0))
+
+
+ACTIVATIONS: dict[str, Activation] = {
+    "relu": lambda x: np.maximum(x, 0.0, out=x),
+    "tanh": lambda x: np.tanh(x, out=x),
+    "elu": _elu,
+    "selu": _selu,
+    "leaky_relu": lambda x: np.maximum(x, np.float32(0.01) * x),
+    "sigmoid": _sigmoid,
+    "silu": lambda x: x * _sigmoid(x),
+    "gelu": _gelu,
+    "softplus": _softplus,
+    "mish": lambda x: x * np.tanh(_softplus(x)),
+}
+"""By the name that policy files use: PyTorch's functions with its default settings (`torch.nn`), in 32 bits."""

@@ -1,8 +1,4 @@
-"""Build an ONNX graph with Python operators.
-
-Embeddings and clocks are written with operators only, so that one body serves NumPy and traced JAX arrays. The same
-body, given a `Value`, leaves its nodes in a graph: a third-party embedding is exported without ONNX code.
-"""
+"""Policies as ONNX models: export with `export_onnx`, run any feed-forward model with `OnnxModel`."""
 
 from __future__ import annotations
 
@@ -24,101 +20,11 @@ from perdure.runs import write_atomic
 
 __all__ = ["OnnxModel", "export_onnx", "is_onnx"]
 
+
 Operator = Callable[["Value", Any], "Value"]
 OPSET = 17
 IR_VERSION = 8
 """Of onnx 1.12 (2022): what runtimes on robots read as well."""
-
-
-@dataclass(eq=False)
-class Graph:
-    """Nodes and constants in the order in which they were made."""
-
-    nodes: list[Any] = field(default_factory=list)
-    constants: list[Any] = field(default_factory=list)
-
-    def constant(self, array: Any) -> Value:
-        """Add a constant."""
-        from onnx import numpy_helper
-
-        name = f"constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
-        return Value(self, name, np.ndim(array))
-
-    def node(self, kind: str, *inputs: Any, ndim: int | None = None, **attributes: Any) -> Value:
-        """Add an operator.
-
-        Args:
-            kind: Name of the operator.
-            inputs: Values; arrays and numbers become constants.
-            ndim: Dimensions of the result; by default the most that an input has.
-            attributes: Of the operator.
-        """
-        from onnx import helper
-
-        values = [each if isinstance(each, Value) else self.constant(each) for each in inputs]
-        name = f"{kind.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(kind, [value.name for value in values], [name], **attributes))
-        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim)
-
-    def cast(self, value: Value, dtype: type[np.generic]) -> Value:
-        """Convert a value to another type of number."""
-        from onnx import helper
-
-        return self.node("Cast", value, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
-
-
-def _pair(kind: str) -> tuple[Operator, Operator]:
-    """Return the methods of a Python operator and of the same one with exchanged sides."""
-    return lambda value, other: value._with(kind, other), lambda value, other: value._with(kind, other, swapped=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Value:
-    """A tensor of 64-bit numbers in a graph, with as much of NumPy's interface as embeddings and clocks use."""
-
-    graph: Graph
-    name: str
-    ndim: int
-
-    __array_ufunc__ = None  # NumPy's arrays leave their operators with a value to it
-
-    def _with(self, kind: str, other: Any, swapped: bool = False, **attributes: Any) -> Value:
-        operand = other if isinstance(other, Value) else np.asarray(other, np.float64)
-        pair = (operand, self) if swapped else (self, operand)
-        return self.graph.node(kind, *pair, **attributes)
-
-    __add__, __radd__ = _pair("Add")
-    __mul__, __rmul__ = _pair("Mul")
-    __sub__, __rsub__ = _pair("Sub")
-    __truediv__, __rtruediv__ = _pair("Div")
-    __pow__, __rpow__ = _pair("Pow")
-
-    def __mod__(self, other: Any) -> Value:
-        return self._with("Mod", other, fmod=1)  # C's fmod, which is Python's % where nothing is negative
-
-    def __neg__(self) -> Value:
-        return self.graph.node("Neg", self)
-
-    def __gt__(self, other: Any) -> Value:
-        return self.graph.cast(self._with("Greater", other), np.float64)
-
-    def __lt__(self, other: Any) -> Value:
-        return self.graph.cast(self._with("Less", other), np.float64)
-
-    def __getitem__(self, index: Any) -> Value:
-        """Add a last dimension, the one index that embeddings use."""
-        if index != (..., None):
-            raise TypeError(f"only [..., None] can be written in ONNX here, not [{index!r}]")
-        axes: NDArray[np.int64] = np.array([-1])
-        return self.graph.node("Unsqueeze", self, axes, ndim=self.ndim + 1)
-
-    def clip(self, min: float | None = None, max: float | None = None) -> Value:
-        """Clip to a range, like NumPy's method."""
-        result = self if min is None else self._with("Max", min)
-        return result if max is None else result._with("Min", max)
-
-
 DOMAINS = ("", "ai.onnx", "ai.onnx.ml", "com.microsoft")
 """Operators that onnxruntime includes. Any other would need third-party code."""
 TIMES = ("elapsed", "horizon")
@@ -128,6 +34,19 @@ ACTIONS = ("action", "actions")
 TRAINING_HORIZON = "perdure.training_horizon"
 """Metadata that `export_onnx` writes: steps."""
 MAX_BYTES = 500_000_000
+CHECKED = 1_000
+"""Random observations on which the model's actions are compared with the policy's."""
+TOLERANCE = 5e-6
+"""Largest difference of an action component, relative to 1 or its size. Both sides compute in 32 bits and add up in
+another order: measured, 0.7e-6 for Hopper's 64 x 64 network and 2e-6 for 376 inputs and 256 x 256."""
+
+
+# Models as policies
+
+
+def is_onnx(path: str | Path) -> bool:
+    """Return whether a file is named as an ONNX model is, in any case."""
+    return str(path).lower().endswith(".onnx")
 
 
 def require() -> None:
@@ -135,11 +54,6 @@ def require() -> None:
     missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
     if missing:
         raise PerdureError(f"ONNX needs {' and '.join(missing)}: pip install 'perdure[onnx]'")
-
-
-def is_onnx(path: str | Path) -> bool:
-    """Return whether a file is named as an ONNX model is, in any case."""
-    return str(path).lower().endswith(".onnx")
 
 
 class OnnxModel:
@@ -170,9 +84,9 @@ class OnnxModel:
             raise PerdureError(f"{what} cannot be run by onnxruntime: {_one_line(error)}") from None
         inputs = {each.name: each for each in self._session.get_inputs()}
         self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
+        """Which inputs hold the time."""
         if boolean := [name for name in self.times if inputs[name].type == "tensor(bool)"]:
             raise PerdureError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
-        """Which inputs hold the time."""
         others = [each for name, each in inputs.items() if name not in TIMES]
         if len(others) != 1:
             raise PerdureError(
@@ -336,24 +250,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:300]
 
 
-CHECKED = 1_000
-"""Random observations on which the model's actions are compared with the policy's."""
-TOLERANCE = 5e-6
-"""Largest difference of an action component, relative to 1 or its size. Both sides compute in 32 bits and add up in
-another order: measured, 0.7e-6 for Hopper's 64 x 64 network and 2e-6 for 376 inputs and 256 x 256."""
-
-_ACTIVATIONS: dict[str, Callable[[Graph, Value], Value]] = {
-    "relu": lambda graph, x: graph.node("Relu", x),
-    "tanh": lambda graph, x: graph.node("Tanh", x),
-    "elu": lambda graph, x: graph.node("Elu", x),
-    "selu": lambda graph, x: graph.node("Selu", x, alpha=1.6732632423543772, gamma=1.0507009873554805),
-    "leaky_relu": lambda graph, x: graph.node("LeakyRelu", x, alpha=0.01),
-    "sigmoid": lambda graph, x: graph.node("Sigmoid", x),
-    "silu": lambda graph, x: graph.node("Mul", x, graph.node("Sigmoid", x)),
-    "gelu": lambda graph, x: _gelu(graph, x),
-    "softplus": lambda graph, x: graph.node("Softplus", x),
-    "mish": lambda graph, x: graph.node("Mul", x, graph.node("Tanh", graph.node("Softplus", x))),
-}
+# Export
 
 
 def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) -> Path:
@@ -507,6 +404,20 @@ def _gelu(graph: Graph, x: Value) -> Value:
     return graph.node("Mul", graph.node("Mul", x, np.float32(0.5)), graph.node("Add", erf, np.float32(1)))
 
 
+_ACTIVATIONS: dict[str, Callable[[Graph, Value], Value]] = {
+    "relu": lambda graph, x: graph.node("Relu", x),
+    "tanh": lambda graph, x: graph.node("Tanh", x),
+    "elu": lambda graph, x: graph.node("Elu", x),
+    "selu": lambda graph, x: graph.node("Selu", x, alpha=1.6732632423543772, gamma=1.0507009873554805),
+    "leaky_relu": lambda graph, x: graph.node("LeakyRelu", x, alpha=0.01),
+    "sigmoid": lambda graph, x: graph.node("Sigmoid", x),
+    "silu": lambda graph, x: graph.node("Mul", x, graph.node("Sigmoid", x)),
+    "gelu": lambda graph, x: _gelu(graph, x),
+    "softplus": lambda graph, x: graph.node("Softplus", x),
+    "mish": lambda graph, x: graph.node("Mul", x, graph.node("Tanh", graph.node("Softplus", x))),
+}
+
+
 def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
     """Refuse a model whose actions are not the policy's."""
     rng = np.random.default_rng(0)
@@ -524,3 +435,96 @@ def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
         raise PerdureError(
             f"the ONNX model's actions differ from the policy's by up to {worst:.2g}; nothing was written"
         )
+
+
+def _pair(kind: str) -> tuple[Operator, Operator]:
+    """Return the methods of a Python operator and of the same one with exchanged sides."""
+    return lambda value, other: value._with(kind, other), lambda value, other: value._with(kind, other, swapped=True)
+
+
+@dataclass(eq=False)
+class Graph:
+    """Nodes and constants in the order in which they were made.
+
+    Embeddings and clocks are written with operators only, so that one body serves NumPy and traced JAX arrays. The same
+    body, given a `Value`, leaves its nodes in a graph: a third-party embedding is exported without ONNX code.
+    """
+
+    nodes: list[Any] = field(default_factory=list)
+    constants: list[Any] = field(default_factory=list)
+
+    def constant(self, array: Any) -> Value:
+        """Add a constant."""
+        from onnx import numpy_helper
+
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return Value(self, name, np.ndim(array))
+
+    def node(self, kind: str, *inputs: Any, ndim: int | None = None, **attributes: Any) -> Value:
+        """Add an operator.
+
+        Args:
+            kind: Name of the operator.
+            inputs: Values; arrays and numbers become constants.
+            ndim: Dimensions of the result; by default the most that an input has.
+            attributes: Of the operator.
+        """
+        from onnx import helper
+
+        values = [each if isinstance(each, Value) else self.constant(each) for each in inputs]
+        name = f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, [value.name for value in values], [name], **attributes))
+        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim)
+
+    def cast(self, value: Value, dtype: type[np.generic]) -> Value:
+        """Convert a value to another type of number."""
+        from onnx import helper
+
+        return self.node("Cast", value, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """A tensor of 64-bit numbers in a graph, with as much of NumPy's interface as embeddings and clocks use."""
+
+    graph: Graph
+    name: str
+    ndim: int
+
+    __array_ufunc__ = None  # NumPy's arrays leave their operators with a value to it
+
+    def _with(self, kind: str, other: Any, swapped: bool = False, **attributes: Any) -> Value:
+        operand = other if isinstance(other, Value) else np.asarray(other, np.float64)
+        pair = (operand, self) if swapped else (self, operand)
+        return self.graph.node(kind, *pair, **attributes)
+
+    __add__, __radd__ = _pair("Add")
+    __mul__, __rmul__ = _pair("Mul")
+    __sub__, __rsub__ = _pair("Sub")
+    __truediv__, __rtruediv__ = _pair("Div")
+    __pow__, __rpow__ = _pair("Pow")
+
+    def __mod__(self, other: Any) -> Value:
+        return self._with("Mod", other, fmod=1)  # C's fmod, which is Python's % where nothing is negative
+
+    def __neg__(self) -> Value:
+        return self.graph.node("Neg", self)
+
+    def __gt__(self, other: Any) -> Value:
+        return self.graph.cast(self._with("Greater", other), np.float64)
+
+    def __lt__(self, other: Any) -> Value:
+        return self.graph.cast(self._with("Less", other), np.float64)
+
+    def __getitem__(self, index: Any) -> Value:
+        """Add a last dimension, the one index that embeddings use."""
+        if index != (..., None):
+            raise TypeError(f"only [..., None] can be written in ONNX here, not [{index!r}]")
+        axes: NDArray[np.int64] = np.array([-1])
+        return self.graph.node("Unsqueeze", self, axes, ndim=self.ndim + 1)
+
+    def clip(self, min: float | None = None, max: float | None = None) -> Value:
+        """Clip to a range, like NumPy's method."""
+        result = self if min is None else self._with("Max", min)
+        return result if max is None else result._with("Min", max)

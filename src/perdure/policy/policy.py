@@ -18,119 +18,15 @@ from perdure.policy.network import Perceptron, Weights
 from perdure.policy.reference import Reference
 
 if TYPE_CHECKING:
-    from perdure.policy.readers.cleanrl import ObservationStatistics
-
-
-# Description of the task that a policy was trained on.
-
-
-@dataclass(frozen=True)
-class TaskInfo:
-    """The task that a policy was trained on, for checks that a world fits the policy."""
-
-    name: str
-    observation_size: int
-    action_low: tuple[float, ...]
-    action_high: tuple[float, ...]
-    discrete_actions: bool = False
-    """Whether each action component is a whole number from its lowest to its highest."""
-
-    @property
-    def action_size(self) -> int:
-        """Length of one action."""
-        return len(self.action_low)
-
-
-# Squash the network's output into the action box by tanh, instead of clipping it.
-
-
-@dataclass(frozen=True)
-class TanhSquash:
-    """low + (tanh(output) + 1) / 2 * (high - low), as SAC, TQC and TD3 of Stable-Baselines3 act.
-
-    Raises:
-        PerdureError: If the limit is not positive.
-    """
-
-    limit: float = math.inf
-    """The output is cut to +-limit before tanh; Stable-Baselines3's `clip_mean` (SAC and TQC with `use_sde`)."""
-
-    def __post_init__(self) -> None:
-        """Refuse a limit that is no positive number."""
-        if not (isinstance(self.limit, int | float) and self.limit > 0):
-            raise PerdureError(f"the limit of a squashed output must be a positive number, got {self.limit!r}")
-
-    def __call__(
-        self, outputs: NDArray[np.float32], low: NDArray[np.float64], high: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return actions of shape (n, action_size) within the box, from outputs of that shape.
-
-        The arithmetic is of 32 bits, in the order of Stable-Baselines3's `unscale_action`.
-        """
-        limit, one, half = np.float32(self.limit), np.float32(1), np.float32(0.5)
-        scaled = np.tanh(np.minimum(np.maximum(outputs, -limit), limit))
-        low32, high32 = low.astype(np.float32), high.astype(np.float32)
-        return (low32 + half * (scaled + one) * (high32 - low32)).astype(np.float64)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the squashing as plain JSON values."""
-        return {"name": "tanh", "limit": None if math.isinf(self.limit) else float(self.limit)}
-
-    @classmethod
-    def from_json(cls, values: Any) -> Self:
-        """Return the squashing that :meth:`to_json` described.
-
-        Raises:
-            PerdureError: If the values describe none.
-        """
-        if not isinstance(values, dict) or set(values) != {"name", "limit"} or values["name"] != "tanh":
-            raise PerdureError('a squashing is written {"name": "tanh", "limit": a positive number or null}')
-        return cls(math.inf if values["limit"] is None else values["limit"])
-
+    from perdure.envs import TaskSpec
 
 FloatArray = NDArray[np.float64]
-
 CRITIC = "value."
 """Prefix of the names of the critic's weights."""
 LARGEST_OBSERVATION = 1e6
 """Clipping bound of observations without a normalizer: far beyond the values of any valid simulation."""
 SMALLEST_EPSILON = 1e-30
 """Stands for 0: adding it to a variance of 1 has no effect."""
-
-
-@dataclass(frozen=True, eq=False)
-class Normalizer:
-    """Frozen statistics of the observations seen in training; see Stable-Baselines3's ``VecNormalize``."""
-
-    mean: FloatArray
-    """Shape (d,); d includes phi only in a replication (``HorizonProtocol.normalize_embedding``)."""
-    var: FloatArray
-    """Shape (d,)."""
-    clip: float = 10.0
-    """Normalized values are cut to +-clip."""
-    epsilon: float = 1e-8
-    """Added to the variance before its square root."""
-
-    @classmethod
-    def identity(cls, size: int) -> Normalizer:
-        """Return the normalizer of a policy that sees raw observations, up to a size of LARGEST_OBSERVATION."""
-        return cls(np.zeros(size), np.ones(size), LARGEST_OBSERVATION, SMALLEST_EPSILON)
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether observations pass unchanged, so that nothing is known about their spread."""
-        return bool(self.epsilon == SMALLEST_EPSILON and not self.mean.any() and (self.var == 1).all())
-
-    @cached_property
-    def _std(self) -> FloatArray:
-        return np.sqrt(self.var + self.epsilon)
-
-    def __call__(self, observations: FloatArray) -> FloatArray:
-        """Return (observations - mean) / sqrt(var + epsilon), clipped to +-clip, in the same shape."""
-        scaled = observations - self.mean
-        scaled /= self._std
-        np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
-        return np.minimum(scaled, self.clip, out=scaled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,44 +96,18 @@ class Policy:
             )
 
     @classmethod
-    def from_sb3(
-        cls,
-        path: str | Path,
-        env: str,
-        *,
-        normalizer: str | Path | None = None,
-        time_feature: str | None = None,
-        training_horizon: int | None = None,
-        trust: bool = False,
-        measure: bool = True,
-    ) -> Policy:
-        """Return the policy in a Stable-Baselines3 zip; see `perdure.policy.readers.import_sb3`."""
+    def from_sb3(cls, path: str | Path, env: str, **options: Any) -> Policy:
+        """Return the policy in a Stable-Baselines3 zip; `perdure.policy.readers.import_sb3` documents the options."""
         from perdure.policy.readers import import_sb3
 
-        return import_sb3(
-            path,
-            env,
-            normalizer=normalizer,
-            time_feature=time_feature,
-            training_horizon=training_horizon,
-            trust=trust,
-            measure=measure,
-        )
+        return import_sb3(path, env, **options)
 
     @classmethod
-    def from_cleanrl(
-        cls,
-        path: str | Path,
-        env: str,
-        *,
-        normalizer: ObservationStatistics | None = None,
-        training_horizon: int | None = None,
-        measure: bool = True,
-    ) -> Policy:
-        """Return the policy in a CleanRL model; see `perdure.policy.readers.import_cleanrl`."""
+    def from_cleanrl(cls, path: str | Path, env: str, **options: Any) -> Policy:
+        """Return the policy in a CleanRL model; `perdure.policy.readers.import_cleanrl` documents the options."""
         from perdure.policy.readers import import_cleanrl
 
-        return import_cleanrl(path, env, normalizer=normalizer, training_horizon=training_horizon, measure=measure)
+        return import_cleanrl(path, env, **options)
 
     @cached_property
     def _actor(self) -> Perceptron:
@@ -283,9 +153,9 @@ class Policy:
         np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
 
-    def start(self, clocks: Sequence[Clock | None]) -> PolicyLanes:
+    def start(self, clocks: Sequence[Clock | None]) -> PolicyEpisodes:
         """Begin episodes, one for each clock; see `perdure.policy.PolicyLike`."""
-        return PolicyLanes(self, clocks)
+        return PolicyEpisodes(self, clocks)
 
     @property
     def has_clock(self) -> bool:
@@ -377,23 +247,23 @@ class Policy:
         return result
 
 
-# The running lanes of one `Policy`; phi is computed once if all clocks are constant.
+class PolicyEpisodes:
+    """The running episodes of one `Policy`, see `perdure.policy.closed_loop.ActingEpisodes`.
 
-
-class PolicyLanes:
-    """See `perdure.policy.closed_loop.ActingLanes`. A row's action depends on no other row."""
+    A row's action depends on no other row. phi is computed once if all clocks are constant.
+    """
 
     def __init__(self, policy: Policy, clocks: Sequence[Clock | None]) -> None:
-        """Begin one lane for each clock."""
+        """Begin one episode for each clock."""
         self._policy = policy
         self._set(list(clocks))
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
-        """See `ActingLanes.act`."""
+        """See `ActingEpisodes.act`."""
         return self._policy.act_with(observations, self._embed(elapsed) if self._phi is None else self._phi)
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
-        """See `ActingLanes.keep`."""
+        """See `ActingEpisodes.keep`."""
         self._set([clock for clock, stays in zip(self._clocks, rows, strict=True) if stays])
 
     def _set(self, clocks: list[Clock | None]) -> None:
@@ -407,3 +277,105 @@ class PolicyLanes:
         steps = np.full(len(self._clocks), float(elapsed))
         times, horizons = (steps, steps) if self._lane_clocks is None else self._lane_clocks.time(steps)
         return self._policy.embed(times, horizons)
+
+
+@dataclass(frozen=True)
+class TaskInfo:
+    """The task that a policy was trained on, for checks that a world fits the policy."""
+
+    name: str
+    observation_size: int
+    action_low: tuple[float, ...]
+    action_high: tuple[float, ...]
+    discrete_actions: bool = False
+    """Whether each action component is a whole number from its lowest to its highest."""
+
+    @classmethod
+    def of(cls, spec: TaskSpec) -> Self:
+        """Return what a policy keeps of a world's `TaskSpec`."""
+        low, high = tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
+        return cls(spec.name, spec.observation_size, low, high, spec.discrete_actions)
+
+    @property
+    def action_size(self) -> int:
+        """Length of one action."""
+        return len(self.action_low)
+
+
+@dataclass(frozen=True, eq=False)
+class Normalizer:
+    """Frozen statistics of the observations seen in training; see Stable-Baselines3's ``VecNormalize``."""
+
+    mean: FloatArray
+    """Shape (d,); d includes phi only in a replication (``HorizonProtocol.normalize_embedding``)."""
+    var: FloatArray
+    """Shape (d,)."""
+    clip: float = 10.0
+    """Normalized values are cut to +-clip."""
+    epsilon: float = 1e-8
+    """Added to the variance before its square root."""
+
+    @classmethod
+    def identity(cls, size: int) -> Normalizer:
+        """Return the normalizer of a policy that sees raw observations, up to a size of LARGEST_OBSERVATION."""
+        return cls(np.zeros(size), np.ones(size), LARGEST_OBSERVATION, SMALLEST_EPSILON)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether observations pass unchanged, so that nothing is known about their spread."""
+        return bool(self.epsilon == SMALLEST_EPSILON and not self.mean.any() and (self.var == 1).all())
+
+    @cached_property
+    def _std(self) -> FloatArray:
+        return np.sqrt(self.var + self.epsilon)
+
+    def __call__(self, observations: FloatArray) -> FloatArray:
+        """Return (observations - mean) / sqrt(var + epsilon), clipped to +-clip, in the same shape."""
+        scaled = observations - self.mean
+        scaled /= self._std
+        np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
+        return np.minimum(scaled, self.clip, out=scaled)
+
+
+@dataclass(frozen=True)
+class TanhSquash:
+    """low + (tanh(output) + 1) / 2 * (high - low), as SAC, TQC and TD3 of Stable-Baselines3 act.
+
+    Raises:
+        PerdureError: If the limit is not positive.
+    """
+
+    limit: float = math.inf
+    """The output is cut to +-limit before tanh; Stable-Baselines3's `clip_mean` (SAC and TQC with `use_sde`)."""
+
+    def __post_init__(self) -> None:
+        """Refuse a limit that is no positive number."""
+        if not (isinstance(self.limit, int | float) and self.limit > 0):
+            raise PerdureError(f"the limit of a squashed output must be a positive number, got {self.limit!r}")
+
+    def __call__(
+        self, outputs: NDArray[np.float32], low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return actions of shape (n, action_size) within the box, from outputs of that shape.
+
+        The arithmetic is of 32 bits, in the order of Stable-Baselines3's `unscale_action`.
+        """
+        limit, one, half = np.float32(self.limit), np.float32(1), np.float32(0.5)
+        scaled = np.tanh(np.minimum(np.maximum(outputs, -limit), limit))
+        low32, high32 = low.astype(np.float32), high.astype(np.float32)
+        return (low32 + half * (scaled + one) * (high32 - low32)).astype(np.float64)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the squashing as plain JSON values."""
+        return {"name": "tanh", "limit": None if math.isinf(self.limit) else float(self.limit)}
+
+    @classmethod
+    def from_json(cls, values: Any) -> Self:
+        """Return the squashing that :meth:`to_json` described.
+
+        Raises:
+            PerdureError: If the values describe none.
+        """
+        if not isinstance(values, dict) or set(values) != {"name", "limit"} or values["name"] != "tanh":
+            raise PerdureError('a squashing is written {"name": "tanh", "limit": a positive number or null}')
+        return cls(math.inf if values["limit"] is None else values["limit"])

@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, World, make_world
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Clock, Countdown, TimeFeature
-from perdure.policy.closed_loop import ClosedLoop, LanePolicy, LaneStep, PolicyLike
+from perdure.policy.closed_loop import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
 
 BIN_STEPS = 10
 """Steps whose rewards are stored as one sum."""
+EPISODES = 20
+"""Episodes that training measures."""
+FIRST_SEED = 500_000
+"""Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +79,66 @@ class Reference:
         return float(self.rewards.sum() / self.lengths.sum())
 
 
-# Record episodes of a policy within its training horizon.
+def measure_reference(
+    policy: PolicyLike,
+    episodes: int = EPISODES,
+    world: World | None = None,
+    observe: Callable[[LoopStep], None] = lambda loop_step: None,
+) -> Reference:
+    """Run a policy within its training horizon, in this process, and return what it did.
+
+    Args:
+        policy: Acts with its mean; if it has a time-to-go input, its clock counts down as in training.
+        episodes: How many, each from a different start state.
+        world: Where to run, one lane for each episode; it is closed. By default the policy's own task.
+        observe: Called with each step.
+
+    Raises:
+        PerdureError: If the policy does not fit the world, or an episode starts with an observation that is not finite.
+    """
+    world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
+    try:
+        horizon = training_horizon(policy, world.spec.default_horizon)
+        clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
+        loop = ClosedLoop(world, [EpisodePolicy(policy, clock)] * episodes)
+        first = loop.observations
+        low, high = first.min(axis=0), first.max(axis=0)
+        scale = np.tile(policy.observation_std, (episodes, 1))
+        detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
+        rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
+        lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
+        with one_thread():
+            for step in range(horizon):
+                loop_step = loop.advance()
+                observe(loop_step)
+                result = loop_step.step
+                valid = ~detector.diverged(loop_step)
+                rewards[loop_step.episodes[valid], step // BIN_STEPS] += result.rewards[valid]
+                if valid.any():
+                    low = np.minimum(low, result.observations[valid].min(axis=0))
+                    high = np.maximum(high, result.observations[valid].max(axis=0))
+                if not valid.all():
+                    loop.drop(loop_step.episodes[~valid])
+                ended = result.ended | ~valid
+                lengths[loop_step.episodes[ended]] = step + 1
+                terminated[loop_step.episodes[ended]] = result.terminated[ended]
+                if not len(loop.running):
+                    break
+    finally:
+        world.close()
+    return Reference(horizon, rewards, lengths, terminated, low, high)
 
 
-EPISODES = 20
-"""Episodes that training measures."""
-FIRST_SEED = 500_000
-"""Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
+def _counted_from(policy: PolicyLike, horizon: int) -> float:
+    """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
+    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
+    return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
+
+
+def training_horizon(policy: PolicyLike, default: int) -> int:
+    """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
+    longest = policy.training_horizon
+    return int(longest) if math.isfinite(longest) else default
 
 
 def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
@@ -103,65 +160,3 @@ def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
             stacklevel=4,
         )
     return given or spec.default_horizon
-
-
-def training_horizon(policy: PolicyLike, default: int) -> int:
-    """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
-    longest = policy.training_horizon
-    return int(longest) if math.isfinite(longest) else default
-
-
-def _counted_from(policy: PolicyLike, horizon: int) -> float:
-    """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
-    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
-    return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
-
-
-def measure_reference(
-    policy: PolicyLike,
-    episodes: int = EPISODES,
-    world: World | None = None,
-    observe: Callable[[LaneStep], None] = lambda lane_step: None,
-) -> Reference:
-    """Run a policy within its training horizon, in this process, and return what it did.
-
-    Args:
-        policy: Acts with its mean; if it has a time-to-go input, its clock counts down as in training.
-        episodes: How many, each from a different start state.
-        world: Where to run, one lane for each episode; it is closed. By default the policy's own task.
-        observe: Called with each step.
-
-    Raises:
-        PerdureError: If the policy does not fit the world, or an episode starts with an observation that is not finite.
-    """
-    world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
-    try:
-        horizon = training_horizon(policy, world.spec.default_horizon)
-        clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
-        loop = ClosedLoop(world, [LanePolicy(policy, clock)] * episodes)
-        first = loop.observations
-        low, high = first.min(axis=0), first.max(axis=0)
-        scale = np.tile(policy.observation_std, (episodes, 1))
-        detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
-        rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
-        lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
-        with one_thread():
-            for step in range(horizon):
-                lane_step = loop.advance()
-                observe(lane_step)
-                result = lane_step.step
-                valid = ~detector.diverged(lane_step)
-                rewards[lane_step.lanes[valid], step // BIN_STEPS] += result.rewards[valid]
-                if valid.any():
-                    low = np.minimum(low, result.observations[valid].min(axis=0))
-                    high = np.maximum(high, result.observations[valid].max(axis=0))
-                if not valid.all():
-                    loop.drop(lane_step.lanes[~valid])
-                ended = result.ended | ~valid
-                lengths[lane_step.lanes[ended]] = step + 1
-                terminated[lane_step.lanes[ended]] = result.terminated[ended]
-                if not len(loop.running):
-                    break
-    finally:
-        world.close()
-    return Reference(horizon, rewards, lengths, terminated, low, high)

@@ -1,7 +1,7 @@
 """Reports: figures and an HTML page from extrapolation tables, without simulation.
 
-    schema.py      the Parquet table: every column declared once, reading, writing, lanes (deployed episodes)
-    estimates.py   groups of lanes with estimates, the verdict on each, the best clock
+    schema.py      the Parquet table: every column declared once, reading, writing, episodes
+    estimates.py   groups of episodes with estimates, the verdict on each, the best clock
     charts.py      charts as plain functions; a figure as PNG, SVG, PDF, or as a specification in a page
     figures.py     which figures a table gives
     page.py        write_report: `page.html` with figures and tables, the figures as files beside it
@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from perdure.report.estimates import estimate_table
     from perdure.report.page import summary_text, write_report
-    from perdure.report.schema import COLUMNS, SCHEMA_VERSION, read_lanes, read_table, write_table
+    from perdure.report.schema import COLUMNS, SCHEMA_VERSION, read_episodes, read_table, write_table
 
 __all__ = [
     "COLUMNS",
     "SCHEMA_VERSION",
     "estimate_table",
-    "read_lanes",
+    "read_episodes",
     "read_table",
     "summary_text",
     "write_report",

@@ -1,8 +1,8 @@
-"""What a table says: groups of lanes with estimates, the verdict on each, and which clock of a policy is best.
+"""What a table says: groups of episodes with estimates, the verdict on each, and which clock of a policy is best.
 
-A group is the lanes that share task, policy and clock; a curve, a row or a dot shows one. Each lane has an outcome in
-the table. The verdict on a group is *holds* if at least HOLDING_SHARE of its lanes hold, otherwise the most common
-other outcome. Clocks of one policy are compared by paired differences on common start states.
+A group is the episodes that share task, policy and clock; a curve, a row or a dot shows one. Each episode has an
+outcome in the table. The verdict on a group is *holds* if at least HOLDING_SHARE of its episodes hold, otherwise the
+most common other outcome. Clocks of one policy are compared by paired differences on common start states.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.report import wording
-from perdure.report.schema import IntArray, Lanes, table_lanes
+from perdure.report.schema import CALM, Episodes, IntArray, table_episodes
 from perdure.stats import (
     BoolArray,
     FloatArray,
@@ -42,8 +42,8 @@ MOTIONLESS = 0.02
 """Movement per step, in training standard deviations, below which a robot is called nearly motionless."""
 MUCH = 2.0
 """Movement counts as changed if its ratio, last to first tenth of the steps, exceeds MUCH or is below 1 / MUCH."""
-LANE_FAILURES = ("falls", "fails silently", "decays", "diverges")
-FAILURES = (*LANE_FAILURES, "never worked", "cannot tell")
+EPISODE_FAILURES = ("falls", "fails silently", "decays", "diverges")
+FAILURES = (*EPISODE_FAILURES, "never worked", "cannot tell")
 """Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
 NO_CLOCK = "none"
 ROUNDING = 1e-9
@@ -59,7 +59,7 @@ VERDICT = (
     .then(pl.lit("cannot tell"))
     .otherwise(pl.col("outcome"))
 )
-"""Outcome of a lane as reports show it, from the columns of a table."""
+"""Outcome of an episode as reports show it, from the columns of a table."""
 _NOTE = (
     pl.when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_note"))
@@ -69,8 +69,9 @@ _NOTE = (
     .then(pl.lit("too few steps, or a final score too close to 75 % to tell"))
     .otherwise(pl.lit(""))
 )
-"""Why a lane has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
-_LEVEL = (pl.col("reference_rate") - pl.col("idle_rate")) / (pl.col("level_rate") - pl.col("idle_rate"))
+"""Why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
+TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
+"""Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
 
 
 # Groups
@@ -78,7 +79,7 @@ _LEVEL = (pl.col("reference_rate") - pl.col("idle_rate")) / (pl.col("level_rate"
 
 @dataclass(frozen=True)
 class Group:
-    """Lanes that share task, line and clock."""
+    """Episodes that share task, line and clock."""
 
     task: str
     line: str
@@ -92,27 +93,27 @@ class Group:
     steps: IntArray
     """Recorded steps, shape (steps,), rising."""
     facts: pl.DataFrame
-    """One row for each lane: the table's columns, `verdict` and `note` (see VERDICT), and `level`, the level of its
-    policy within its training horizon; nan: none is known."""
+    """One row for each episode: the table's columns, `verdict`, `note` and `training_score` (see `VERDICT`,
+    `_NOTE` and `TRAINING_SCORE`)."""
     runs: IntArray
-    """Which training run each lane belongs to, shape (lanes,)."""
+    """Which training run each episode belongs to, shape (episodes,)."""
     returns: FloatArray
-    """Shape (lanes, steps)."""
+    """Shape (episodes, steps)."""
     alive: BoolArray
-    """Shape (lanes, steps)."""
+    """Shape (episodes, steps)."""
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column of `facts`, shape (lanes,)."""
+        """Return a column of `facts`, shape (episodes,)."""
         return self.facts[name].to_numpy()
 
     @property
-    def lanes(self) -> int:
-        """Number of lanes."""
+    def episodes(self) -> int:
+        """Number of episodes."""
         return len(self.runs)
 
     @property
     def verdicts(self) -> list[str]:
-        """Outcome of each lane; "never worked" or "cannot tell" if its policy was that within its training horizon."""
+        """Outcome of each episode; "never worked" or "cannot tell" if its policy was that in training."""
         return self.facts["verdict"].to_list()
 
     @property
@@ -134,73 +135,75 @@ class Group:
     @property
     def only_survival(self) -> bool:
         """Whether every step pays the same, to an idle robot too: there is no gain, only how long an episode lasts."""
-        return bool((self["reference_rate"] == self["idle_rate"]).all())
+        return bool((self["training_rate"] == self["idle_rate"]).all())
 
     @cached_property
     def failed(self) -> BoolArray:
-        """Which lanes fell, diverged, decayed or failed silently, shape (lanes,)."""
-        return np.isin(self.verdicts, LANE_FAILURES)
+        """Which episodes fell, diverged, decayed or failed silently, shape (episodes,)."""
+        return np.isin(self.verdicts, EPISODE_FAILURES)
 
     @cached_property
     def working(self) -> FloatArray:
-        """Share of lanes without a failure so far at each recorded step (Kaplan-Meier), shape (steps,).
+        """Share of episodes without a failure so far at each recorded step (Kaplan-Meier), shape (steps,).
 
-        A lane that the environment cut, or that cannot be judged, is watched until it ended.
+        An episode that the environment cut, or that cannot be judged, is watched until it ended.
         """
         times, shares = kaplan_meier(*failure_times(self.verdicts, self["failed_step"]))
         return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="right")]
 
     @property
     def half_failed_by(self) -> float:
-        """Steps by which half of the lanes have failed, see `half_failed_by`."""
+        """Steps by which half of the episodes have failed, see `half_failed_by`."""
         return half_failed_by(self.verdicts, self["failed_step"])
 
     @cached_property
-    def final_hold(self) -> FloatArray:
-        """Hold score at the end; 0 for lanes that ended, nan where it is not known; shape (lanes,).
+    def final_score(self) -> FloatArray:
+        """Score against its own training at the end; 0 for ended episodes, nan where it is unknown; shape (episodes,).
 
-        A lane that fell before its first whole window counts as 0.
+        An episode that fell before its first whole window counts as 0.
         """
-        ended, hold = ~self.alive[:, -1], self.facts["end_hold"].to_numpy()
-        return np.where(ended & (self.failed | np.isfinite(hold)), 0.0, hold)
+        ended, score = ~self.alive[:, -1], self.facts["end_score_vs_training"].to_numpy()
+        return np.where(ended & (self.failed | np.isfinite(score)), 0.0, score)
 
     def paired(self, other: Group) -> tuple[list[int], list[int]]:
-        """Return the lanes of both groups that have the same policy and start state, in one order."""
+        """Return the episodes of both groups that have the same policy and start state, in one order."""
         mine, its = (
             list(group.facts.select("policy", "train_seed", "eval_seed").iter_rows()) for group in (self, other)
         )
-        place = {key: lane for lane, key in enumerate(its)}
-        pairs = [(lane, place[key]) for lane, key in enumerate(mine) if key in place]
-        return [lane for lane, _ in pairs], [lane for _, lane in pairs]
+        place = {key: episode for episode, key in enumerate(its)}
+        pairs = [(episode, place[key]) for episode, key in enumerate(mine) if key in place]
+        return [episode for episode, _ in pairs], [episode for _, episode in pairs]
 
 
 def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return the steps until each lane failed or was no longer watched, and which failed: for `kaplan_meier`.
+    """Return the steps until each episode failed or was no longer watched, and which failed: for `kaplan_meier`.
 
     Policies that never worked have failed from the start.
     """
     never = np.isin(verdicts, ["never worked"])
-    return np.where(never, 0, failed_step), np.isin(verdicts, LANE_FAILURES) | never
+    return np.where(never, 0, failed_step), np.isin(verdicts, EPISODE_FAILURES) | never
 
 
 def half_failed_by(verdicts: Sequence[str], failed_step: IntArray) -> float:
-    """Return the median of the Kaplan-Meier curve [steps]; nan where less than half of the lanes failed."""
+    """Return the median of the Kaplan-Meier curve [steps]; nan where less than half of the episodes failed."""
     return median_time(*failure_times(verdicts, failed_step))
 
 
-def make_groups(table: pl.DataFrame | Sequence[Lanes]) -> tuple[Group, ...]:
-    """Split an extrapolation table, or its lanes, into groups; PerdureError if the table does not fit the schema.
+def make_groups(table: pl.DataFrame | Sequence[Episodes]) -> tuple[Group, ...]:
+    """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
 
     Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
     constant, periodic, each by its number of steps.
     """
-    tasks = table_lanes(table, "The table") if isinstance(table, pl.DataFrame) else table
+    tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
     groups = []
-    for lanes in tasks:
-        facts = lanes.facts.with_row_index("row").with_columns(verdict=VERDICT, note=_NOTE, level=_LEVEL)
+    for task in tasks:
+        facts = task.facts.with_row_index("row").with_columns(
+            verdict=VERDICT, note=_NOTE, training_score=TRAINING_SCORE
+        )
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
-        mine = [_make_group(lanes, part) for part in facts.partition_by("line", "clock")]
+        mine = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
         groups += sorted(mine, key=lambda group: (order[group.line], *_clock_order(group)))
     return tuple(groups)
 
@@ -214,7 +217,9 @@ def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
     pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
     ambiguous = horizon.n_unique().over("method") > 1
     method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", shown)).otherwise(pl.lit(""))
-    return facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
+    facts = facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
+    disturbed = pl.format("{} under {}", "line", "disturbance")
+    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("line").otherwise(disturbed))
 
 
 def _clock_order(group: Group) -> tuple[int, str, float, str]:
@@ -226,16 +231,16 @@ def _clock_order(group: Group) -> tuple[int, str, float, str]:
 _OF_GROUP = ("task", "line", "clock", "clock_kind", "clock_steps", "train_horizon", "test_horizon")
 
 
-def _make_group(lanes: Lanes, part: pl.DataFrame) -> Group:
+def _make_group(episodes: Episodes, part: pl.DataFrame) -> Group:
     rows = part["row"].to_numpy()
     runs = part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy()
     return Group(
         **part.select(_OF_GROUP).row(0, named=True),
-        steps=lanes.steps,
+        steps=episodes.steps,
         facts=part.drop("row", "place"),
         runs=runs,
-        returns=lanes.returns[rows],
-        alive=lanes.alive[rows],
+        returns=episodes.returns[rows],
+        alive=episodes.alive[rows],
     )
 
 
@@ -254,11 +259,11 @@ class Estimate:
     return_units: FloatArray
     """Of the units of these intervals, shape (units, points)."""
     survival: Interval
-    """Share of lanes alive, shape (points,)."""
+    """Share of episodes alive, shape (points,)."""
     working: Interval
     """Share of episodes without a failure so far (Kaplan-Meier), shape (points,); no bounds once an episode is cut."""
-    final_hold: Interval
-    """Hold score at the end, ended episodes count 0; shape ()."""
+    final_score: Interval
+    """Score against its own training at the end, ended episodes count 0; shape ()."""
     verdict: Verdict
 
     @property
@@ -271,8 +276,8 @@ Estimates = dict[str, list[Estimate]]
 """Every group's estimates by task, in the table's order."""
 
 
-def estimate_table(table: pl.DataFrame | Sequence[Lanes]) -> Estimates:
-    """Estimate every group of a table, or of its lanes; PerdureError if the table does not fit the schema."""
+def estimate_table(table: pl.DataFrame | Sequence[Episodes]) -> Estimates:
+    """Estimate every group of a table, or of its episodes; PerdureError if the table does not fit the schema."""
     rng, found = np.random.default_rng(SEED), Estimates()
     for group in make_groups(table):
         found.setdefault(group.task, []).append(estimate_group(group, rng))
@@ -280,9 +285,9 @@ def estimate_table(table: pl.DataFrame | Sequence[Lanes]) -> Estimates:
 
 
 def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
-    """Estimate a group: lanes averaged within training runs, intervals over runs (see `perdure.stats`)."""
+    """Estimate a group: episodes averaged within training runs, intervals over runs (see `perdure.stats`)."""
     kept = thin(group.steps, MOST_POINTS)
-    known = np.isfinite(group.final_hold)
+    known = np.isfinite(group.final_score)
     rows = known if known.any() else np.ones_like(known)
     units = make_units(group.returns[:, kept], group.runs)
     return Estimate(
@@ -292,15 +297,15 @@ def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
         return_units=units.values,
         survival=survival_interval(group.alive[:, kept], group.runs, rng),
         working=_working(group, kept, rng),
-        final_hold=mean_interval(group.final_hold[rows], group.runs[rows], rng),
+        final_score=mean_interval(group.final_score[rows], group.runs[rows], rng),
         verdict=judge(group, rng),
     )
 
 
 def _working(group: Group, kept: IntArray, rng: np.random.Generator) -> Interval:
-    """Return the Kaplan-Meier curve over all lanes; the interval is that of the share of failed lanes.
+    """Return the Kaplan-Meier curve over all episodes; the interval is that of the share of failed episodes.
 
-    Both agree until the first lane is cut or can no longer be judged; from then on there is no interval.
+    Both agree until the first episode is cut or can no longer be judged; from then on there is no interval.
     """
     times, failed = failure_times(group.verdicts, group["failed_step"])
     interval = survival_interval(~failed[:, None] | (times[:, None] > group.steps[None, kept]), group.runs, rng)
@@ -345,13 +350,13 @@ class Verdict:
         group = self.group
         if self.label == "holds":
             return f"{group.label}: holds for {wording.whole(float(group.test_horizon))} steps"
-        return f"{group.label}: {self.label}" + ("" if self.count == group.lanes else self._counted)
+        return f"{group.label}: {self.label}" + ("" if self.count == group.episodes else self._counted)
 
     @property
     def sentence(self) -> str:
         """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
         low, high = float(self.share.lower), float(self.share.upper)
-        counted = self._counted if self.label == "holds" or self.count == self.group.lanes else ""
+        counted = self._counted if self.label == "holds" or self.count == self.group.episodes else ""
         if self.label == "holds" and low < high:
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
         elif self.label == "holds" and low == high:  # runs without a difference show no spread, which is no certainty
@@ -360,7 +365,7 @@ class Verdict:
 
     @property
     def _counted(self) -> str:
-        return f" in {self.count} of {wording.count(self.group.lanes, 'episode')}"
+        return f" in {self.count} of {wording.count(self.group.episodes, 'episode')}"
 
     @property
     def _training_seeds(self) -> str:
@@ -410,24 +415,28 @@ def headline(verdicts: Sequence[Verdict]) -> str:
 
 
 def _evidence(group: Group, label: str) -> str:
-    lanes = group.facts.filter(verdict=label)
-    if lanes.is_empty():
+    episodes = group.facts.filter(verdict=label)
+    if episodes.is_empty():
         return ""
     if label in ("never worked", "cannot tell"):
-        notes = Counter(filter(None, lanes["note"]))
+        notes = Counter(filter(None, episodes["note"]))
         return notes.most_common(1)[0][0] if notes else ""
     if label == "holds":
         if group.only_survival:
             return "every step pays the same, so only survival is judged"
-        rate = wording.share(float(lanes["end_hold"].to_numpy().mean()))
-        paused = int(lanes["ever_idle"].sum())
-        pauses = f"; {paused} of them fell below a quarter of it for a while" if paused else ""
-        return f"gain over an idle robot at the end: {rate} of that in training{pauses}"
-    middle = float(np.median(lanes["failed_step"].to_numpy()))
+        score = float(episodes["end_score_vs_training"].to_numpy().mean())
+        paused = int(episodes["ever_idle"].sum())
+        pauses = f"; {wording.count(paused, 'episode')} scored below 0.25 for a while" if paused else ""
+        return f"score against its own training at the end: {score:.2f}{pauses}"
+    began, ended = (episodes[name].to_numpy() for name in ("failed_step", "end_step"))
+    middle = float(np.median(began))
     parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]
+    if label in ("falls", "diverges"):
+        idle = f"idle {parts[0]}, {label} " if (began < ended).mean() > 0.5 else ""
+        parts = [f"{idle}at step {wording.whole(float(np.median(ended)))} (median)"]
     if label == "fails silently":
-        parts += _instead(lanes)
-    (detail, number), *_ = Counter(each.split(" left ")[0] for each in lanes["end_detail"]).most_common(1)
+        parts += _instead(episodes)
+    (detail, number), *_ = Counter(each.split(" left ")[0] for each in episodes["end_detail"]).most_common(1)
     if detail.startswith("observation[") and number > 1:
         parts.append(f"{detail} was the first to leave its training range in {number}")
     elif label == "diverges" and detail:
@@ -435,10 +444,10 @@ def _evidence(group: Group, label: str) -> str:
     return "; ".join(parts)
 
 
-def _instead(lanes: pl.DataFrame) -> list[str]:
+def _instead(episodes: pl.DataFrame) -> list[str]:
     """Return the behavior of robots that fail silently, with counts, as text."""
-    last, first = lanes["movement_last"].to_numpy(), lanes["movement_first"].to_numpy()
-    early = lanes["failed_step"].to_numpy() < 0.1 * lanes["test_horizon"].to_numpy()
+    last, first = episodes["movement_last"].to_numpy(), episodes["movement_first"].to_numpy()
+    early = episodes["failed_step"].to_numpy() < 0.1 * episodes["test_horizon"].to_numpy()
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = last / first
     kinds = np.select(
@@ -447,7 +456,7 @@ def _instead(lanes: pl.DataFrame) -> list[str]:
         "moving as much as before",
     )
     kind, number = Counter(kinds.tolist()).most_common(1)[0]
-    worse = int((lanes["end_hold"].to_numpy() < -0.05).sum())
+    worse = int((episodes["end_score_vs_training"].to_numpy() < -0.05).sum())
     parts = [(kind, number)] * bool(kind) + [("earning less than an idle robot", worse)] * bool(worse)
     return [what if count == len(last) else f"{what} in {count} of {len(last)}" for what, count in parts]
 
@@ -466,7 +475,7 @@ def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
         clocks = list(items)
         first = clocks[0].group
         if len(clocks) < 2 or any(
-            len(first.paired(each.group)[0]) < max(first.lanes, each.group.lanes) for each in clocks
+            len(first.paired(each.group)[0]) < max(first.episodes, each.group.episodes) for each in clocks
         ):
             continue
         best = best_clock(clocks)

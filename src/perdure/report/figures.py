@@ -21,7 +21,7 @@ _SELECTED = "Of every kind of clock the best C is shown, chosen on these episode
 _OVER_STEPS = {
     "working": (
         *("working", "Episodes that have not failed", "share of episodes that have not failed"),
-        "Failure: a fall, a divergence, or a hold score that stays below 0.75 until the end. ",
+        "Failure: a fall, a divergence, or a score against its own training that stays below 0.75 until the end. ",
     ),
     "survival": ("survival", "Episodes that have not ended", "share of episodes that have not ended", ""),
     # On a logarithmic axis, a cumulative return with linear growth would be curved.
@@ -42,7 +42,7 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
 
     Returns:
         Episodes without failure, survival and reward over steps; per swept method and kind of clock these again with
-        all C; the return at the end against C when there are two or more values; the hold score at the end.
+        all C; the return at the end against C when there are two or more values; the score at the end.
     """
     shown = overview(estimates)
     some = len(shown) < len(estimates)
@@ -52,7 +52,7 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
         if some and len(sweep) > 2:
             title = f"{line}, {wording.clock(kind, 'C')}"
             figures += [_over_steps(what, title, baselines + sweep) for what in _OVER_STEPS]
-    figures += [*_against_c(estimates), *_hold_at_the_end(estimates)]
+    figures += [*_against_c(estimates), *_score_at_the_end(estimates)]
     task = estimates[0].group.task
     return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
 
@@ -132,7 +132,7 @@ def _styles(chosen: Sequence[Estimate]) -> list[Style]:
 
 
 def _episodes(chosen: Sequence[Estimate]) -> str:
-    return wording.sample([item.group.lanes for item in chosen], "episode")
+    return wording.sample([item.group.episodes for item in chosen], "episode")
 
 
 def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
@@ -182,21 +182,21 @@ def _against_c(estimates: Sequence[Estimate]) -> list[Figure]:
     return [Figure("return-against-c", f"Return of {last} steps by the steps to go given to the policy", chart, note)]
 
 
-def _hold_at_the_end(estimates: Sequence[Estimate]) -> list[Figure]:
-    """Draw the hold score at the end, if it is known; only of the first figures' groups if there are too many."""
+def _score_at_the_end(estimates: Sequence[Estimate]) -> list[Figure]:
+    """Draw the score at the end, if it is known; only of the first figures' groups if there are too many."""
     shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
-    known = [item for item in shown if np.isfinite(float(item.final_hold.estimate))]
+    known = [item for item in shown if np.isfinite(float(item.final_score.estimate))]
     if not known:
         return []
-    middle = np.array([float(item.final_hold.estimate) for item in known])
-    lower, upper = np.array([item.final_hold.last() for item in known]).T
+    middle = np.array([float(item.final_score.estimate) for item in known])
+    lower, upper = np.array([item.final_score.last() for item in known]).T
     wide = len(known) > MOST_CURVES
     chart = point_chart(
-        [f"{item.group.label} (n = {item.group.lanes})" for item in known],
+        [f"{item.group.label} (n = {item.group.episodes})" for item in known],
         [Points("at the end", range(len(known)), middle, charts.style(0), lower, upper)],
-        Axis("hold score (1: as in training, 0: no better than idle)", low=0.0),
+        Axis("score against its own training (0: an idle robot, 1: as in training)", low=0.0),
         charts.WIDE if wide else charts.WIDTH,
     )
-    over = _notes(known, "final_hold", "Bars:")
+    over = _notes(known, "final_score", "Bars:")
     note = f"{over} Mean of the last tenth of the steps; an episode that ended counts 0."
-    return [Figure("hold", "Gain over an idle robot at the end, beside that in training", chart, note, wide=wide)]
+    return [Figure("score", "Score at the end against its own training", chart, note, wide=wide)]

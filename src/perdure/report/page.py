@@ -23,7 +23,7 @@ from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import SEED, Estimate, Estimates, best_clocks, estimate_table, headline
 from perdure.report.figures import make_figures
-from perdure.report.schema import TABLE, read_lanes
+from perdure.report.schema import TABLE, read_episodes
 from perdure.runs import write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
@@ -143,7 +143,7 @@ def summary_text(table: Table | Estimates) -> str:
 def _estimates(table: Table | Estimates) -> Estimates:
     if isinstance(table, dict):
         return table
-    return estimate_table(table if isinstance(table, pl.DataFrame) else read_lanes(table)[0])
+    return estimate_table(table if isinstance(table, pl.DataFrame) else read_episodes(table)[0])
 
 
 def _points(estimates: Sequence[Estimate]) -> Iterator[str]:
@@ -162,7 +162,7 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
             "Training runs of one method often differ more than methods do. A run that you choose here was chosen on "
             "these start states: confirm it on others (--first-eval-seed)."
         )
-        headings = ("policy", "clock", "training seed", "episodes", "return", "verdict", "hold", "episodes that")
+        headings = ("policy", "clock", "training seed", "episodes", "return", "verdict", END_SCORE, "episodes that")
         yield table("Training runs", headings, runs, note)
     if clocks := list(_clock_rows(estimates, np.random.default_rng(SEED))):
         note = (
@@ -201,17 +201,18 @@ def _column_mean(name: str, item: Estimate) -> str:
     return _mean(item.group[name])
 
 
+END_SCORE = "end vs training"
 _CELLS: dict[str, Callable[[Estimate], str]] = {
     "policy": lambda item: item.group.line,
     "clock": lambda item: item.group.clock,
-    "episodes": lambda item: f"{item.group.lanes:,}",
+    "episodes": lambda item: f"{item.group.episodes:,}",
     "return": lambda item: wording.quantity(item.final_return),
     "95 % interval": lambda item: _bounds(item.returns),
     "verdict": lambda item: item.verdict.label,
-    "hold": lambda item: wording.quantity(float(item.final_hold.estimate)),
+    END_SCORE: lambda item: wording.quantity(float(item.final_score.estimate)),
     "running": lambda item: _mean(item.group.alive[:, -1]),
     **{column.shown: partial(_column_mean, name) for name, column in TABLE.items() if column.shown},
-    "level": lambda item: _mean(item.group["level"]),
+    "training vs published": lambda item: _mean(item.group["training_score"]),
     "half failed by": _half_failed_by,
     "episodes that": lambda item: _outcomes(item.group.verdicts),
 }
@@ -230,7 +231,7 @@ def _run_rows(estimates: Sequence[Estimate]) -> Iterator[tuple[str, ...]]:
             mine = group["train_seed"] == seed
             verdicts = [verdict for verdict, chosen in zip(group.verdicts, mine, strict=True) if chosen]
             mean = wording.quantity(float(group.returns[mine, -1].mean()))
-            cells = (str(seed), f"{len(verdicts):,}", mean, label, _mean(group.final_hold[mine]), _outcomes(verdicts))
+            cells = (str(seed), f"{len(verdicts):,}", mean, label, _mean(group.final_score[mine]), _outcomes(verdicts))
             yield group.line, group.clock, *cells
 
 

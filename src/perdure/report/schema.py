@@ -1,8 +1,10 @@
-"""The table `perdure.extrapolation`, version 2: one row per episode ("lane") and recorded step, as Parquet.
+"""The table `perdure.extrapolation`, version 3: one row per episode and recorded step, as Parquet.
 
-`TABLE` declares every column once: its type, what it may hold, what it means, and how the report shows it. All lanes of
-a task share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file and
-what the writer adds, such as the `command`.
+An episode is one deployed run: a policy under a clock from a start state.
+
+`TABLE` declares every column once: its type, what it may hold, what it means, and how the report shows it. All episodes
+of a task share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file
+and what the writer adds, such as the `command`.
 
 """
 
@@ -25,7 +27,7 @@ from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns
 
 SCHEMA_NAME = "perdure.extrapolation"
-SCHEMA_VERSION = "2"
+SCHEMA_VERSION = "3"
 MOST_STEPS = 10**15
 
 # The declaration
@@ -39,8 +41,8 @@ class Column:
     """What it may hold; the type follows from it."""
     about: str
     """What it means, with its unit."""
-    of: Literal["key", "lane", "step"] = "lane"
-    """Whether it identifies the lane, describes it (equal in all its rows), or changes from step to step."""
+    of: Literal["key", "episode", "step"] = "episode"
+    """Whether it identifies the episode, describes it (equal in all its rows), or changes from step to step."""
     shown: str = ""
     """Heading of its mean over episodes in the report's table; "": not shown there."""
 
@@ -71,6 +73,9 @@ END_REASONS = ("survived", "terminated", "truncated", "diverged")
 POLICY_STATES = ("worked", "never worked", "cannot tell")
 OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
 
+CALM = "none"
+"""`disturbance` of an episode that nothing disturbed."""
+
 TABLE: dict[str, Column] = {
     "policy": Column(NAME, "label of the policy, e.g. its file's stem", "key"),
     "method": Column(NAME, 'how it was trained, e.g. "geometric"'),
@@ -81,12 +86,13 @@ TABLE: dict[str, Column] = {
     "clock_kind": Column(NAME, '"constant", "periodic", "countdown", "none"'),
     "clock_steps": Column(_CLOCK_STEPS, "the clock's number, e.g. C = 500; nan where there is none"),
     "eval_seed": Column(Whole(), "start state: the same for every policy and clock of a task", "key"),
-    "test_horizon": Column(_STEPS, "steps of the lane, unless it ended earlier"),
+    "disturbance": Column(NAME, 'what disturbed the episode, e.g. "action_noise:0.1 push:0.5"; "none": nothing', "key"),
+    "test_horizon": Column(_STEPS, "steps of the episode, unless it ended earlier"),
     "step": Column(_STEPS, "a recorded step, > 0", "step"),
-    "return": Column(Real(), "sum of rewards over the first `step` steps; an ended lane keeps its last value", "step"),
-    "alive": Column(Flag(), "the lane completed `step` steps without ending before", "step"),
-    "end_reason": Column(Choice(END_REASONS), "why the lane ended"),
-    "end_step": Column(_STEPS, "steps the lane lasted"),
+    "return": Column(Real(), "sum of rewards over the first `step` steps, or over all if it ended before", "step"),
+    "alive": Column(Flag(), "the episode completed `step` steps without ending before", "step"),
+    "end_reason": Column(Choice(END_REASONS), "why the episode ended"),
+    "end_step": Column(_STEPS, "steps the episode lasted"),
     "end_detail": Column(
         Text(2000),
         "what led to the end: sign of divergence, first observation outside its training range; may be empty",
@@ -94,20 +100,19 @@ TABLE: dict[str, Column] = {
     "movement_first": Column(
         _MOVEMENT, "movement per step in the first tenth of `test_horizon`, in training standard deviations"
     ),
-    "movement_last": Column(_MOVEMENT, "likewise in the last tenth; nan for a lane that ended before"),
+    "movement_last": Column(_MOVEMENT, "likewise in the last tenth; nan for an episode that ended before"),
     "idle_rate": Column(_RATE, "reward per step of an idle robot: the better of zero and random actions"),
-    "reference_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
-    "level_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),
+    "training_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
+    "published_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),
     "window": Column(Whole(0, MOST_STEPS), "steps of the windows that are judged; 0: none"),
     "policy_state": Column(Choice(POLICY_STATES), "whether it gains enough over idle within its training horizon"),
     "policy_note": Column(Text(2000), "the evidence for that"),
-    "outcome": Column(Choice(OUTCOMES), "the verdict on the lane"),
-    "failed_step": Column(
-        Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all steps of the lane"
-    ),
-    "end_hold": Column(
+    "outcome": Column(Choice(OUTCOMES), "the verdict on the episode"),
+    "failed_step": Column(Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all its steps"),
+    "end_score_vs_training": Column(
         Real(unknown=True),
-        "(rate - idle) / (reference - idle) in the last tenth, or before the lane ended; nan: not known",
+        "score against its own training in the last tenth, or before the episode ended: (rate - idle_rate) / "
+        "(training_rate - idle_rate), 0: an idle robot, 1: as in training; nan: not known",
     ),
     "ever_idle": Column(
         Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle", shown="ever idle"
@@ -115,8 +120,8 @@ TABLE: dict[str, Column] = {
 }
 COLUMNS: dict[str, type[pl.DataType]] = {name: column.type for name, column in TABLE.items()}
 """Name and type of every column, in order."""
-LANE = tuple(name for name, column in TABLE.items() if column.of == "key")
-OF_LANE = tuple(name for name, column in TABLE.items() if column.of == "lane")
+EPISODE = tuple(name for name, column in TABLE.items() if column.of == "key")
+OF_EPISODE = tuple(name for name, column in TABLE.items() if column.of == "episode")
 CURVES = tuple(name for name, column in TABLE.items() if column.of == "step")
 ROW = Table(
     {name: column.kind for name, column in TABLE.items()},
@@ -128,8 +133,8 @@ ROW = Table(
         Rule("the recorded step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
         Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
         Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),
-        Rule("the lane is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),
-        Rule("the lane has ended before its end_step", lambda of: ~of("alive") & (of("step") < of("end_step"))),
+        Rule("the episode is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),
+        Rule("the episode has ended before its end_step", lambda of: ~of("alive") & (of("step") < of("end_step"))),
     ),
 )
 """One row, checked."""
@@ -162,7 +167,7 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
         PerdureError: The frame does not fit the schema, or the metadata uses a reserved name.
         OSError: The file cannot be written; an old one is untouched.
     """
-    table_lanes(frame, "The table to write")
+    table_episodes(frame, "The table to write")
     for name, value in metadata.items():
         if name in _RESERVED or not isinstance(value, str):
             raise PerdureError(f"Metadata {name!r} = {value!r} cannot be: values are text, {_RESERVED} are reserved.")
@@ -182,21 +187,21 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
     """
     parquet, notes = _open(Path(path))
     frame = parquet.read(list(COLUMNS))
-    table_lanes(frame, str(path))
+    table_episodes(frame, str(path))
     return frame, notes
 
 
-def read_lanes(path: str | os.PathLike[str]) -> tuple[tuple[Lanes, ...], dict[str, str]]:
-    """Read an extrapolation table as its lanes, column by column with little memory.
+def read_episodes(path: str | os.PathLike[str]) -> tuple[tuple[Episodes, ...], dict[str, str]]:
+    """Read an extrapolation table as its episodes, column by column with little memory.
 
     Returns:
-        (lanes of each task, metadata without the reserved names).
+        (episodes of each task, metadata without the reserved names).
 
     Raises:
         PerdureError: As `read_table`.
     """
     parquet, notes = _open(Path(path))
-    return _lanes(lambda name: parquet.read([name]).get_column(name), str(path)), notes
+    return _episodes(lambda name: parquet.read([name]).get_column(name), str(path)), notes
 
 
 def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
@@ -242,8 +247,8 @@ def _check_columns(found: Mapping[str, object], name: str) -> None:
             raise PerdureError(f"{name}: column {column!r} is {found[column]}, not {kind.__name__}.")
 
 
-# Lanes: a table repeats a lane's labels at every recorded step, and a large one has millions of rows and thirty
-# columns. Columns are therefore read one by one, and most are kept only for each lane's last recorded step.
+# Episodes: a table repeats an episode's labels at every recorded step, and a large one has millions of rows and thirty
+# columns. Columns are therefore read one by one, and most are kept only for each episode's last recorded step.
 
 Columns = Callable[[str], pl.Series]
 """Name of a column to the column."""
@@ -251,56 +256,56 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Lanes:
-    """All lanes of one task."""
+class Episodes:
+    """All episodes of one task."""
 
     steps: IntArray
     """Recorded steps, shape (m,), rising."""
     facts: pl.DataFrame
-    """One row for each lane: every column of the table but `CURVES`, and `place`, the row that names the lane first."""
+    """One row for each episode: every column of the table but `CURVES`, and `place`, the row that names it first."""
     returns: NDArray[np.float64]
-    """Shape (lanes, m)."""
+    """Shape (episodes, m)."""
     alive: NDArray[np.bool_]
-    """Shape (lanes, m)."""
+    """Shape (episodes, m)."""
 
 
-def table_lanes(frame: pl.DataFrame, name: str) -> tuple[Lanes, ...]:
-    """Return the lanes of a table, tasks in the order in which it names them.
+def table_episodes(frame: pl.DataFrame, name: str) -> tuple[Episodes, ...]:
+    """Return the episodes of a table, tasks in the order in which it names them.
 
     Raises:
-        PerdureError: The frame does not fit the schema, a lane has two rows for one step or more than one value of a
-            column that describes it, or lanes of a task differ in recorded steps or test horizon. The sentence begins
-            with `name`.
+        PerdureError: The frame does not fit the schema, an episode has two rows for one step or two values of a column
+            that describes it, or episodes of a task differ in recorded steps or test horizon. The sentence begins with
+            `name`.
     """
     _check_columns(frame.schema, name)
-    return _lanes(frame.get_column, name)
+    return _episodes(frame.get_column, name)
 
 
-def _lanes(column: Columns, name: str) -> tuple[Lanes, ...]:
+def _episodes(column: Columns, name: str) -> tuple[Episodes, ...]:
     if column("step").is_empty():
         raise PerdureError(f"{name} has no rows.")
     try:
         check_columns(column, ROW)
     except PerdureError as error:
         raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
-    codes = [_codes(column(each)) for each in (*LANE, "step")]
+    codes = [_codes(column(each)) for each in (*EPISODE, "step")]
     order = np.lexsort(codes[::-1])
     *keys, steps = (each[order] for each in codes)
     del codes
-    # Whether a row belongs to the lane of the row before it.
+    # Whether a row belongs to the episode of the row before it.
     inside = np.all([key[1:] == key[:-1] for key in keys], axis=0)
     del keys
     again = np.flatnonzero(inside & (steps[1:] == steps[:-1]))
     if again.size:
         row = int(order[again[0] + 1])
-        lane = tuple(column(each)[row] for each in LANE)
-        raise PerdureError(f"{name} has the lane {lane} twice at step {column('step')[row]}.")
-    for each in OF_LANE:
+        episode = tuple(column(each)[row] for each in EPISODE)
+        raise PerdureError(f"{name} has the episode {episode} twice at step {column('step')[row]}.")
+    for each in OF_EPISODE:
         values = _codes(column(each))[order]
         changed = np.flatnonzero(inside & (values[1:] != values[:-1]))
         if changed.size:
             task = column("task")[int(order[changed[0]])]
-            raise PerdureError(f"{name}: a lane on {task} has more than one {each}.")
+            raise PerdureError(f"{name}: an episode on {task} has more than one {each}.")
     starts = np.flatnonzero(np.concatenate([[True], ~inside]))
     lengths = np.diff([*starts, len(order)])
     last = order[starts + lengths - 1]
@@ -315,10 +320,10 @@ def _lanes(column: Columns, name: str) -> tuple[Lanes, ...]:
             or (steps[index] != steps[index[0]]).any()
             or facts["test_horizon"][mine].n_unique() > 1
         ):
-            raise PerdureError(f"{name}: the lanes on {task} do not share their recorded steps and test horizon.")
+            raise PerdureError(f"{name}: the episodes on {task} do not share their recorded steps and test horizon.")
         parts.append((steps[index[0]], facts[mine], order[index]))
     returns, alive = column("return").to_numpy(), column("alive").to_numpy()
-    return tuple(Lanes(at, described, returns[rows], alive[rows]) for at, described, rows in parts)
+    return tuple(Episodes(at, described, returns[rows], alive[rows]) for at, described, rows in parts)
 
 
 def _codes(values: pl.Series) -> IntArray:

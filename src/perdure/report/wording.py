@@ -61,5 +61,5 @@ def horizon(value: float) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """Format (1, "lane") as "1 lane" and (3, "lane") as "3 lanes"."""
+    """Format (1, "episode") as "1 episode" and (3, "episode") as "3 episodes"."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

@@ -15,29 +15,9 @@ from perdure.errors import PerdureError
 from perdure.runs.files import write_atomic
 from perdure.schema import Record, read_json
 
-# Digest of the source code that made a unit: results of another source version are reused with a warning.
-
-
 PACKAGE = Path(__file__).parents[1]
-
-
-@cache
-def source_digest(package: Path = PACKAGE) -> str:
-    """Return the SHA-256, in hexadecimal, of the names and contents of all Python files in the folder `package`.
-
-    It is that of the files when it is first asked for. Comments count: a digest that knew better would differ from one
-    version of Python to the next.
-    """
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        content = path.read_bytes()
-        digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
-
-
 RECORD = "unit.json"
 """The file inside every unit that says what the unit is."""
-
 _PART = re.compile(r"[A-Za-z0-9_(][A-Za-z0-9._+=,@()-]*")
 _LONGEST_KEY = 200
 _SHOWN = 6
@@ -123,20 +103,18 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def canonical_json(config: Mapping[str, Any], name: str) -> str:
-    """Return `config` as JSON text that depends on its content only.
+@cache
+def source_digest(package: Path = PACKAGE) -> str:
+    """Return the SHA-256, in hexadecimal, of the names and contents of all Python files in the folder `package`.
 
-    Raises:
-        PerdureError: Something in it is no JSON value (NaN and infinity are none either); the sentence calls it `name`.
+    It is that of the files when it is first asked for. Comments count: a digest that knew better would differ from one
+    version of Python to the next.
     """
-    if not isinstance(config, Mapping):
-        raise PerdureError(f"{name} must be a mapping, not {type(config).__name__}.")
-    for field, value in flatten(config):
-        if not isinstance(value, str | int | float | bool | None):
-            raise PerdureError(f"{name} has {field} = {value!r} ({type(value).__name__}), which JSON cannot hold.")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise PerdureError(f'{name} has {field} = {value}, which JSON cannot hold: write it as text, e.g. "inf".')
-    return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=True, default=dict)
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
 
 
 def check_key(key: str) -> str:
@@ -153,6 +131,22 @@ def check_key(key: str) -> str:
             f'none of them starting with a dot or a dash, such as "Hopper-v3/geometric/seed-0".'
         )
     return key
+
+
+def canonical_json(config: Mapping[str, Any], name: str) -> str:
+    """Return `config` as JSON text that depends on its content only.
+
+    Raises:
+        PerdureError: Something in it is no JSON value (NaN and infinity are none either); the sentence calls it `name`.
+    """
+    if not isinstance(config, Mapping):
+        raise PerdureError(f"{name} must be a mapping, not {type(config).__name__}.")
+    for field, value in flatten(config):
+        if not isinstance(value, str | int | float | bool | None):
+            raise PerdureError(f"{name} has {field} = {value!r} ({type(value).__name__}), which JSON cannot hold.")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise PerdureError(f'{name} has {field} = {value}, which JSON cannot hold: write it as text, e.g. "inf".')
+    return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=True, default=dict)
 
 
 def describe_difference(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> str:

@@ -43,23 +43,6 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         yield draw
 
 
-class _Rate:
-    """Work per second since the first report, so that compilation does not count."""
-
-    def __init__(self, measure: str) -> None:
-        self._measure = measure
-        self._first: tuple[float, float] | None = None
-
-    def words(self, status: Status) -> str:
-        done, now = sum(each.done for each in status.values()), time.monotonic()
-        if not self._measure or not done:
-            return ""
-        if self._first is None or done < self._first[0]:
-            self._first = done, now
-        made, elapsed = done - self._first[0], now - self._first[1]
-        return f"{made / elapsed:,.0f} {self._measure}/s" if made and elapsed else ""
-
-
 class _Lines:
     """Prints a line now and then, the first one after LINE_SECONDS: short runs stay silent."""
 
@@ -88,6 +71,23 @@ class _Lines:
         left = f"  {_duration(elapsed * (1 - share) / made)} left" if made > 0 and share < 1 else ""
         words = _words(self._status, self._rate)
         print(f"{time.strftime('%H:%M:%S')}  {self._title}  {share:.0%}  {words}{left}", file=sys.stderr, flush=True)
+
+
+class _Rate:
+    """Work per second since the first report, so that compilation does not count."""
+
+    def __init__(self, measure: str) -> None:
+        self._measure = measure
+        self._first: tuple[float, float] | None = None
+
+    def words(self, status: Status) -> str:
+        done, now = sum(each.done for each in status.values()), time.monotonic()
+        if not self._measure or not done:
+            return ""
+        if self._first is None or done < self._first[0]:
+            self._first = done, now
+        made, elapsed = done - self._first[0], now - self._first[1]
+        return f"{made / elapsed:,.0f} {self._measure}/s" if made and elapsed else ""
 
 
 def total_share(status: Status) -> float:

@@ -14,7 +14,6 @@ from perdure.errors import PerdureError
 from perdure.runs.files import write_atomic
 from perdure.runs.store import Store, Unit, attempt, read_progress
 from perdure.runs.workers import Ended, Workers, core_count, make_workers, one_line
-from perdure.schema import Record, printable, read_json
 
 POLL_SECONDS = 0.25
 BUSY_SECONDS = 1.0
@@ -54,7 +53,6 @@ def run_units(
     root: str | Path,
     workers: Workers | None = None,
     observe: Observer = lambda status: None,
-    retry: bool = True,
     threads: int = 1,
     waiting: Callable[[], None] = lambda: None,
 ) -> None:
@@ -68,7 +66,6 @@ def run_units(
         root: Folder of the store.
         workers: Processes that run them; by default this process, one unit after the other.
         observe: Called with the status of all units, about four times a second and at every report in this process.
-        retry: Whether units whose failure is on record are tried again.
         threads: Cores for a unit that runs in this process.
         waiting: Called once, before waiting for units that other commands run, unless a unit has failed. What it raises
             ends the run.
@@ -78,13 +75,11 @@ def run_units(
         PerdureError: A unit cannot be stored, or two of one key differ.
     """
     run = _Run(units, Store(root), observe, waiting)
-    if not retry:
-        run.skip_failed()
     if workers is None:
-        run.here(threads)
+        run.run_here(threads)
     else:
         with workers:
-            run.on(workers)
+            run.run_on(workers)
     run.raise_failures()
 
 
@@ -136,23 +131,10 @@ def read_unit_progress(
     return UnitProgress("finished" if finished else "waiting", done, total, facts, "", size)
 
 
-class _Failure(Record, frozen=True):
-    """A failure on disk."""
-
-    error: str
-
-
-def _recorded_error(path: Path) -> str:
-    try:
-        return printable(read_json(path.read_bytes(), _Failure).error)
-    except (OSError, PerdureError):
-        return f"its error cannot be read from {path}"
-
-
 class _Run:
     def __init__(self, units: Sequence[Unit], store: Store, observe: Observer, waiting: Callable[[], None]) -> None:
         self._store, self._observe, self._waiting = store, observe, waiting
-        self._told = False
+        self._announced = False
         self._units = {unit.key: unit for unit in units}
         if len(self._units) < len(units):
             keys = [unit.key for unit in units]
@@ -166,7 +148,7 @@ class _Run:
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 
-    def here(self, threads: int) -> None:
+    def run_here(self, threads: int) -> None:
         """Run everything in this process, the unit that is furthest behind first."""
         self._observe(self._status)
         while (unit := self._next()) is not None or self._wait_for_others():
@@ -175,40 +157,33 @@ class _Run:
             self._set(unit.key, "running")
             try:
                 result = attempt(self._store.root, unit, threads, self._reporter(unit.key))
-                self._took(Ended(unit.key, result))
+                self._record_end(Ended(unit.key, result))
             except Exception as error:
                 self._errors[unit.key] = error
-                self._took(Ended(unit.key, None, one_line(error)))
+                self._record_end(Ended(unit.key, None, one_line(error)))
             self._observe(self._status)
 
-    def on(self, workers: Workers) -> None:
+    def run_on(self, workers: Workers) -> None:
         """Keep workers busy until nothing more can be run."""
         while True:
             while workers.free and (unit := self._next()) is not None:
                 self._set(unit.key, "running")
                 workers.start(self._store.root, unit)
-            self._observe(self.look())
+            self._observe(self.refresh())
             running = any(each.state == "running" for each in self._status.values())
             if not running and not self._wait_for_others():
                 return
             if running:
                 for ended in workers.wait(POLL_SECONDS):
-                    self._took(ended)
+                    self._record_end(ended)
 
-    def look(self) -> Status:
+    def refresh(self) -> Status:
         """Return the status with the last report of every unit that is not finished."""
         for key, each in self._status.items():
             if each.state in ("waiting", "running", "busy"):
                 done, total, facts = read_progress(self._store, key)
                 self._status[key] = replace(each, done=done, total=total, facts=facts)
         return self._status
-
-    def skip_failed(self) -> None:
-        """Mark units with a recorded failure as failed."""
-        for key, each in self._status.items():
-            path = self._store.note_path("failures", key)
-            if each.state == "waiting" and path.exists():
-                self._set(key, "failed", error=_recorded_error(path))
 
     def raise_failures(self) -> None:
         """Raise what went wrong, the first unit's error in words."""
@@ -244,14 +219,14 @@ class _Run:
         if not any(each.state == "busy" for each in self._status.values()):
             return False
         failed = any(each.state == "failed" for each in self._status.values())
-        if not self._told and not failed:  # `waiting` may end this run, and a unit that failed would run again
-            self._told = True
+        if not self._announced and not failed:  # `waiting` may end this run, and a unit that failed would run again
+            self._announced = True
             self._waiting()
         time.sleep(POLL_SECONDS)
-        self._observe(self.look())
+        self._observe(self.refresh())
         return True
 
-    def _took(self, ended: Ended) -> None:
+    def _record_end(self, ended: Ended) -> None:
         """Record how an attempt ended."""
         note = self._store.note_path("failures", ended.key)
         if ended.result is None:

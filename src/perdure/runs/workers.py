@@ -24,88 +24,6 @@ from perdure.errors import PerdureError, did_you_mean
 from perdure.runs.store import AttemptResult, Unit, attempt
 from perdure.schema import printable
 
-# Find and reserve idle cores.
-# A loop that hands over to another thread at every step, as EnvPool's do, is much faster when both threads share a
-# core than when each wakes the other on a second one. So workers are bound to cores, and to such as nobody else is
-# using.
-
-
-STAT = Path("/proc/stat")
-LOOK = 0.2
-"""Seconds for which core usage is measured."""
-BUSY = 0.5
-"""A core that was busy for more than this share of that time is in use."""
-
-
-@contextmanager
-def own_cores(count: int) -> Iterator[list[int]]:
-    """Reserve at most ``count`` idle cores that no other perdure process has reserved, for the duration of a block.
-
-    Otherwise two commands that start at the same time would choose the same cores.
-    """
-    with ExitStack() as stack:
-        taken: list[int] = []
-        for core in idle_cores() if count else ():
-            if len(taken) < count and (lock := _lock(core)) is not None:
-                stack.callback(os.close, lock)
-                taken.append(core)
-        yield taken
-
-
-def _lock(core: int) -> int | None:
-    """Return an open file that holds the core, or None. The kernel releases it when the process dies."""
-    folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        owner = folder.lstat()
-        if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
-            return None  # another user's: without locks two commands may choose the same core, which is only slower
-        flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
-    except OSError:
-        return None
-    try:
-        if not stat.S_ISREG(os.fstat(lock).st_mode):
-            raise OSError
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        return None
-    return lock
-
-
-def idle_cores(counters: Path = STAT) -> list[int]:
-    """Return idle cores that this process may run on, least busy first.
-
-    Empty where the system does not say what its cores do.
-    """
-    try:
-        before = _times(counters)
-        time.sleep(LOOK)
-        after = _times(counters)
-        allowed = os.sched_getaffinity(0)
-    except (OSError, ValueError, AttributeError):
-        return []
-    load = {}
-    for core in allowed & before.keys() & after.keys():
-        worked, passed = (after[core][k] - before[core][k] for k in range(2))
-        if passed > 0:  # else the system does not say
-            load[core] = worked / passed
-    return sorted((core for core, share in load.items() if share < BUSY), key=lambda core: (load[core], core))
-
-
-def _times(counters: Path) -> dict[int, tuple[int, int]]:
-    """Return each core's busy ticks and all ticks since boot (proc(5))."""
-    times = {}
-    for line in counters.read_text().splitlines():
-        name, *ticks = line.split()
-        if name.startswith("cpu") and name != "cpu":
-            counts = [int(tick) for tick in ticks[:8]]
-            idle = counts[3] + counts[4]  # idle, and waiting for a disk
-            times[int(name[3:])] = sum(counts) - idle, sum(counts)
-    return times
-
-
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose libraries multiply on one thread from their first import on."""
 PLACES = ("here", "local", "ray")
@@ -114,37 +32,11 @@ PARENT_SECONDS = 0.5
 """How often a worker checks whether the process that started it still lives."""
 # The parent's module search path, and not the current folder: a worker imports what its parent would.
 _START = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.runs.workers import serve; serve()"
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A finished attempt at a unit."""
-
-    key: str
-    result: AttemptResult | None
-    """None if it failed."""
-    error: str = ""
-    """Why, in one line."""
-
-
-class Workers(Protocol):
-    """Interface of worker processes. Used as a context manager; leaving it ends all of them."""
-
-    @property
-    def free(self) -> int:
-        """Number of units that can be started now."""
-
-    def start(self, root: Path, unit: Unit) -> None:
-        """Begin an attempt at a unit of the store in `root`."""
-
-    def wait(self, seconds: float) -> list[Ended]:
-        """Return the attempts that have ended, waiting for the first one for at most so many seconds."""
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-
-    def __exit__(self, *exception: object) -> None:
-        """End every process."""
+STAT = Path("/proc/stat")
+USAGE_SECONDS = 0.2
+"""Seconds for which core usage is measured."""
+BUSY_SHARE = 0.5
+"""A core that was busy for more than this share of that time is in use."""
 
 
 def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Workers | None:
@@ -172,7 +64,6 @@ def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Wo
     if on == "local":
         count = max(1, min(total, len(units)))
         return LocalWorkers(count, max(1, min(total // count, wanted)))
-
     return RayWorkers(on.partition(":")[2] or None, min(wanted, total))
 
 
@@ -195,6 +86,40 @@ def core_count(cores: int | None) -> int:
     if cores is not None and cores < 1:
         raise PerdureError(f"cores must be at least 1, got {cores}")
     return cores or len(os.sched_getaffinity(0))
+
+
+class Workers(Protocol):
+    """Interface of worker processes. Used as a context manager; leaving it ends all of them."""
+
+    @property
+    def free(self) -> int:
+        """Number of units that can be started now."""
+
+    def start(self, root: Path, unit: Unit) -> None:
+        """Begin an attempt at a unit of the store in `root`."""
+
+    def wait(self, seconds: float) -> list[Ended]:
+        """Return the attempts that have ended, waiting for the first one for at most so many seconds."""
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+
+    def __exit__(self, *exception: object) -> None:
+        """End every process."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A finished attempt at a unit."""
+
+    key: str
+    result: AttemptResult | None
+    """None if it failed."""
+    error: str = ""
+    """Why, in one line."""
+
+
+# Processes on this machine
 
 
 class LocalWorkers:
@@ -363,13 +288,15 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-# Run units as tasks on a Ray cluster. Needs the extra ``perdure[ray]``.
-# Every node must see the store's folder under the same path (a shared file system), with perdure installed. A task on
-# a node that dies is started again on another one and resumes from the unit's checkpoint.
+# A Ray cluster
 
 
 class RayWorkers:
-    """Tasks on a Ray cluster, as many at once as it has cores for."""
+    """Tasks on a Ray cluster, as many at once as it has cores for. Needs the extra ``perdure[ray]``.
+
+    Every node must see the store's folder under the same path (a shared file system), with perdure installed. A task on
+    a node that dies is started again on another one and resumes from the unit's checkpoint.
+    """
 
     def __init__(self, address: str | None = None, cores: int = 1) -> None:
         """Keep the address; the connection is made on entry.
@@ -433,3 +360,76 @@ class RayWorkers:
         self._keys.clear()
         if self._mine:
             self._ray.shutdown()
+
+
+# Idle cores
+
+
+@contextmanager
+def own_cores(count: int) -> Iterator[list[int]]:
+    """Reserve at most ``count`` idle cores that no other perdure process has reserved, for the duration of a block.
+
+    Otherwise two commands that start at the same time would choose the same cores. Workers are bound to cores because a
+    loop that hands over to another thread at every step, as EnvPool's do, is much faster when both threads share one.
+    """
+    with ExitStack() as stack:
+        taken: list[int] = []
+        for core in idle_cores() if count else ():
+            if len(taken) < count and (lock := _lock(core)) is not None:
+                stack.callback(os.close, lock)
+                taken.append(core)
+        yield taken
+
+
+def idle_cores(counters: Path = STAT) -> list[int]:
+    """Return idle cores that this process may run on, least busy first.
+
+    Empty where the system does not say what its cores do.
+    """
+    try:
+        before = _times(counters)
+        time.sleep(USAGE_SECONDS)
+        after = _times(counters)
+        allowed = os.sched_getaffinity(0)
+    except (OSError, ValueError, AttributeError):
+        return []
+    load = {}
+    for core in allowed & before.keys() & after.keys():
+        worked, passed = (after[core][k] - before[core][k] for k in range(2))
+        if passed > 0:  # else the system does not say
+            load[core] = worked / passed
+    return sorted((core for core, share in load.items() if share < BUSY_SHARE), key=lambda core: (load[core], core))
+
+
+def _times(counters: Path) -> dict[int, tuple[int, int]]:
+    """Return each core's busy ticks and all ticks since boot (proc(5))."""
+    times = {}
+    for line in counters.read_text().splitlines():
+        name, *ticks = line.split()
+        if name.startswith("cpu") and name != "cpu":
+            counts = [int(tick) for tick in ticks[:8]]
+            idle = counts[3] + counts[4]  # idle, and waiting for a disk
+            times[int(name[3:])] = sum(counts) - idle, sum(counts)
+    return times
+
+
+def _lock(core: int) -> int | None:
+    """Return an open file that holds the core, or None. The kernel releases it when the process dies."""
+    folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        owner = folder.lstat()
+        if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
+            return None  # another user's: without locks two commands may choose the same core, which is only slower
+        flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
+    except OSError:
+        return None
+    try:
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            raise OSError
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        return None
+    return lock

@@ -187,10 +187,10 @@ class TestModelsOfOtherMakers:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            evaluate_files(replace(asked, max_lanes=1), tmp_path / "out", on="here", observe=die)
+            evaluate_files(replace(asked, max_episodes=1), tmp_path / "out", on="here", observe=die)
         done = set(Store(tmp_path / "out").keys("groups"))
         assert 0 < len(done) < 4
-        resumed = evaluate_files(asked, tmp_path / "out", cores=2)
+        resumed = evaluate_files(asked, tmp_path / "out", on="here", cores=2)
         assert resumed.frame.equals(evaluate_files(asked, on="here").frame)
         assert set(Store(tmp_path / "out").keys("groups")) > done
         started = []

@@ -14,8 +14,8 @@ HORIZON = STEPS[-1]
 SPLITS = (Split("validation", 1000, 1), Split("test", 2000, 2))
 
 
-def lanes(method, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0, task="Hopper-v3"):
-    """The rows of one lane that earns `total` evenly, or falls after step 10 and earns it until then."""
+def episodes(method, clock, seed, eval_seed, total, *, falls=False, published_rate=3.0, task="Hopper-v3"):
+    """The rows of one episode that earns `total` evenly, or falls after step 10 and earns it until then."""
     kind, _, number = clock.partition(":")
     steps = math.nan if kind == "none" else float(number or HORIZON)
     name = "none" if kind == "none" else f"{kind}({steps:.0f})"
@@ -37,14 +37,14 @@ def lanes(method, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0,
         "movement_first": 1.0,
         "movement_last": math.nan if falls else 1.0,
         "idle_rate": 0.0,
-        "reference_rate": 1.5,
-        "level_rate": level_rate,
+        "training_rate": 1.5,
+        "published_rate": published_rate,
         "window": 10,
         "policy_state": "worked",
         "policy_note": "",
         "outcome": "falls" if falls else "holds",
         "failed_step": end,
-        "end_hold": math.nan if falls else 1.0,
+        "end_score_vs_training": math.nan if falls else 1.0,
         "ever_idle": False,
     }
     return [
@@ -54,7 +54,7 @@ def lanes(method, clock, seed, eval_seed, total, *, falls=False, level_rate=3.0,
 
 
 def table(*parts, **changes):
-    """An evaluation of these lanes, with some columns changed."""
+    """An evaluation of these episodes, with some columns changed."""
     return pl.DataFrame([{**row, **changes} for part in parts for row in part], schema=COLUMNS)
 
 
@@ -66,7 +66,7 @@ def make_results(test, validation=None, task="Hopper-v3", tasks=(), **changes):
         validation: Likewise; the test ones by default.
         task: Of all of them.
         tasks: With the same returns on each, in place of `task`.
-        changes: Columns that have another value in every lane.
+        changes: Columns that have another value in every episode.
     """
     methods = dict.fromkeys(method for method, _ in test)
     seeds = {method: sorted({s for (m, _), runs in test.items() if m == method for s in runs}) for method in methods}
@@ -76,7 +76,9 @@ def make_results(test, validation=None, task="Hopper-v3", tasks=(), **changes):
     for split, row in product(SPLITS, rows):
         runs = test if split.name == "test" or validation is None else validation
         parts = [
-            lanes(row.method, clock, seed, split.first_seed + k, 1.0 if value is None else value, falls=value is None)
+            episodes(
+                row.method, clock, seed, split.first_seed + k, 1.0 if value is None else value, falls=value is None
+            )
             for (method, clock), values in runs.items()
             if method == row.method
             for seed, value in values.items()

@@ -4,8 +4,9 @@ import polars as pl
 import pytest
 from known_results import HORIZON, make_results
 
+from studies.horizon.claims import SCORE
 from studies.horizon.figures import all_figures
-from studies.horizon.tables import choice_table, condition_table, gain_table, page_tables
+from studies.horizon.tables import choice_table, condition_table, page_tables, score_table
 
 RUNS = {
     ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
@@ -34,18 +35,18 @@ def values(spec):
 
 
 def test_the_mean_over_tasks_is_student_with_more_freedom():
-    """Two tasks with the same three gains: half the variance of one mean, and 2 + 2 degrees of freedom."""
+    """Two tasks with the same three scores: half the variance of one mean, and 2 + 2 degrees of freedom."""
     results = make_results(RUNS, tasks=TWO)
-    row = gain_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
-    half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # gains: 100, 200, 300 of 3,000
-    assert (row["gain"], row["upper"] - row["gain"]) == pytest.approx((200.0 / 3000.0, half))
-    assert "mean of 2 tasks" in str(figures_of(results)["gain"].spec)
+    row = score_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # scores: 100, 200, 300 of 3,000
+    assert (row[SCORE], row["upper"] - row[SCORE]) == pytest.approx((200.0 / 3000.0, half))
+    assert "mean of 2 tasks" in str(figures_of(results)["score"].spec)
     scores = dict(page_tables(results)["scores"].rows())
     assert (scores["discounted PPO"], scores["undiscounted PPO"]) == ("0.07 [0.03, 0.10]", "not evaluated")
 
 
 def test_without_a_second_task_there_is_no_mean():
-    assert gain_table(make_results(RUNS, task="Swimmer-v3")).is_empty()
+    assert score_table(make_results(RUNS, task="Swimmer-v3")).is_empty()
 
 
 def test_a_chosen_clock_that_is_not_yet_evaluated_is_left_out():
@@ -78,15 +79,15 @@ def test_figures_show_what_the_tables_say(results):
 
 def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it():
     results = make_results(RUNS, tasks=("Swimmer-v3", "Ant-v3"))
-    known = pl.when(pl.col("setting") != "Ant-v3").then("level_rate").otherwise(float("nan"))
-    gain = pl.when(pl.col("setting") != "Ant-v3").then("gain").otherwise(float("nan"))
+    known = pl.when(pl.col("setting") != "Ant-v3").then("published_rate").otherwise(float("nan"))
+    score = pl.when(pl.col("setting") != "Ant-v3").then(SCORE).otherwise(float("nan"))
     object.__setattr__(
-        results, "episodes", results.episodes.with_columns(known.alias("level_rate"), gain.alias("gain"))
+        results, "episodes", results.episodes.with_columns(known.alias("published_rate"), score.alias(SCORE))
     )
     figures = figures_of(results)
     assert {row["row"] for row in values(figures["figure-3-2"].spec)} == {"Swimmer-v3"}
     assert "Not shown, for want of a published policy: Ant-v3." in figures["figure-3-2"].note
-    assert {row["row"] for row in values(figures["gain"].spec)} == {"Swimmer-v3"}
+    assert {row["row"] for row in values(figures["score"].spec)} == {"Swimmer-v3"}
 
 
 def test_notes_name_the_number_of_training_runs(results):

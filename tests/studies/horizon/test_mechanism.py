@@ -132,5 +132,5 @@ def test_a_rollout_counts_the_steps_it_made():
     falling = pendulum_policy(protocol(), Constant(500.0), push=(0.0, 30.0))
     found = roll_out(falling, [Constant(500.0)] * 2, 300)
     assert found.fell.all()
-    assert found.lane_steps == found.made.sum() < 300
+    assert found.simulated_steps == found.made.sum() < 300
     assert np.isnan(found.observations[-1]).all()

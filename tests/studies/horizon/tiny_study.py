@@ -18,7 +18,7 @@ from studies.horizon.grid import Grid, Row, Split
 from studies.horizon.study import POLICY, row_config, train_run
 
 TASK = "InvertedPendulum-v4"
-GAINS = (0.5, 6.0, 0.8, 1.2)
+SCORED = (0.5, 6.0, 0.8, 1.2)
 """A linear controller that keeps the pole up (position, angle, and their velocities)."""
 CLOCKS = ("constant:100", "constant:500", "periodic:500", "countdown")
 GRID = Grid(
@@ -36,7 +36,7 @@ def pendulum_policy(protocol, clock, *, seed=0, push=(), value=(), method="geome
     noise = np.random.default_rng(seed).normal(scale=0.05, size=4)
     size = protocol.embedding_size
     actor, critic = np.zeros((4 + size, 1)), np.zeros((4 + size, 1))
-    actor[:4, 0] = GAINS + noise
+    actor[:4, 0] = SCORED + noise
     actor[4 : 4 + len(push), 0] = push
     critic[4 : 4 + len(value), 0] = value
     weights = {"log_std": np.zeros(1), "policy.0.weight": actor, "policy.0.bias": np.zeros(1)}

@@ -3,7 +3,7 @@
 import polars as pl
 
 from studies.placement.figures import draw_figures, speed_figures, strategy_figures
-from studies.placement.tables import COLUMNS, chosen, read_tables
+from studies.placement.tables import COLUMNS, read_tables, success_rows
 
 KEYS = {"task": "set_table", "split": "eval"}
 
@@ -31,12 +31,12 @@ def test_rows_come_by_task_world_and_strategy(tmp_path):
     base = dict.fromkeys(empty(tmp_path)["success"].columns)
     rows = [{**base, **KEYS, "strategy": name} for name in names]
     tables = {"success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
-    assert [row["strategy"] for row in chosen(tables, "eval")] == [
+    assert [row["strategy"] for row in success_rows(tables, "eval")] == [
         *("rl drag", "delta-50-in-200 drag", "stop drag"),
         *("ik+ drag hull-apple", "rl"),
     ]
-    assert chosen(tables, "eval", "drag hull-apple")[0]["place"] == "ik+"
-    assert chosen(tables, "val") == []
+    assert success_rows(tables, "eval", "drag hull-apple")[0]["place"] == "ik+"
+    assert success_rows(tables, "val") == []
 
 
 def test_the_figure_of_strategies_has_a_row_for_each_task_and_world(tmp_path):

@@ -5,35 +5,29 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perdure.home.evaluate.policies import shipped_policy
+from perdure.home.evaluate.policies import shipped_seeds
 from perdure.home.sim.simulator import ARM, GRASP, GRIP, RELEASE
 from perdure.policy import load_policy
-from studies.placement.measurements import BASE, HALT, LANES, PARTS, _Halting, outcomes
+from studies.placement.measurements import BASE, HALT_STEPS, LANES, PARTS, _Halting, outcomes
 
 
 @pytest.fixture(scope="module")
 def policy():
-    return load_policy(shipped_policy("set_table", "place", 0))
+    return load_policy(shipped_seeds("set_table", "place")[0])
 
 
 def test_without_noise_a_robot_that_halts_keeps_its_apples_and_one_that_goes_on_does_not(policy):
-    halts, goes_on = (outcomes(policy, LANES, way, "none", "base and arm") for way in (True, False))
+    one = 1  # rounded up to all lanes
+    halts, goes_on = (outcomes(policy, one, way, "none", "base and arm") for way in (True, False))
     assert halts["stayed"] == halts.total() > LANES / 2
     assert goes_on["stayed"] < goes_on.total() / 2
     assert goes_on.total() == halts.total()  # until the release both do the same
 
 
-@pytest.fixture(scope="module")
-def noisy(policy):
-    """Outcomes under strong noise, one episode more than there are lanes."""
-    return outcomes(policy, LANES + 1, True, "exp(-1)", "base and arm")
-
-
-def test_strong_noise_moves_apples_of_a_robot_that_halts(noisy):
+@pytest.mark.verify
+def test_strong_noise_moves_apples_of_a_robot_that_halts(policy):
+    noisy = outcomes(policy, LANES + 1, True, "exp(-1)", "base and arm")
     assert noisy["stayed"] < noisy.total() / 2
-
-
-def test_episodes_are_rounded_up_to_lanes(noisy):
     assert LANES < noisy.total() <= 2 * LANES
 
 
@@ -75,15 +69,15 @@ def test_noise_of_one_part_leaves_the_other_and_the_hand(halts, parts, noisy, ex
 def test_the_robot_halts_where_the_release_is_commanded_in_the_goal():
     in_goal = np.arange(LANES) < 3
     scripted = Scripted(True, (0.0, 0.0), in_goal)
-    actions = scripted.act(HALT + 5)
+    actions = scripted.act(HALT_STEPS + 5)
     assert (actions[:, ~in_goal] == scripted.action).all()
     assert (actions[:, in_goal, :GRIP] == 0.0).all()
-    assert (actions[:HALT, in_goal, GRIP] == GRASP).all()
-    assert (actions[HALT:, in_goal, GRIP] == RELEASE).all()
+    assert (actions[:HALT_STEPS, in_goal, GRIP] == GRASP).all()
+    assert (actions[HALT_STEPS:, in_goal, GRIP] == RELEASE).all()
     assert scripted.halting.asked.tolist() == in_goal.tolist()
 
 
 def test_a_robot_that_goes_on_does_what_the_policy_says():
     scripted = Scripted(False, (0.0, 0.0), EVERYWHERE)
-    assert (scripted.act(HALT + 5) == scripted.action).all()
+    assert (scripted.act(HALT_STEPS + 5) == scripted.action).all()
     assert scripted.halting.asked.all()

@@ -1,9 +1,9 @@
-"""Interface of agents in a skill: a learned policy, the oracle, a scripted motion, a release strategy."""
+"""Agents that act in skills: their interface, learned policies, functions, and the scripted `reset_arm`."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -43,6 +43,10 @@ class SkillAgent(Protocol):
     def overtime(self, lane: int) -> bool:
         """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
         return False
+
+
+Motion = Generator[FloatArray, None, None]
+"""Actions of one lane, one for each control step. Shape (11,)."""
 
 
 @dataclass

@@ -1,16 +1,16 @@
-"""Collision queries: what the robot would touch at another pose, without moving the simulation."""
+"""What the oracle's motions consist of: collision queries, motions of base and arm, plans to reach a gripper pose."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perdure.home.agents.learned import LaneView
+from perdure.home.agents.learned import LaneView, Motion
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import damped_inverse, gripper_pose, pose_and_jacobian, reach_many
 from perdure.home.sim.occupancy import FreeSpace
@@ -34,9 +34,9 @@ from perdure.home.sim.simulator import (
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import rest_error
 
-PUSHED = 0.25
+PUSHABLE_WEIGHT = 0.25
 """Weight of penetration into a loose object, relative to furniture."""
-TOLERATED = 0.002
+TOLERATED_DEPTH = 0.002
 """Penetration in [m] that does not count as a contact."""
 
 
@@ -106,7 +106,7 @@ class CollisionQuery:
         loose = scene.loose_geoms[geoms].any(axis=1)
         if firm >= 0:
             loose &= ~np.isin(geoms, scene.object_geoms[firm]).any(axis=1)
-        deep = np.maximum(-distance - TOLERATED, 0.0) * np.where(loose, PUSHED, 1.0)
+        deep = np.maximum(-distance - TOLERATED_DEPTH, 0.0) * np.where(loose, PUSHABLE_WEIGHT, 1.0)
         return float(deep[ours].max()) if ours.any() else 0.0
 
     def path_depth(self, base: Pose, start: ArrayLike, end: ArrayLike, firm: int = -1, points: int = 8) -> float:
@@ -122,8 +122,6 @@ def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return base.to_room(position), about_z @ rotation
 
-
-Motion = Generator[FloatArray, None, None]
 
 PATIENCE = 15
 """Steps after which a robot that has hardly moved counts as stuck."""
@@ -168,16 +166,15 @@ class View(LaneView):
         return np.clip(action, -1.0, 1.0)
 
 
-def arm_step(now: FloatArray, goal: FloatArray) -> FloatArray:
-    """Return a step straight towards an arm pose, no joint farther than the benchmark allows. Shape (7,)."""
-    step = goal - now
-    return step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
+def arm_step(way: FloatArray) -> FloatArray:
+    """Return the joint steps of a way, shortened so that no joint moves farther than the benchmark allows. (7,)."""
+    return way / max(1.0, float(np.abs(way).max()) / ARM_STEP)
 
 
 def move_arm(
     view: View, poses: Sequence[FloatArray], settle: int = 10, until: Callable[[], bool] = lambda: False
 ) -> Motion:
-    """Through some arm poses in straight lines of joint space; waits up to `settle` steps for the lag to go.
+    """Move through some arm poses in straight lines of joint space; wait up to `settle` steps for the lag to go.
 
     Rolls go the shorter way round. Ends early as soon as `until` holds.
     """
@@ -186,7 +183,7 @@ def move_arm(
         while np.abs(goal - view.arm).max() > 1e-9:
             if until():
                 return
-            yield view.action(arm=arm_step(view.arm, goal))
+            yield view.action(arm=arm_step(goal - view.arm))
     yield from settled(view, settle)
 
 
@@ -206,12 +203,12 @@ def settled(view: View, steps: int = 10) -> Motion:
 
 
 def rest_arm(view: View) -> Motion:
-    """The arm back to its pose of rest, rolls the shorter way round."""
+    """Move the arm to its pose of rest, rolls the shorter way round."""
     yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
 
 
 def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = lambda: False) -> Motion:
-    """Turn to a heading, then drives straight on (back when negative) by a distance, or until something holds."""
+    """Turn to a heading, then drive straight on (back when negative) by a distance, or until something holds."""
     yield from turn_to(view, yaw)
     start = view.base
     along = np.array([np.cos(yaw), np.sin(yaw)])
@@ -226,7 +223,7 @@ def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], boo
 
 
 def turn_to(view: View, yaw: float) -> Motion:
-    """Turn on the spot to a heading; where something is in the way it backs off, then turns the other way round."""
+    """Turn on the spot to a heading; where something is in the way back off, then turn the other way round."""
     stuck = Stuck()
     direction = 0.0
     for _ in range(200):
@@ -242,7 +239,7 @@ def turn_to(view: View, yaw: float) -> Motion:
 
 
 def follow(view: View, points: FloatArray) -> Motion:
-    """Drive along close way points: always towards the one a little ahead; backs off where it gets stuck.
+    """Drive along close waypoints, always towards the one a little ahead; back off where the robot gets stuck.
 
     Ends before the last one where it got stuck again and again.
     """
@@ -271,7 +268,7 @@ def follow(view: View, points: FloatArray) -> Motion:
 
 
 def unjam(view: View) -> Motion:
-    """Straight back until the arm is free."""
+    """Drive straight back until the arm is free."""
     for _ in range(20):
         if not view.jammed:
             return
@@ -279,7 +276,7 @@ def unjam(view: View) -> Motion:
 
 
 def back_off(view: View) -> Motion:
-    """A short way straight back: what blocks the robot is nearly always before it, where its arm is."""
+    """Drive a short way straight back: what blocks the robot is nearly always before it, where its arm is."""
     for _ in range(12):
         yield view.action(forward=-0.6)
 
@@ -322,12 +319,11 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     inverse = damped_inverse(rows, 0.03)
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
     step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
-    step = step / max(1.0, float(np.abs(step).max()) / ARM_STEP)
-    return np.asarray(np.clip(view.arm + step, ARM_LOW, ARM_HIGH) - view.arm)
+    return np.asarray(np.clip(view.arm + arm_step(step), ARM_LOW, ARM_HIGH) - view.arm)
 
 
 def together(first: Motion, second: Motion) -> Motion:
-    """Two motions at once, of the base and of the arm: their actions are added; lasts until both have ended."""
+    """Run two motions at once, of base and arm, until both have ended; their actions are added."""
     running: list[Motion] = [first, second]
     while running:
         total = np.zeros(ACTION_SIZE)
@@ -348,7 +344,7 @@ OTHER_STARTS = ((-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067), (0.3, -0.9, -0.6, 
 """Start poses of inverse kinematics besides the rest pose."""
 PER_STAND = 25
 """Plans tested at one standing place: an obstacle for one of them blocks most of the others."""
-FINE = 25
+FINE_POINTS = 25
 """Test points on a path that is about to be chosen."""
 STANDS_AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
 TURNS = (0.0, 0.3, -0.3)
@@ -442,7 +438,7 @@ def plan_reach(
         if best is None or steps + DEPTH_COST * worst < best.cost:
             worst = max(worst, query.path_depth(entry, rest, via, firm=firm, points=7))
         if worst == 0.0:  # between seven points there is room for a shelf
-            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE)
+            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE_POINTS)
         plan = ReachPlan(entry, stand, (via, end), worst, steps)
         if best is None or plan.cost < best.cost:
             best = plan
@@ -463,9 +459,10 @@ def plan_from_here(
 
     In a fridge also from finer drives and turns, then with the gripper goals `others()` in addition. See `plan_reach`.
     """
-    found = [plan_reach(query, ahead(base, point, STANDS_AHEAD, TURNS), gripper_goals, firm)]
-    if found[0] is None or not found[0].free:
-        found.append(plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals, firm))
+    found: list[ReachPlan | None] = []
+    for steps in (STANDS_AHEAD, FARTHER_AHEAD):
+        if not _any_free(found):
+            found.append(plan_reach(query, ahead(base, point, steps, TURNS), gripper_goals, firm))
     if query.in_fridge(point) and not _any_free(found):
         finer, gripper_goals = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*gripper_goals, *others()]
         found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))
@@ -521,7 +518,7 @@ def _reachable(
 
 
 def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequence[float]) -> Iterator[Pose]:
-    """Standing places that one turn and one straight drive reach: facing a point give or take a turn, then ahead."""
+    """Yield standing places that one turn and one straight drive reach: facing a point give or take a turn, ahead."""
     facing = float(np.arctan2(toward[1] - base.y, toward[0] - base.x))
     for turn in turns:
         for step in steps:

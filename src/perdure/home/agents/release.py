@@ -15,8 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.errors import PerdureError
-from perdure.home.agents.learned import LaneView, SkillAgent
+from perdure.errors import lookup
+from perdure.home.agents.learned import LaneView, Motion, SkillAgent
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import gripper_pose, reach, toward
 from perdure.home.sim.pieces import Pose
@@ -28,10 +28,6 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress
 from perdure.home.tasks.tasks import AT
 
-__all__ = ["STRATEGIES", "HandOver", "Ik", "IkPlus", "Stop", "make_strategy"]
-
-Motion = Generator[FloatArray, None, None]
-
 STILL = 0.02
 """Speed of the gripper point in [m/s] below which the hand is at rest."""
 BASE_TOLERANCE = 0.01
@@ -42,6 +38,10 @@ STOP_STEPS = 45
 """Step limit of a stop; then the object is released even if base and hand still move."""
 NOT_ABOVE = "not above the goal"
 """Outcome without a descent: the object was released at rest, beside its goal region."""
+
+
+CONTACT = 3.0
+"""Normal force at the held object in [N] that counts as a contact."""
 
 
 @dataclass
@@ -73,6 +73,11 @@ class Held(LaneView):
     def speed(self) -> float:
         """Speed of the gripper point in the room in [m/s]."""
         return float(norm(self.state.gripper_velocity)[0])
+
+    @property
+    def touches(self) -> bool:
+        """Whether the object (or the hand) feels a contact."""
+        return bool(self.state.contact_force[0] > CONTACT)
 
 
 @dataclass
@@ -112,7 +117,8 @@ class HandOver(ABC):
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
-                    self._freeze(int(lanes[row]), state[row : row + 1])
+                    held = self._held[int(lanes[row])] = Held(state[row : row + 1])
+                    self._motions[int(lanes[row])] = self.motion(held)
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
@@ -123,10 +129,6 @@ class HandOver(ABC):
     def overtime(self, lane: int) -> bool:
         """Return whether a lane needs more time than its limit: always, to finish its hand-over."""
         return True
-
-    def _freeze(self, lane: int, state: PrivilegedState) -> None:
-        self._held[lane] = Held(state)
-        self._motions[lane] = self.motion(self._held[lane])
 
     def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
         """Return the next action of a lane's motion; the opening of the hand when it has ended."""
@@ -141,7 +143,9 @@ class HandOver(ABC):
             held.outcome = "lost on the way"
         del self._motions[lane]
         self.outcomes.append(held.outcome)
-        return release()
+        action = np.zeros(ACTION_SIZE)
+        action[GRIP] = RELEASE
+        return action
 
 
 def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
@@ -155,13 +159,6 @@ def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
         action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
     if arm is not None:
         action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
-    return action
-
-
-def release() -> FloatArray:
-    """Return an action that opens the hand and does nothing else."""
-    action = np.zeros(ACTION_SIZE)
-    action[GRIP] = RELEASE
     return action
 
 
@@ -179,6 +176,17 @@ def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
     if not held.above_goal:
         held.outcome = NOT_ABOVE
     return held.above_goal
+
+
+@dataclass
+class Stop(HandOver):
+    """The base returns to its pose of the freeze; when the hand is at rest it opens."""
+
+    name = "stop"
+
+    def motion(self, held: Held) -> Motion:
+        """See `HandOver.motion`."""
+        yield from stop(held)
 
 
 EPSILON = 0.05
@@ -229,10 +237,8 @@ TURN_STEPS = 60
 """Steps in which the object is brought upright."""
 UPRIGHT = float(np.cos(np.radians(20.0)))
 """Cosine of the tilt up to which an object stands rather than tips or rolls."""
-BACK = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
+BACK_TRACE = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
 """Trace of a rotation by 6 degrees: the tolerance of turning back."""
-CONTACT = 3.0
-"""Normal force at the held object in [N] that counts as a contact."""
 
 
 @dataclass
@@ -253,13 +259,13 @@ class IkPlus(HandOver):
         if not (yield from stop_above_goal(held)):
             return
         place, now = gripper_pose(TORSO_HEIGHT, held.arm)
-        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or touches(held))
+        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or held.touches)
         if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
-            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK))
+            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK_TRACE))
         held.outcome = "no contact"
         wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
         for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
-            if touches(held):
+            if held.touches:
                 held.outcome = "done"
                 break
             wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
@@ -277,11 +283,6 @@ def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[Flo
         yield hold_base(held, toward(held.arm, place - position, rotation=wanted))
 
 
-def touches(held: Held) -> bool:
-    """Return whether the object (or the hand) feels a contact."""
-    return bool(held.state.contact_force[0] > CONTACT)
-
-
 def upright(rotation: FloatArray) -> FloatArray:
     """Return the rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
     z = rotation[:, 2]
@@ -292,26 +293,14 @@ def upright(rotation: FloatArray) -> FloatArray:
     return (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
 
 
-@dataclass
-class Stop(HandOver):
-    """The base returns to its pose of the freeze; when the hand is at rest it opens."""
-
-    name = "stop"
-
-    def motion(self, held: Held) -> Motion:
-        """See `HandOver.motion`."""
-        yield from stop(held)
-
-
-_HAND_OVERS: dict[str, type[HandOver]] = {each.name: each for each in (Stop, Ik, IkPlus)}
-STRATEGIES: tuple[str, ...] = ("rl", *_HAND_OVERS)
+_STRATEGIES: dict[str, Callable[[SkillAgent], SkillAgent]] = {
+    "rl": lambda inner: inner,
+    **{each.name: each for each in (Stop, Ik, IkPlus)},
+}
+STRATEGIES = tuple(_STRATEGIES)
 """Names of all, the values of `--place`."""
 
 
 def make_strategy(name: str, inner: SkillAgent) -> SkillAgent:
     """Return the strategy of that name around an agent; `rl` is the agent itself."""
-    if name == "rl":
-        return inner
-    if name not in _HAND_OVERS:
-        raise PerdureError(f"no release strategy is named {name!r}; there are {', '.join(STRATEGIES)}")
-    return _HAND_OVERS[name](inner)
+    return lookup(_STRATEGIES, name, "release strategy")(inner)

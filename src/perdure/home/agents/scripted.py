@@ -1,6 +1,8 @@
-"""Candidate gripper poses for picking, placing and holding a handle.
+"""The oracle: scripted motions for every skill, with full knowledge of the world.
 
-The arm keeps the gripper on the handle's way (damped least squares); the base drives to keep that way within reach.
+Each motion is a generator of actions: it looks for a gripper pose that inverse kinematics and the collision query
+allow, and moves there. A held drawer or door is pulled along the path of its handle: the arm keeps the gripper on it
+(damped least squares), the base drives to keep it within reach.
 """
 
 from __future__ import annotations
@@ -11,14 +13,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from perdure.home.agents.learned import SkillAgent
+from perdure.home.agents.learned import Motion, SkillAgent
 from perdure.home.agents.motions import (
     FARTHER_AHEAD,
     STANDS_AHEAD,
     TURNS,
     CollisionQuery,
     GripperGoal,
-    Motion,
     ReachPlan,
     View,
     ahead,
@@ -102,7 +103,7 @@ def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) ->
     return gripper_goals
 
 
-def handle_grabs(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
+def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
     """Return poses in which the magic grasp takes a handle at a point (3,), approached from a place on the floor (2,).
 
     The gripper waits in one of the directions `sides` from the handle, each of length 1 and shape (3,).
@@ -139,7 +140,7 @@ def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float)
 
 
 ATTEMPTS = 3
-SAFE = 0.002
+GRASP_MARGIN = 0.002
 """Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
 
 
@@ -165,8 +166,8 @@ def _can_grasp(view: View, target: int) -> bool:
     middles = simulator.qpos[simulator.scene.middles]
     distance = np.linalg.norm(middles - gripper, axis=1)
     handles = Handles.of(simulator.scene.apartment).at(simulator.qpos[simulator.scene.link_qpos])
-    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + SAFE
-    return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - SAFE and not handle_near)
+    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + GRASP_MARGIN
+    return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - GRASP_MARGIN and not handle_near)
 
 
 def plan_pick(
@@ -176,15 +177,14 @@ def plan_pick(
     simulator = query.simulator
     addresses = simulator.scene.object_qpos
     others = [simulator.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
-    handles = query.handles()
-    neighbors = np.concatenate([np.array(others).reshape(-1, 3), handles])
+    neighbors = np.concatenate([np.array(others).reshape(-1, 3), query.handles()])
     neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
     inside = query.in_fridge(point)
-    gripper_goals = pick_gripper_goals(point, np.array([base.x, base.y]), neighbors, inside)
+    origin = np.array([base.x, base.y])
+    gripper_goals = pick_gripper_goals(point, origin, neighbors, inside)
     firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
     if stands is not None:
         return plan_reach(query, stands, gripper_goals, firm)
-    origin = np.array([base.x, base.y])
     return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
 
 
@@ -262,13 +262,13 @@ def articulate(view: View, goal: float, enough: float) -> Motion:
 
 def _near(view: View) -> bool:
     """Return whether the handle can be grasped."""
-    return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - SAFE
+    return float(np.linalg.norm(view.state.handle[0] - view.state.gripper[0])) < GRASP_RADIUS - GRASP_MARGIN
 
 
 def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Return where to stand and how to reach a handle."""
     point, origin = query.handles()[link], np.array([base.x, base.y])
-    gripper_goals = handle_grabs(point, origin, _sides(query, link, point, origin))
+    gripper_goals = handle_gripper_goals(point, origin, _sides(query, link, point, origin))
     if stands is not None:
         return plan_reach(query, stands, gripper_goals)
     plan = plan_reach(query, ahead(base, point, STANDS_AHEAD, TURNS), gripper_goals)
@@ -373,9 +373,9 @@ ARM_LOW, ARM_REACH = 0.7, 0.75
 """Height below which furniture cannot touch the resting arm, and reach of the arm with a held object, in [m]."""
 CLOSENESS = 0.06
 """Meters of distance per unit of `arm_cost` in the choice of a standing place."""
-ELSEWHERE = 0.3
+STAND_DISTANCE = 0.3
 """Smallest distance of the next standing place from one that could not be reached, in [m]."""
-PLACES = 10
+MOST_STANDS = 10
 """Largest number of standing places tried."""
 STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 """Distances that the next skill may drive on from a standing place, in [m]."""
@@ -389,16 +389,16 @@ def navigate(view: View) -> Motion:
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
     cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
-    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], PLACES, CLOSENESS * (cost - 1.0)))
+    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], MOST_STANDS, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, stands)
         stand = stands[0] if plan is None else plan.base
         cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
         way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
         yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
-        if _apart(view.base, stand) < ELSEWHERE:
+        if _apart(view.base, stand) < STAND_DISTANCE:
             break
-        stands = [other for other in stands if _apart(other, stand) > ELSEWHERE]  # it cannot be reached
+        stands = [other for other in stands if _apart(other, stand) > STAND_DISTANCE]  # it cannot be reached
     yield from turn_to(view, float(np.arctan2(aim[1] - view.base.y, aim[0] - view.base.x)))
 
 
@@ -437,13 +437,16 @@ def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | 
     return best
 
 
-MOVES = {
-    "open_drawer": (0.45, 0.02),
-    "close_drawer": (0.0, 0.02),
-    "open_fridge": (1.55, 0.05),
-    "close_fridge": (0.0, 0.05),
+MOTIONS: dict[str, Callable[[View], Motion]] = {
+    "pick": pick,
+    "place": place,
+    "navigate": navigate,
+    "open_drawer": lambda view: articulate(view, 0.45, 0.02),
+    "close_drawer": lambda view: articulate(view, 0.0, 0.02),
+    "open_fridge": lambda view: articulate(view, 1.55, 0.05),
+    "close_fridge": lambda view: articulate(view, 0.0, 0.05),
 }
-"""Goal position of drawers and doors, and its tolerance, in [m] or [rad]."""
+"""Motion by skill; the numbers are the goal position of a drawer or door and its tolerance, in [m] or [rad]."""
 
 
 class Oracle(SkillAgent):
@@ -460,7 +463,7 @@ class Oracle(SkillAgent):
         """See `SkillAgent.begin`."""
         view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
         self._views[lane] = view
-        self._motions[lane] = self._motion(view, skill)
+        self._motions[lane] = MOTIONS[skill.name](view)
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
@@ -480,12 +483,3 @@ class Oracle(SkillAgent):
                     self._motions[number] = None
             actions[row, STOP] = float(skill.name == "navigate")
         return actions
-
-    def _motion(self, view: View, skill: Skill) -> Motion:
-        if skill.name == "pick":
-            return pick(view)
-        if skill.name == "place":
-            return place(view)
-        if skill.name == "navigate":
-            return navigate(view)
-        return articulate(view, *MOVES[skill.name])

@@ -6,9 +6,8 @@ Contents:
     execute     runs task plans, open loop
     policies    which policy acts in which skill; release strategies by name
     protocol    episodes x training seeds x evaluation seeds, resumable
-    outcomes    success and failure causes of one log
+    outcomes    success and failure causes of one log; objects at rest that lie inside each other
     analysis    tables of many logs
-    overlaps    objects at rest that lie inside each other
     comparison  release strategies side by side: words and tables, from the tables of `analysis`
     figures     the same as figures
     page        the same as an offline page

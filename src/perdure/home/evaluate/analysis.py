@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.files import check_distinct
+from perdure.home.evaluate.files import columns as file_columns
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.evaluate.outcomes import (
     COUNTINGS,
@@ -37,7 +38,7 @@ from perdure.home.evaluate.outcomes import (
     tilt,
 )
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.tasks.tasks import get_task
+from perdure.home.tasks.tasks import TASKS, get_task
 from perdure.stats import Interval, estimate_interval, make_units, survival_interval
 
 if TYPE_CHECKING:
@@ -82,6 +83,11 @@ class Placed:
         return span[1] - 1
 
     @property
+    def forced(self) -> bool:
+        """Whether the executor opened the hand."""
+        return self.run is not None and self.run.forced_release and self.release.step == self.run.end - 1
+
+    @property
     def stays(self) -> bool:
         """Whether it is goal-stabilizing."""
         return stabilizing(self.log)[self.target]
@@ -92,23 +98,21 @@ class Placed:
 
 
 Columns = Mapping[str, tuple[type, str, Callable[[Any], Any]]]
-"""Column to its type, what it holds with the unit, and how it is computed."""
-IDENTITY: Columns = {
-    "task": (str, "task", lambda log: log.task),
-    "split": (str, "split", lambda log: log.split),
-    "strategy": (str, "release strategy and world", lambda log: log.strategy),
-    "train_seed": (int, "training seed", lambda log: log.train_seed),
-    "eval_seed": (int, "evaluation seed", lambda log: log.eval_seed),
-    "index": (int, "number of the episode in its split", lambda log: log.index),
-    "episode_hash": (str, "equal hashes: equal starts and goals", lambda log: log.episode_hash),
-}
+"""Column to its type, what it holds with the unit, and how it is computed. Before them: the log's `IDENTITY`."""
+IDENTITY = (*GROUP, *SAME_EPISODE)
 EPISODES: Columns = {
     "success": (bool, "whether the whole task succeeded, latched", lambda log: latched(log)[-1]),
     "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: stages_stabilizing(log)[-1]),
     "outcome": (str, "see `outcomes.outcome`", outcome),
     "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
     "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),
-    "force": (float, "largest contact force [N]; nan: unknown", lambda log: _largest_force(log)),
+    "force": (
+        float,
+        "largest contact force [N]; nan: unknown",
+        lambda log: max(
+            (run.force for run in log.runs if not math.isnan(run.force)), default=math.nan if log.runs else 0.0
+        ),
+    ),
     "diverged": (bool, "whether the simulation diverged", lambda log: log.diverged),
 }
 FAILURES: Columns = {
@@ -122,18 +126,10 @@ PLACEMENTS: Columns = {
     "kind": (str, "kind of the object", lambda at: at.log.targets[at.target].kind),
     "cylinder": (bool, "whether it is a can", lambda at: at.log.targets[at.target].cylinder),
     "skill": (str, "skill in which it was released", lambda at: at.run.skill if at.run else ""),
-    "forced": (bool, "whether the hand was opened by force", lambda at: _forced(at)),
+    "forced": (bool, "whether the hand was opened by force", lambda at: at.forced),
     "release_height": (float, "height at the release above rest [m]", lambda at: at.offset[1]),
-    "release_offset": (
-        float,
-        "offset from its goal in the plane [m]",
-        lambda at: release_offset(at.log, at.release)[0],
-    ),
-    "tilt": (
-        float,
-        "angle of its z axis from upright at the release [deg]",
-        lambda at: float(tilt(at.release.track.up[0])),
-    ),
+    "release_offset": (float, "offset from its goal in the plane [m]", lambda at: at.offset[0]),
+    "tilt": (float, "of its z axis at the release [deg]", lambda at: float(tilt(at.release.track.up[0]))),
     "object_speed": (float, "at the release [m/s]", lambda at: at.release.object_speed),
     "gripper_speed": (float, "at the release [m/s]", lambda at: at.release.gripper_speed),
     "base_speed": (float, "at the release [m/s]", lambda at: at.release.base_speed),
@@ -208,20 +204,10 @@ def _frame(columns: Columns, rows: Iterable[tuple[EpisodeLog, Any]]) -> pl.DataF
     import polars as pl
 
     dtypes = {bool: pl.Boolean, int: pl.Int64, float: pl.Float64, str: pl.String}
-    cells = [
-        {name: of(each) for part, each in ((IDENTITY, log), (columns, about)) for name, (_, _, of) in part.items()}
-        for log, about in rows
-    ]
-    return pl.DataFrame(cells, schema={name: dtypes[kind] for name, (kind, _, _) in {**IDENTITY, **columns}.items()})
-
-
-def _largest_force(log: EpisodeLog) -> float:
-    known = [run.force for run in log.runs if not math.isnan(run.force)]
-    return max(known, default=math.nan if log.runs else 0.0)
-
-
-def _forced(at: Placed) -> bool:
-    return at.run is not None and at.run.forced_release and at.release.step == at.run.end - 1
+    stored, computed = file_columns(), [of for _, _, of in columns.values()]
+    cells = [(*(getattr(log, name) for name in IDENTITY), *(of(each) for of in computed)) for log, each in rows]
+    schema = {name: stored[name] for name in IDENTITY} | {name: dtypes[kind] for name, (kind, *_) in columns.items()}
+    return pl.DataFrame(cells, schema=schema, orient="row")
 
 
 def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
@@ -239,7 +225,7 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
     groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
     for log in logs:
         groups.setdefault((log.task, log.split, log.strategy), []).append(log)
-    rows: list[dict[str, Any]] = []
+    parts = []
     for group, part in groups.items():
         seeds = np.array([log.train_seed for log in part])
         runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in part])
@@ -248,23 +234,13 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
             reached = np.array([count(log) for log in part], dtype=np.float64)
             mean, error = over_runs(reached, runs)
             found = survival_interval(reached, seeds, rng)
-            for k, stage in enumerate(part[0].home_task.stages):
-                rows.append(
-                    {
-                        **dict(zip(GROUP, group, strict=True)),
-                        "counting": counting,
-                        "stage": stage.name,
-                        "episodes": len(part),
-                        "runs": len(set(runs)),
-                        "mean": float(mean[k]),
-                        "standard_error": float(error[k]),
-                        "lower": float(found.lower[k]),
-                        "upper": float(found.upper[k]),
-                        "units": found.label,
-                        "method": found.method,
-                    }
-                )
-    return pl.DataFrame(rows)
+            stages = [stage.name for stage in part[0].home_task.stages]
+            counts = {"episodes": len(part), "runs": len(set(runs))}
+            shares = {"mean": mean, "standard_error": error, "lower": found.lower, "upper": found.upper}
+            how = {"units": found.label, "method": found.method}
+            first = {**dict(zip(GROUP, group, strict=True)), "counting": counting}
+            parts.append(pl.DataFrame({**first, "stage": stages, **counts, **shares, **how}))
+    return pl.concat(parts).with_columns(pl.col("episodes", "runs").cast(pl.Int64))
 
 
 def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
@@ -347,29 +323,26 @@ def outcome_shares(counted: pl.DataFrame) -> pl.DataFrame:
 
 
 def mode_table(failures: pl.DataFrame, episodes: pl.DataFrame) -> pl.DataFrame:
-    """Return the `count` of each stage and cause, its share `of_all` episodes and `of_failed` ones."""
-    import polars as pl
-
-    counted = failures.group_by(*GROUP, "counting", "stage", "cause").agg(count=pl.len().cast(pl.Int64))
-    return mode_shares(counted, episodes.group_by(GROUP).agg(episodes=pl.len().cast(pl.Int64)))
-
-
-def mode_shares(counted: pl.DataFrame, totals: pl.DataFrame) -> pl.DataFrame:
-    """Return a table of stages and causes, in order, with the shares `of_all` and `of_failed`.
-
-    `totals` has the number of `episodes` of each task, split and strategy.
-    """
+    """Return the `count` of each stage and cause, in order, its share `of_all` episodes and `of_failed` ones."""
     import polars as pl
 
     keys = [*GROUP, "counting"]
-    shares = counted.join(totals.select(*GROUP, "episodes"), on=GROUP).with_columns(
-        of_all=pl.col("count") / pl.col("episodes"), of_failed=pl.col("count") / pl.col("count").sum().over(keys)
+    counted = failures.group_by(*keys, "stage", "cause").agg(count=pl.len().cast(pl.Int64))
+    stages = {f"{task} {stage.name}": k for task in TASKS for k, stage in enumerate(get_task(task).stages)}
+    causes = {cause: k for k, cause in enumerate(FAILURE_CAUSES)}
+    return (
+        counted.join(episodes.group_by(GROUP).agg(episodes=pl.len()), on=GROUP)
+        .sort(
+            *keys,
+            pl.format("{} {}", "task", "stage").replace_strict(stages, return_dtype=pl.Int64),
+            pl.col("cause").replace_strict(causes, return_dtype=pl.Int64),
+        )
+        .select(
+            pl.exclude("episodes"),
+            of_all=pl.col("count") / pl.col("episodes"),
+            of_failed=pl.col("count") / pl.col("count").sum().over(keys),
+        )
     )
-    names = {task: [stage.name for stage in get_task(task).stages] for task in shares["task"].unique()}
-    place = [names[task].index(stage) for task, stage in shares.select("task", "stage").iter_rows()]
-    word = [FAILURE_CAUSES.index(cause) for cause in shares["cause"]]
-    order = [pl.Series("_stage", place, pl.Int64), pl.Series("_word", word, pl.Int64)]
-    return shares.with_columns(order).sort([*keys, "_stage", "_word"]).drop("_stage", "_word", "episodes")
 
 
 def kind_table(placements: pl.DataFrame) -> pl.DataFrame:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from perdure.home.agents.release import STRATEGIES
 from perdure.home.evaluate.analysis import SAME_EPISODE, paired_difference
@@ -37,12 +37,7 @@ if TYPE_CHECKING:
 
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 LASTING = ("counted, did not last", "of these the last object")
-RELEASES = {
-    "rl": "policy alone",
-    "stop": "stop",
-    "ik": "stop, lower 5 cm",
-    "ik+": "stop, lower to contact",
-}
+RELEASES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "ik+": "stop, lower to contact"}
 WORLDS = {
     "drag": "drag only",
     "hull-apple": "apple a convex hull",
@@ -64,14 +59,11 @@ def describe(strategy: str, with_world: bool = True) -> str:
     `with_world` adds what differs from the usual world.
     """
     place = strategy.partition(" ")[0]
-    trained = re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", place)
-    if trained:
+    words = RELEASES.get(place, "")
+    if trained := re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", place):
         words = f"trained to stay {trained[1]} steps" + (f" of {trained[2]}" if trained[2] else "")
-    elif place in RELEASES:
-        words = RELEASES[place]
-    else:
-        return strategy
-    return ", ".join(filter(None, (words, describe_world(strategy) if with_world else "")))
+    world = describe_world(strategy) if with_world else ""
+    return ", ".join(filter(None, (words, world))) if words else strategy
 
 
 def describe_world(strategy: str) -> str:
@@ -131,12 +123,6 @@ class Table:
         widths = [max(len(row[k]) for row in rows) for k in range(len(self.headings))]
         lines = ["  ".join((row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:]))).rstrip() for row in rows]
         return "\n".join([self.title, *(f"  {line}" for line in lines)])
-
-    @property
-    def markdown(self) -> str:
-        """For a page in Markdown, without title and note."""
-        rows = [self.headings, ["---"] * len(self.headings), *self.rows]
-        return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 @dataclass(frozen=True)
@@ -250,12 +236,11 @@ def mode_labels(view: View, counting: Counting) -> list[tuple[str, str]]:
     return sorted(found, key=lambda each: (stages.index(each[0]), FAILURE_CAUSES.index(each[1])))
 
 
-@dataclass(frozen=True)
-class Measure:
+class Measure(NamedTuple):
     """Something measured at the release, a column of `Analysis.placements`."""
 
-    name: str
     title: str
+    """Of its figure; "" for none."""
     axis: str
     heading: str
     """In the table."""
@@ -269,32 +254,23 @@ class Measure:
 
 MEASURES = {
     "release_height": Measure(
-        "release-height",
         "Height of the object at the release",
         "middle of the object above where it would rest [m]",
         "height above rest [mm]",
-        1000.0,
-        0,
+        scale=1000.0,
+        digits=0,
         marker=Marker(DROPPED_HEIGHT, "dropped from here on"),
     ),
     "object_speed": Measure(
-        "release-object-speed",
         "Speed of the object at the release",
         "speed of the object [m/s]",
         "speed of the object [m/s]",
         log=True,
         marker=Marker(THROWN_SPEED, "limit for thrown"),
     ),
-    "tilt": Measure(
-        "release-tilt", "Tilt of the object at the release", "angle from upright [deg]", "tilt [deg]", 1.0, 0
-    ),
-    "base_speed": Measure(
-        "release-base-speed",
-        "Speed of the base at the release",
-        "speed of the base [m/s]",
-        "of the base [m/s]",
-        log=True,
-    ),
+    "gripper_speed": Measure("", "", "of the gripper point [m/s]"),
+    "base_speed": Measure("Speed of the base at the release", "speed of the base [m/s]", "of the base [m/s]", log=True),
+    "tilt": Measure("Tilt of the object at the release", "angle from upright [deg]", "tilt [deg]", digits=0),
 }
 
 
@@ -385,43 +361,31 @@ def placement_table(view: View) -> Table:
     rows = []
     for strategy in view.strategies:
         shapes = {row["cylinder"]: row for row in view.rows("shapes", strategy).iter_rows(named=True)}
-        cells = [
-            _failed(shapes[c]["failures"], shapes[c]["placements"]) if c in shapes else "none" for c in (True, False)
-        ]
-        everything = [sum(row[name] for row in shapes.values()) for name in ("failures", "placements")]
+        cells = [_failed(shapes[c]) if c in shapes else "none" for c in (True, False)]
+        everything = {name: sum(row[name] for row in shapes.values()) for name in ("failures", "placements")}
         shares = [shapes[True][name] if True in shapes else 0.0 for name in ("of_placements", "of_failures")]
-        rows.append((strategy, _failed(*everything), *cells, *map(percent, shares)))
-    headings = (
-        "strategy",
-        "did not stay",
-        "cylinders",
-        "other objects",
-        "cylinders of all placed",
-        "of those that left",
-    )
-    return Table("Placements", headings, rows, "Did not stay: not goal-stabilizing, of so many placements.")
+        rows.append((strategy, _failed(everything), *cells, *map(percent, shares)))
+    shown = ("did not stay", "cylinders", "other objects", "cylinders of all placed", "of those that left")
+    note = "Did not stay: not goal-stabilizing, of so many placements."
+    return Table("Placements", ("strategy", *shown), rows, note)
 
 
-def _failed(failures: int, placements: int) -> str:
+def _failed(row: Mapping[str, int]) -> str:
+    failures, placements = row["failures"], row["placements"]
     return f"{failures} of {placements} ({percent(failures / placements)})" if placements else "0"
 
 
 def release_table(view: View) -> Table:
     """Return median and 10 to 90 % range of height, speeds and tilt at the release."""
-    gripper = Measure("", "", "", "of the gripper point [m/s]")
-    columns = {name: MEASURES[name] for name in ("release_height", "object_speed")}
-    columns |= {"gripper_speed": gripper, **{name: MEASURES[name] for name in ("base_speed", "tilt")}}
     rows = []
     for strategy in view.strategies:
         placements, cells = view.rows("placements", strategy), []
-        for column, measure in columns.items():
+        for column, each in MEASURES.items():
             found = [placements[column].quantile(level, "linear") for level in (0.5, 0.1, 0.9)]
-            middle, low, high = (
-                "" if value is None else f"{measure.scale * value:.{measure.digits}f}" for value in found
-            )
-            cells.append(f"{middle} ({low} to {high})" if middle else "")
+            known = [f"{each.scale * value:.{each.digits}f}" for value in found if value is not None]
+            cells.append("{} ({} to {})".format(*known) if known else "")
         rows.append((strategy, str(len(placements)), *cells))
-    headings = ("release strategy", "placements", *(measure.heading for measure in columns.values()))
+    headings = ("release strategy", "placements", *(each.heading for each in MEASURES.values()))
     return Table("At the release", headings, rows, "Median (10 % to 90 %).")
 
 

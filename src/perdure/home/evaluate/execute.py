@@ -226,7 +226,11 @@ class Executor:
         """
         self._skills, self._agents = dict(skills), dict(agents)
         self._options = options or ExecutorOptions()
-        self._named = {"strategy": strategy, "train_seed": train_seed, "eval_seed": self._options.eval_seed}
+        self._named: dict[str, str | int] = {
+            "strategy": strategy,
+            "train_seed": train_seed,
+            "eval_seed": self._options.eval_seed,
+        }
         missing = self._skills.keys() ^ self._agents.keys()
         if missing:
             raise PerdureError(f"skills and agents must have the same names; {', '.join(sorted(missing))} do not")
@@ -236,25 +240,23 @@ class Executor:
         options = self._options
         world = VectorSimulator(min(options.lanes, len(episodes)), options.threads)
         waiting = list(reversed(episodes))
-        running: list[Running | None] = [None] * world.num_lanes
+        running: dict[int, Running] = {}
         self._progress: SkillProgress | None = None
         try:
             for lane in range(world.num_lanes):
                 running[lane] = self._start(world, lane, waiting.pop())
-            self._begin_skills(world, list(range(world.num_lanes)), running)
-            while any(running):
-                lanes = np.array([k for k, each in enumerate(running) if each is not None])
-                self._step(world, lanes, running)
+            self._begin_skills(world, sorted(running), running)
+            while running:
+                self._step(world, running)
                 if observe is not None:
-                    observe(world, {k: each for k, each in enumerate(running) if each is not None})
-                for lane in lanes.tolist():
-                    each = running[lane]
-                    assert each is not None
+                    observe(world, running)
+                for lane, each in sorted(running.items()):
                     if (each.settling is None or each.settling < options.settle_steps) and not each.recorder.diverged:
                         continue
                     yield each.recorder.log(each.step, final_objects(world, lane), **self._named)
-                    running[lane] = self._start(world, lane, waiting.pop()) if waiting else None
-                    if running[lane] is not None:
+                    del running[lane]
+                    if waiting:
+                        running[lane] = self._start(world, lane, waiting.pop())
                         self._begin_skills(world, [lane], running)
         finally:
             world.close()
@@ -264,15 +266,14 @@ class Executor:
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
         return Running(episode, episode.home_task.skills, Recorder(episode), door_links(episode, scene))
 
-    def _begin_skills(self, world: VectorSimulator, lanes: Sequence[int], running: list[Running | None]) -> None:
+    def _begin_skills(self, world: VectorSimulator, lanes: Sequence[int], running: Mapping[int, Running]) -> None:
         """Begin the next skill of these lanes' plans; all of them run and have one."""
         for lane in lanes:
             each = running[lane]
-            assert each is not None
             assert each.current is not None
             world.assign(lane, make_skill_goal(each.episode, each.current, world.simulator(lane)))
             each.began = each.step
-        for name, group in self._groups(np.array(lanes, dtype=np.int64), running).items():
+        for name, group in self._groups(lanes, running).items():
             if name not in self._skills:
                 raise PerdureError(f"the plan needs {name}, but only {', '.join(self._skills)} are given")
             skill = self._skills[name]
@@ -283,12 +284,12 @@ class Executor:
             for lane in group.tolist():
                 self._agents[name].begin(world, lane, skill)
 
-    def _step(self, world: VectorSimulator, lanes: IntArray, running: list[Running | None]) -> None:
+    def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
         speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
-        groups = self._groups(lanes, running)
+        groups = self._groups(sorted(running), running)
         # Lanes at the same skill lie side by side, so that a group's part of a record is a view.
-        settling = [int(lane) for lane in lanes if running[lane].current is None]
+        settling = [lane for lane, each in sorted(running.items()) if each.current is None]
         lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
         ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
@@ -310,17 +311,17 @@ class Executor:
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
-    def _groups(self, lanes: IntArray, running: list[Running | None]) -> dict[str, IntArray]:
+    def _groups(self, lanes: Sequence[int], running: Mapping[int, Running]) -> dict[str, IntArray]:
         """Return the lanes at each skill; lanes in their settling time are in no group."""
         groups: dict[str, list[int]] = {}
         for lane in lanes:
             step = running[lane].current
             if step is not None:
-                groups.setdefault(step.skill, []).append(int(lane))
+                groups.setdefault(step.skill, []).append(lane)
         return {name: np.array(group) for name, group in groups.items()}
 
     def _end_skills(
-        self, world: VectorSimulator, name: str, group: IntArray, state: PrivilegedState, running: list[Running | None]
+        self, world: VectorSimulator, name: str, group: IntArray, state: PrivilegedState, running: Mapping[int, Running]
     ) -> None:
         """End skills that stop or run out of time, and begin the next ones."""
         skill = self._skills[name]
@@ -333,7 +334,6 @@ class Executor:
             zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
         ):
             each = running[lane]
-            assert each is not None
             out_of_time = elapsed >= skill.limit
             if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
                 out_of_time = not self._agents[name].overtime(lane)
@@ -361,14 +361,16 @@ class Executor:
         return each.settling is None
 
     @staticmethod
-    def _record(world: VectorSimulator, lanes: IntArray, running: list[Running | None], state: PrivilegedState) -> None:
-        everyone = [each for each in (running[lane] for lane in lanes.tolist()) if each is not None]
+    def _record(
+        world: VectorSimulator, lanes: IntArray, running: Mapping[int, Running], state: PrivilegedState
+    ) -> None:
+        everyone = [running[lane] for lane in lanes.tolist()]
         doors = [each.doors for each in everyone]
         table = record_table(world, lanes, state, len(everyone[0].episode.goals), doors)
-        for row, (each, diverged) in enumerate(zip(everyone, state.diverged.tolist(), strict=True)):
+        for each, row, diverged in zip(everyone, table, state.diverged.tolist(), strict=True):
             if each.settling is None:
                 each.step += 1
             else:
                 each.settling += 1
             each.recorder.diverged |= diverged
-            each.recorder.rows.append(table[row])
+            each.recorder.rows.append(row)

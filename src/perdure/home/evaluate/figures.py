@@ -34,7 +34,7 @@ def make_figures(view: View) -> list[Figure]:
     """Return all figures of one task and split; those with nothing to show are left out."""
     drawn = [success_figure(view), shape_figure(view), kind_figure(view), outcome_figure(view), stage_figure(view)]
     drawn += [mode_figure(view, counting) for counting in reversed(COUNTINGS)]
-    drawn += [release_figure(view, column) for column in MEASURES]
+    drawn += [release_figure(view, column) for column in ("release_height", "object_speed", "tilt", "base_speed")]
     return [replace(each, name=slug(view.name, each.name), heading=view.title) for each in drawn if each is not None]
 
 
@@ -268,7 +268,7 @@ def release_figure(view: View, column: str) -> Figure | None:
         curves.append(_distribution(label, each, style, low, high))
     sample, marker = wording.sample(list(map(len, values)), "placement"), measure.marker
     return Figure(
-        name=measure.name,
+        name=slug("release", column.removeprefix("release_")),
         title=measure.title,
         chart=curve_chart(
             curves,

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "3"
-_RESERVED = ("schema", "version", "sha256")
+FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
+_RESERVED = (*FORMAT, "sha256")
 NOTES = Table({}, others=Text(100_000, lines=True))
 """A file's metadata."""
 POLICIES = Table({}, others=Text(5000, lines=True))
@@ -194,22 +195,37 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
             row_kind(EpisodeLog).check(row)
     except PerdureError as error:
         raise PerdureError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
-    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **notes}
-    buffer = io.BytesIO()
-    frame.write_parquet(buffer, metadata={**notes, "sha256": digest(frame, notes)}, compression_level=12)
+    buffer, about = io.BytesIO(), {**FORMAT, **notes, "sha256": digest(frame, notes)}
+    frame.write_parquet(buffer, metadata=about, compression_level=12)
     return write_result(Path(path), buffer.getvalue())
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
-    """Read a file of logs.
+    """Return the logs of a file, see `read_log_file`."""
+    return read_log_file(path)[0]
+
+
+def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[str, str]]:
+    """Return the logs of a file, and the notes that its writer added, such as `command`.
 
     Raises:
         PerdureError: If it is missing, no Parquet file, of another schema or version, damaged, or contradicts itself.
     """
-    file, notes = _open(Path(path))
-    if notes.get("schema") != SCHEMA_NAME:
+    path = Path(path)
+    if not path.is_file():
+        raise PerdureError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
+    content = path.read_bytes()
+    if content[:4] != b"PAR1":
+        raise PerdureError(f"{path} is not a Parquet file")
+    try:
+        file = Parquet(content)
+        NOTES.check(file.notes)
+    except PerdureError as error:
+        raise PerdureError(f"{path} is a damaged Parquet file: {error}") from None
+    notes = dict(file.notes)
+    if notes.pop("schema", "") != SCHEMA_NAME:
         raise PerdureError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
-    if (version := notes.get("version", "")) != SCHEMA_VERSION:
+    if (version := notes.pop("version", "")) != SCHEMA_VERSION:
         raise PerdureError(f"{path} has version {version or 'unknown'}; this package reads version {SCHEMA_VERSION}")
     try:
         frame, expected = file.read(), columns()
@@ -223,16 +239,7 @@ def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:
         check_distinct(records, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
-    return records
-
-
-def read_notes(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return the notes that the writer added to a log file, such as `command`.
-
-    Raises:
-        PerdureError: If it is missing or no Parquet file; whether it is one of logs is looked at by `read_logs`.
-    """
-    return _open(Path(path))[1]
+    return records, notes
 
 
 def read_note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any] | None:
@@ -264,18 +271,4 @@ def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
 
 def digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
     """Return the SHA-256 of notes and rows: Parquet's own checks let most flipped bits through."""
-    return hashlib.sha256(repr((sorted(notes.items()), frame.columns, frame.rows())).encode()).hexdigest()
-
-
-def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
-    if not path.is_file():
-        raise PerdureError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
-    content = path.read_bytes()
-    if content[:4] != b"PAR1":
-        raise PerdureError(f"{path} is not a Parquet file")
-    try:
-        file = Parquet(content)
-        NOTES.check(file.notes)
-        return file, dict(file.notes)
-    except PerdureError as error:
-        raise PerdureError(f"{path} is a damaged Parquet file: {error}") from None
+    return hashlib.sha256(repr((sorted({**FORMAT, **notes}.items()), frame.columns, frame.rows())).encode()).hexdigest()

@@ -2,8 +2,8 @@
 
 Two ways of counting: *latched*, as the benchmark counts (a stage that was reached stays reached), and *stabilizing*, as
 the thesis does (a placed object stays in its goal). The rules are those of `perdure.home.tasks.tasks`. Between two
-events nothing changes that a condition looks at, so it is enough to look at the steps of the events, at the first and
-the last step of every run, and at the first and the last step of the settling time.
+events no input of a condition changes, so conditions are evaluated only at events and at the first and the last step of
+every run and of the settling time.
 
 A failed episode has one label: its first unmet stage and one failure cause. `docs/home/outcomes.md` lists the lines by
 which a cause is found; the first line that applies decides. "OURS" marks thresholds that this package chose.
@@ -432,15 +432,16 @@ class Overlap:
         return f"{self.log.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
 
 
-def find_overlaps(logs: Sequence[EpisodeLog], deeper_than: float = DEEPEST) -> Iterator[Overlap]:
-    """Yield every pair of objects at rest that overlap by more than a depth in [m].
+def find_overlaps(
+    logs: Sequence[EpisodeLog], deeper_than: float = DEEPEST, apple: AppleShape = "sphere"
+) -> Iterator[Overlap]:
+    """Yield every pair of objects at rest that overlap by more than a depth in [m], under one shape of the apple.
 
     Episodes that diverged and logs without final poses are passed over.
     """
     for log in logs:
         if log.diverged:
             continue
-        apple: AppleShape = "hull" if "hull-apple" in log.strategy.split() else "sphere"
         at_rest = [k for k, each in enumerate(log.final_objects) if each.speed < AT_REST and not each.held]
         for first, second in combinations(at_rest, 2):
             depth = overlap_depth(log.final_objects[first], log.final_objects[second], apple)

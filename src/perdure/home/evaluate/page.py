@@ -13,7 +13,7 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import GROUP, Analysis
 from perdure.home.evaluate.comparison import make_tables, make_views, summary, verdict
 from perdure.home.evaluate.figures import make_figures
-from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_logs, read_note, read_notes
+from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_log_file, read_note
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.report import page as document
 from perdure.report.charts import Format, save, unique
@@ -61,14 +61,14 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
     Files of another simulator record no policies.
 
     Raises:
-        PerdureError: A file holds no logs, see `read_logs`, a note is no JSON object, or two files hold the same
+        PerdureError: A file holds no logs, see `read_log_file`, a note is no JSON object, or two files hold the same
             episode of a strategy and its seeds, such as those of a trial run and of the whole run.
     """
     records, policies, commands = list[EpisodeLog](), dict[tuple[str, ...], None](), dict[str, None]()
     hand_overs: Counter[tuple[str, ...]] = Counter()
     found: dict[tuple[object, ...], str | os.PathLike[str]] = {}
     for path in paths:
-        read, notes = read_logs(path), read_notes(path)
+        read, notes = read_log_file(path)
         for record in read:
             if (other := found.setdefault(record.key, path)) != path:
                 raise PerdureError(f"{other} and {path} both hold {record.name}; leave one of the two files out")

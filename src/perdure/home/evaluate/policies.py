@@ -61,21 +61,13 @@ def read_release(text: str) -> ReleaseChoice:
     """
     if text in STRATEGIES:
         return ReleaseChoice(text, text)
-    found = re.fullmatch(r"delta-(\w*?)(?:-in-(\w*))?", text)
-    if found is None:
-        raise PerdureError(f"place must be one of {', '.join(STRATEGIES)}, delta-N or delta-N-in-M, not {text!r}")
-    delta, steps = found.groups()
-    if not _is_number(delta) or int(delta) < 2:
-        raise PerdureError(f"the N in delta-N must be 2 or more, not {delta!r}")
-    if steps is not None and not _is_number(steps):
-        raise PerdureError(f"the M in delta-N-in-M must be a number of steps, not {steps!r}")
-    wanted = ReleaseChoice(text, "rl", int(delta), None if steps is None else int(steps))
+    found = re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", text, re.ASCII)
+    if found is None or int(found[1]) < 2:
+        names = f"{', '.join(STRATEGIES)}, delta-N or delta-N-in-M"
+        raise PerdureError(f"place must be one of {names} with N 2 or more and M a number of steps, not {text!r}")
+    wanted = ReleaseChoice(text, "rl", int(found[1]), None if found[2] is None else int(found[2]))
     get_skill("place", **wanted.options)  # refuses a limit that is too short
     return wanted
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdecimal()
 
 
 @dataclass(frozen=True)
@@ -116,20 +108,11 @@ def _load(source: str, sha256: str) -> Policy:
     return load_policy(source)
 
 
-def shipped_policy(task: str, policy: str, train_seed: int) -> Path | None:
-    """Return the file of a shipped policy, the task's own before one trained for all tasks; None when there is none."""
-    paths = [folder / f"seed-{train_seed}.safetensors" for folder in _folders(task, policy)]
-    return next((path for path in paths if path.exists()), None)
-
-
-def shipped_seeds(task: str, policy: str) -> list[int]:
-    """Return the training seeds of which a policy is shipped."""
-    paths = [path for folder in _folders(task, policy) for path in folder.glob("seed-*.safetensors")]
-    return sorted({int(path.stem.removeprefix("seed-")) for path in paths})
-
-
-def _folders(task: str, policy: str) -> list[Path]:
-    return [SHIPPED / each / policy for each in dict.fromkeys((task, LEARNED_ON.get(policy, task)))]
+def shipped_seeds(task: str, policy: str) -> dict[int, Path]:
+    """Return the shipped file of each training seed, the task's own before one trained for all tasks."""
+    folders = [SHIPPED / each / policy for each in (LEARNED_ON.get(policy, task), task)]
+    paths = [path for folder in folders for path in folder.glob("seed-*.safetensors")]
+    return dict(sorted({int(path.stem.removeprefix("seed-")): path for path in paths}.items()))
 
 
 def choose_policies(
@@ -167,7 +150,7 @@ def choose_policies(
         if named is None:
             policy = how.policy if skill == "place" else skill
             seeds = shipped_seeds(task, policy)
-            path = shipped_policy(task, policy, seeds[train_seed]) if 0 <= train_seed < len(seeds) else None
+            path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
             if path is None and seeds and train_seed != UNTRAINED:
                 raise PerdureError(
                     f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
@@ -190,7 +173,7 @@ def choose_policies(
 
 
 def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, SkillAgent]:
-    """Return an agent for each skill, that of place behind its arm."""
+    """Return an agent for each skill, that of place under the release strategy."""
     oracle = Oracle()
     agents: dict[str, SkillAgent] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():

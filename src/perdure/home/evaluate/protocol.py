@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 from perdure.errors import PerdureError
-from perdure.home.agents.learned import SkillAgent
 from perdure.home.agents.release import HandOver
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import read_logs, write_logs
@@ -38,7 +37,7 @@ LOGS = "logs.parquet"
 
 Policies = Mapping[SkillName, SkillPolicy]
 Vary = Literal["all", "place"]
-"""Whose policy is that of the training seed: every skill's, or that of place alone; the others are then of seed 0."""
+"""Skills whose policy is that of the training seed: all, or place alone (the others use seed 0)."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,11 @@ class EvaluationProtocol:
     def __post_init__(self) -> None:
         """Whatever is no task, split, strategy or count raises PerdureError."""
         count = len(load_episodes(self.task, self.split))
-        for name, value, most in (("episodes", self.episodes, count), ("train_seeds", self.train_seeds, None)):
-            if value < 1 or (most is not None and value > most):
-                raise PerdureError(f"{name} must be {'1 or more' if most is None else f'1 to {most}'}, not {value}")
-        if self.eval_seeds < 1:
-            raise PerdureError(f"eval_seeds must be 1 or more, not {self.eval_seeds}")
+        if not 1 <= self.episodes <= count:
+            raise PerdureError(f"episodes must be 1 to {count}, not {self.episodes}")
+        for name in ("train_seeds", "eval_seeds"):
+            if (value := getattr(self, name)) < 1:
+                raise PerdureError(f"{name} must be 1 or more, not {value}")
         if self.vary not in get_args(Vary):
             raise PerdureError(f"vary must be one of {', '.join(get_args(Vary))}, not {self.vary!r}")
         _ = self.release
@@ -155,8 +154,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
         arguments = {
             "protocol": protocol.to_json(),
             "block": asdict(block),
-            "policies": {skill: each.source for skill, each in acting.items()},
-            "digests": _digests(acting),
+            "policies": {skill: asdict(each) for skill, each in acting.items()},
             "command": command,
         }
         yield Unit(
@@ -186,8 +184,7 @@ def run_block(
     *,
     protocol: Mapping[str, Any],
     block: Mapping[str, int],
-    policies: Mapping[SkillName, str],
-    digests: Mapping[SkillName, str],
+    policies: Mapping[SkillName, Mapping[str, str]],
     command: str,
 ) -> None:
     """Execute a block and write its logs into the work folder; the function of the units.
@@ -197,10 +194,10 @@ def run_block(
     """
     if _is_written(work.folder / LOGS):
         return
-    acting = {skill: read_policy(source) for skill, source in policies.items()}
-    for skill, digest in _digests(acting).items():
-        if digests[skill] != digest:
-            raise PerdureError(f"{policies[skill]} has changed since this run began")
+    acting = {skill: SkillPolicy(**each) for skill, each in policies.items()}
+    for each in acting.values():
+        if read_policy(each.source) != each:
+            raise PerdureError(f"{each.source} has changed since this run began")
     wanted, part = EvaluationProtocol.from_json(protocol), EpisodeBlock(**block)
     options = replace(wanted.options, eval_seed=part.eval_seed, threads=work.threads)
     train_seed = part.train_seed if any(each.learned for each in acting.values()) else UNTRAINED
@@ -216,8 +213,9 @@ def run_block(
         "protocol": json.dumps(protocol),
         "policies": json.dumps({skill: each.name for skill, each in acting.items()}),
         "command": command,
-        **_hand_overs(agents["place"]),
     }
+    if isinstance(place := agents["place"], HandOver):
+        notes["hand_overs"] = json.dumps(Counter(place.outcomes))
     write_logs(work.folder / LOGS, logs, notes)
 
 
@@ -250,11 +248,6 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
 
 def _digests(policies: Policies) -> dict[SkillName, str]:
     return {skill: each.sha256 or each.source for skill, each in policies.items()}
-
-
-def _hand_overs(place: SkillAgent) -> dict[str, str]:
-    """Return the note on how often each outcome of the release strategy came; nothing for the policy alone."""
-    return {"hand_overs": json.dumps(Counter(place.outcomes))} if isinstance(place, HandOver) else {}
 
 
 def run_protocol(

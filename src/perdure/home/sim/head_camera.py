@@ -23,12 +23,13 @@ FAR = 10.0
 NEAR = 0.01
 """Smallest depth that is drawn in [m] (habitat-sim's default, `src/esp/sensor/VisualSensor.h`)."""
 LARGEST = 4096
-COLLIDES = (1, 1, 0, 1, 0, 0)
-"""Geom groups that are drawn: everything that collides, see `perdure.home.sim.apartments`."""
+"""Largest width and height in pixels."""
+DRAWN_GROUPS = (1, 1, 0, 1, 0, 0)
+"""Geom groups that are drawn: everything that collides, see `perdure.home.sim.geoms`."""
 
 
 class HeadCamera:
-    """Takes depth images of lanes, of as many scenes as you like. Use it in the thread that made it.
+    """Takes depth images of lanes, of any number of scenes. Use it in the thread that made it.
 
     The camera is `head` of the model: with the torso at 0.15 m it looks from (0.17, 0, 1.2) to (0.75, 0, 1.0) in the
     base frame, 19 degrees down, as in M3 (`habitat_extensions/robots/fetch_robot.py`). That is 8 mm from where Fetch
@@ -44,8 +45,7 @@ class HeadCamera:
             side: Width and height of the images in pixels.
 
         Raises:
-            PerdureError: If the size is none.
-            PerdureError: If no picture can be drawn on this machine.
+            PerdureError: If the size is not allowed, or this machine cannot render.
         """
         import mujoco
 
@@ -58,12 +58,12 @@ class HeadCamera:
         self._scene: Any = None
         self._options = mujoco.MjvOption()
         self._options.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 0
-        self._options.geomgroup[:] = COLLIDES
+        self._options.geomgroup[:] = DRAWN_GROUPS
         self._free = weakref.finalize(self, _free, self._gl, self._drawings)
         atexit.register(self._free)  # EGL ends itself at exit; what was registered last runs first
 
     def take(self, simulator: Simulator) -> DepthImage:
-        """Return one image of a lane as it is now; its physics is not touched.
+        """Return one image of a lane in its present state; its physics is not changed.
 
         Returns:
             Depth in [m] along the camera's axis (planar, not the length of the ray) from 0.01 to 10, with 10 for
@@ -73,7 +73,7 @@ class HeadCamera:
         mujoco, model, data = self._mujoco, simulator.model, simulator.data
         self._gl.make_current()
         drawing = self._drawing(model)
-        self._see(model, data)
+        self._update_scene(model, data)
         depth = np.empty((self.side, self.side), dtype=np.float32)
         viewport = mujoco.MjrRect(0, 0, self.side, self.side)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)  # another one may be bound
@@ -84,11 +84,11 @@ class HeadCamera:
         return meters.astype(np.float32)
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Free the graphics memory."""
         self._free()
         atexit.unregister(self._free)
 
-    def _see(self, model: Any, data: Any) -> None:
+    def _update_scene(self, model: Any, data: Any) -> None:
         """Put a lane's geoms and the camera into the scene."""
         mujoco = self._mujoco
         if self._scene is None or self._scene.maxgeom < model.ngeom:

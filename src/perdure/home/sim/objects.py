@@ -15,9 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.home.sim.arrays import FloatArray, Quaternion, Vec3
+from perdure.home.sim.geoms import COLLIDES_AND_SEEN, OBJECT_BIT, ONLY_COLLIDES, ONLY_SEEN, geom_type
 
+Color = tuple[float, float, float]
+"""Red, green and blue in [0, 1]."""
 Shape = Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
 
 SLIDING = 0.3
@@ -45,6 +48,7 @@ class Kind:
         sliding: Sliding friction.
         rolling: Rolling friction in [m]: the lever arm of the weight that resists rolling; 0 if it has no round side.
         source: Where size and mass come from.
+        color: Color where it has no label.
     """
 
     name: str
@@ -52,8 +56,9 @@ class Kind:
     mass: float
     shape: Shape
     source: str
-    sliding: float = SLIDING
+    color: Color
     rolling: float = 0.0
+    sliding: float = SLIDING
 
     @property
     def cylinder(self) -> bool:
@@ -70,16 +75,16 @@ class Kind:
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("002_master_chef_can", (0.1024, 0.1024, 0.1401), 0.414, "cylinder", _SCAN, rolling=CAN_ROLLING),
-        Kind("003_cracker_box", (0.0717, 0.1640, 0.2135), 0.411, "box", _SCAN),
-        Kind("004_sugar_box", (0.0495, 0.0940, 0.1760), 0.514, "box", _SCAN),
-        Kind("005_tomato_soup_can", (0.0679, 0.0679, 0.1020), 0.349, "cylinder", _SCAN, rolling=CAN_ROLLING),
-        Kind("007_tuna_fish_can", (0.0856, 0.0856, 0.0335), 0.171, "cylinder", _SCAN, rolling=CAN_ROLLING),
-        Kind("008_pudding_box", (0.1100, 0.0890, 0.0350), 0.187, "box", _TABLE),
-        Kind("009_gelatin_box", (0.0850, 0.0730, 0.0280), 0.097, "box", _TABLE),
-        Kind("010_potted_meat_can", (0.1021, 0.0603, 0.0836), 0.370, "rounded_box", _SCAN),
-        Kind("024_bowl", (0.1614, 0.1614, 0.0550), 0.147, "bowl", _SCAN),
-        Kind("013_apple", (0.0750, 0.0750, 0.0750), 0.068, "sphere", _MEASURED, rolling=APPLE_ROLLING),
+        Kind("002_master_chef_can", (0.1024, 0.1024, 0.1401), 0.414, "cylinder", _SCAN, (0.08, 0.17, 0.5), CAN_ROLLING),
+        Kind("003_cracker_box", (0.0717, 0.1640, 0.2135), 0.411, "box", _SCAN, (0.76, 0.08, 0.09)),
+        Kind("004_sugar_box", (0.0495, 0.0940, 0.1760), 0.514, "box", _SCAN, (0.97, 0.8, 0.1)),
+        Kind("005_tomato_soup_can", (0.0679, 0.0679, 0.1020), 0.349, "cylinder", _SCAN, (0.8, 0.07, 0.09), CAN_ROLLING),
+        Kind("007_tuna_fish_can", (0.0856, 0.0856, 0.0335), 0.171, "cylinder", _SCAN, (0.12, 0.42, 0.66), CAN_ROLLING),
+        Kind("008_pudding_box", (0.1100, 0.0890, 0.0350), 0.187, "box", _TABLE, (0.36, 0.2, 0.12)),
+        Kind("009_gelatin_box", (0.0850, 0.0730, 0.0280), 0.097, "box", _TABLE, (0.84, 0.16, 0.3)),
+        Kind("010_potted_meat_can", (0.1021, 0.0603, 0.0836), 0.370, "rounded_box", _SCAN, (0.1, 0.22, 0.56)),
+        Kind("024_bowl", (0.1614, 0.1614, 0.0550), 0.147, "bowl", _SCAN, (0.74, 0.1, 0.09)),
+        Kind("013_apple", (0.0750, 0.0750, 0.0750), 0.068, "sphere", _MEASURED, (0.74, 0.09, 0.1), APPLE_ROLLING),
     )
 }
 """The ten kinds by their YCB name."""
@@ -115,16 +120,16 @@ class Placement:
 AppleShape = Literal["sphere", "hull"]
 """What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""
 RELIEF = 3e-4
-"""How far in [m] the pieces an object does not rest on stand back: more than a resting object sinks in (OURS)."""
+"""How far in [m] the parts an object does not rest on stand back: more than a resting object sinks in (OURS)."""
 CORNER = 0.018
 """Radius in [m] of the upright edges of a rounded box (OURS)."""
 HULL_CORNERS = 2000
 """Corners of the apple's convex hull, evenly spread (OURS; Habitat-sim collides the hull of a scan, which we lack)."""
-SIDES = 8
+BOWL_WEDGES = 8
 """Wedges in the wall of a bowl: the corners of its rim lie on the rim's circle, four of them on the axes."""
-FOOT, FLOOR = 0.031, 0.006
+BOWL_BASE, BOWL_FLOOR = 0.031, 0.006
 """Bowl: half the side of the square plate it stands on, and its thickness, in [m] (OURS)."""
-BELLY, WALL, OFF = 0.020, 0.004, 0.002
+BOWL_BEND, BOWL_RIM, BOWL_LIFT = 0.020, 0.004, 0.002
 """Bowl: height of the wall's bend, thickness of the rim, height at which the wall begins, in [m] (OURS)."""
 
 
@@ -151,20 +156,20 @@ class ConvexPart:
     corners: tuple[Vec3, ...] = ()
 
 
-def pieces(kind: Kind, apple: AppleShape = "sphere") -> tuple[ConvexPart, ...]:
+def collision_parts(kind: Kind, apple: AppleShape = "sphere") -> tuple[ConvexPart, ...]:
     """Return the convex pieces a kind collides with; a ball is a sphere or, as in Habitat-sim, a convex hull."""
     x, y, z = kind.half
     if kind.shape == "sphere" and apple == "hull":
         return (ConvexPart("hull", rolls=True, name=f"{kind.name}/hull", corners=_ball_corners(x)),)
     if kind.shape == "cylinder":
-        return can_pieces(x, z)
+        return _can_parts(x, z)
     if kind.shape == "rounded_box":
         inside = CORNER * (1.0 - math.sqrt(0.5))
         column = ConvexPart("box", (x - inside, y - inside, z))
         return column, ConvexPart("box", (x - CORNER, y, z - RELIEF)), ConvexPart("box", (x, y - CORNER, z - RELIEF))
     if kind.shape == "bowl":
-        floor = ConvexPart("box", (FOOT, FOOT, FLOOR / 2.0), (0.0, 0.0, FLOOR / 2.0 - z))
-        return floor, *bowl_wall(kind)
+        floor = ConvexPart("box", (BOWL_BASE, BOWL_BASE, BOWL_FLOOR / 2.0), (0.0, 0.0, BOWL_FLOOR / 2.0 - z))
+        return floor, *_bowl_wall(kind)
     return (ConvexPart(kind.shape, (x, y, z), rolls=kind.shape == "sphere"),)
 
 
@@ -179,7 +184,7 @@ def _ball_corners(radius: float) -> tuple[Vec3, ...]:
     return tuple(corners)
 
 
-def can_pieces(radius: float, half: float) -> tuple[ConvexPart, ...]:
+def _can_parts(radius: float, half: float) -> tuple[ConvexPart, ...]:
     """Return a can: a square column to stand on, two spheres to roll on, and the edge of a cylinder to tip over.
 
     A can flatter than wide has no room for the spheres: on its side it rolls on the cylinder.
@@ -222,30 +227,28 @@ def cap_radius(kind: Kind) -> float:
     return (x**2 + (2.0 * z) ** 2) / (4.0 * z)
 
 
-def bowl_wall(kind: Kind) -> tuple[ConvexPart, ...]:
+def _bowl_wall(kind: Kind) -> tuple[ConvexPart, ...]:
     """Return the wedges of a bowl's wall, and four beads in its rim on which it lies when it is upside down.
 
     Outside a wedge goes from the foot over a bend on the cap to the rim; inside it is straight. The bend is what lets a
     tilted bowl right itself: on a straight wall it would lie still.
     """
     rim, height = kind.half[0], kind.size[2]
-    top, bead = height - RELIEF, WALL / 2.0
-    bend = math.sqrt(2.0 * cap_radius(kind) * BELLY - BELLY**2)
-    profile = ((FOOT, OFF), (bend, BELLY), (rim, top), (rim - WALL, top), (FOOT, FLOOR))
-    half = math.pi / SIDES
+    top, bead = height - RELIEF, BOWL_RIM / 2.0
+    bend = math.sqrt(2.0 * cap_radius(kind) * BOWL_BEND - BOWL_BEND**2)
+    profile = ((BOWL_BASE, BOWL_LIFT), (bend, BOWL_BEND), (rim, top), (rim - BOWL_RIM, top), (BOWL_BASE, BOWL_FLOOR))
+    half = math.pi / BOWL_WEDGES
     corners = tuple(
         (r * math.cos(half), side * r * math.sin(half), up - height / 2.0) for side in (-1, 1) for r, up in profile
     )
     name = f"{kind.name}/wedge"
-    wedges = (ConvexPart("hull", turn=(2 * k + 1) * half, name=name, corners=corners) for k in range(SIDES))
+    wedges = (ConvexPart("hull", turn=(2 * k + 1) * half, name=name, corners=corners) for k in range(BOWL_WEDGES))
     at = rim - bead
     ends = ((at, 0.0), (0.0, at), (-at, 0.0), (0.0, -at))
     return *wedges, *(ConvexPart("sphere", (bead,) * 3, (x, y, height / 2.0 - bead)) for x, y in ends)
 
 
-Color = tuple[float, float, float, float]
-
-PROUD = 3e-4
+LABEL_HEIGHT = 3e-4
 """How far labels stand out in [m]."""
 
 
@@ -254,19 +257,19 @@ class Visual:
     """A part of the visual geometry.
 
     Attributes:
-        piece: Its shape; an `ellipsoid` too is a shape here.
-        color: Red, green, blue and alpha in [0, 1].
-        axis: Unit vector about which `piece.turn` turns it.
+        part: Its shape; an `ellipsoid` too is a shape here.
+        color: Red, green and blue.
+        axis: Unit vector about which `part.turn` turns it.
     """
 
-    piece: ConvexPart
+    part: ConvexPart
     color: Color
     axis: Vec3 = (0.0, 0.0, 1.0)
 
 
 def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) -> Visual:
     """Return a band around a can between two heights, as shares of the can's height; `out` is its distance outward."""
-    radius, height = kind.half[0] + out * PROUD, kind.size[2]
+    radius, height = kind.half[0] + out * LABEL_HEIGHT, kind.size[2]
     center = (0.0, 0.0, (0.5 * (low + high) - 0.5) * height)
     return Visual(ConvexPart("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
 
@@ -295,7 +298,7 @@ def plate(
     """
     across = [axis for axis in range(3) if axis != face]
     size, center = [0.0] * 3, [0.0] * 3
-    size[face] = kind.half[face] + out * PROUD
+    size[face] = kind.half[face] + out * LABEL_HEIGHT
     for axis, at, extent in zip(across, middle, half, strict=True):
         center[axis], size[axis] = at * kind.half[axis], extent * kind.half[axis]
     normal = (float(face == 0), float(face == 1), float(face == 2))
@@ -304,11 +307,11 @@ def plate(
     )
 
 
-def rounded(kind: Kind, name: str, share: float, proud: float, color: Color) -> Visual:
-    """Return a prism over a share of a rounded box's outline that stands out of its ends."""
+def rounded(kind: Kind, name: str, share: float, out: float, color: Color) -> Visual:
+    """Return a prism over a share of a rounded box's outline that stands out of its ends by `out` in [m]."""
     x, y, z = kind.half
     outline = rounded_rectangle(share * x, share * y, share * CORNER)
-    corners = tuple((*corner, side * (z + proud)) for side in (-1, 1) for corner in outline)
+    corners = tuple((*corner, side * (z + out)) for side in (-1, 1) for corner in outline)
     return Visual(ConvexPart("hull", name=f"{kind.name}/{name}", corners=corners), color)
 
 
@@ -322,58 +325,39 @@ def rounded_rectangle(x: float, y: float, radius: float) -> tuple[tuple[float, f
     return tuple(corners)
 
 
-COATS: dict[str, Color] = {
-    "002_master_chef_can": (0.08, 0.17, 0.50, 1.0),
-    "003_cracker_box": (0.76, 0.08, 0.09, 1.0),
-    "004_sugar_box": (0.97, 0.80, 0.10, 1.0),
-    "005_tomato_soup_can": (0.80, 0.07, 0.09, 1.0),
-    "007_tuna_fish_can": (0.12, 0.42, 0.66, 1.0),
-    "008_pudding_box": (0.36, 0.20, 0.12, 1.0),
-    "009_gelatin_box": (0.84, 0.16, 0.30, 1.0),
-    "010_potted_meat_can": (0.10, 0.22, 0.56, 1.0),
-    "024_bowl": (0.74, 0.10, 0.09, 1.0),
-    "013_apple": (0.74, 0.09, 0.10, 1.0),
-}
-"""Color of a kind where it has no label: red, green, blue and alpha in [0, 1]."""
-_TIN: Color = (0.74, 0.75, 0.77, 1.0)
-_WHITE: Color = (0.96, 0.95, 0.92, 1.0)
-_YELLOW: Color = (0.98, 0.80, 0.16, 1.0)
-_ORANGE: Color = (0.93, 0.56, 0.14, 1.0)
-_NAVY: Color = (0.08, 0.12, 0.42, 1.0)
-_RED: Color = (0.80, 0.07, 0.09, 1.0)
-_GOLD: Color = (0.80, 0.62, 0.24, 1.0)
-_CREAM: Color = (0.93, 0.84, 0.68, 1.0)
-_BARK: Color = (0.30, 0.20, 0.11, 1.0)
-_GREEN: Color = (0.25, 0.48, 0.14, 1.0)
+_TIN: Color = (0.74, 0.75, 0.77)
+_WHITE: Color = (0.96, 0.95, 0.92)
+_YELLOW: Color = (0.98, 0.80, 0.16)
+_ORANGE: Color = (0.93, 0.56, 0.14)
+_NAVY: Color = (0.08, 0.12, 0.42)
+_RED: Color = (0.80, 0.07, 0.09)
+_GOLD: Color = (0.80, 0.62, 0.24)
+_CREAM: Color = (0.93, 0.84, 0.68)
+_BARK: Color = (0.30, 0.20, 0.11)
+_GREEN: Color = (0.25, 0.48, 0.14)
 
 
-def visuals(kind: Kind) -> tuple[Visual, ...]:
-    """Return the visual geometry of a kind: its coat where the collision shape differs, and its labels.
+def visuals(kind: Kind) -> list[Visual]:
+    """Return the visual geometry of a kind: its surface where the collision shape differs, its labels, parts outside.
 
-    The coats of bowl and apple are in `lathe`.
+    The surfaces of bowl and apple are meshes, see `_add_shell`.
     """
-    labels = _labels(kind)
-    if kind.shape == "cylinder":
-        return Visual(ConvexPart("cylinder", kind.half), COATS[kind.name]), *labels
-    if kind.shape == "rounded_box":
-        return rounded(kind, "coat", 1.0, 0.0, COATS[kind.name]), *labels
-    return tuple(labels)
-
-
-def _labels(kind: Kind) -> list[Visual]:
-    """Return what is printed on an object or sticks out of it; an empty list for plain objects."""
-    return [*_box_labels(kind), *_can_labels(kind), *_apple_parts(kind)]
-
-
-def _box_labels(kind: Kind) -> list[Visual]:
-    """Return the labels of a box."""
+    radius, _, half = kind.half
     match kind.name:
+        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
+            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + LABEL_HEIGHT)), _CREAM)
+            labels = [
+                band(kind, 0.34, 0.62, _WHITE),
+                band(kind, 0.44, 0.52, _RED, out=2.0),
+                band(kind, 0.93, 1.001, _CREAM),
+                lid,
+            ]
         case "003_cracker_box":  # red, a white field with a yellow stripe above, crackers below
             squares = [
                 plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
                 for y, z, turn in ((-0.45, -0.35, 0.3), (0.10, -0.55, -0.5), (0.50, -0.25, 0.9), (-0.35, -0.78, 0.1))
             ]
-            return [
+            labels = [
                 plate(kind, 0, (0.0, 0.52), (0.74, 0.22), _WHITE),
                 plate(kind, 0, (0.0, 0.52), (0.62, 0.09), _RED, out=2.0),
                 plate(kind, 0, (0.0, 0.16), (1.0, 0.05), _YELLOW),
@@ -381,7 +365,7 @@ def _box_labels(kind: Kind) -> list[Visual]:
                 *squares,
             ]
         case "004_sugar_box":  # yellow, a navy name on white, white ends
-            return [
+            labels = [
                 plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
                 plate(kind, 1, (0.0, 0.30), (1.0, 0.26), _WHITE),
                 plate(kind, 0, (0.0, 0.30), (0.72, 0.12), _NAVY, out=2.0),
@@ -389,78 +373,60 @@ def _box_labels(kind: Kind) -> list[Visual]:
                 plate(kind, 0, (0.0, -0.66), (0.32, 0.04), _RED),
                 plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
             ]
+        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
+            disc = ConvexPart("cylinder", (0.011, 0.0, radius + LABEL_HEIGHT), turn=math.pi / 2.0)
+            labels = [band(kind, 0.02, 0.50, _WHITE), Visual(disc, _GOLD, (0.0, 1.0, 0.0)), *_tin_ends(kind)]
+        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
+            labels = [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
         case "008_pudding_box":  # brown, a white name, a cream pudding
-            return [
+            labels = [
                 plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
                 plate(kind, 2, (0.0, 0.50), (0.62, 0.10), _RED, out=2.0),
                 plate(kind, 2, (0.10, -0.40), (0.46, 0.36), _CREAM, "cylinder"),
                 plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
             ]
         case "009_gelatin_box":  # pink and red, a white name, a yellow spot
-            return [
-                plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58, 1.0)),
+            labels = [
+                plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58)),
                 plate(kind, 2, (0.0, 0.45), (0.80, 0.24), _WHITE),
                 plate(kind, 2, (0.0, 0.45), (0.60, 0.11), _RED, out=2.0),
                 plate(kind, 2, (-0.35, -0.45), (0.26, 0.30), _RED, "cylinder", out=2.0),
                 plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
             ]
-    return []
-
-
-def _can_labels(kind: Kind) -> list[Visual]:
-    """Return labels and bare ends of a can."""
-    radius, _, half = kind.half
-    match kind.name:
-        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
-            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + PROUD)), _CREAM)
-            return [
-                band(kind, 0.34, 0.62, _WHITE),
-                band(kind, 0.44, 0.52, _RED, out=2.0),
-                band(kind, 0.93, 1.001, _CREAM),
-                lid,
-            ]
-        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
-            disc = ConvexPart("cylinder", (0.011, 0.0, radius + PROUD), turn=math.pi / 2.0)
-            medal = Visual(disc, _GOLD, (0.0, 1.0, 0.0))
-            return [band(kind, 0.02, 0.50, _WHITE), medal, *_tin_ends(kind)]
-        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
-            return [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
         case "010_potted_meat_can":  # blue, a yellow name, bare ends
             flat = 1.0 - CORNER / radius
-            return [
-                rounded(kind, "ends", 0.94, PROUD, _TIN),
+            labels = [
+                rounded(kind, "ends", 0.94, LABEL_HEIGHT, _TIN),
                 plate(kind, 1, (0.0, 0.18), (flat, 0.34), _YELLOW),
                 plate(kind, 1, (0.0, 0.18), (0.8 * flat, 0.16), _NAVY, out=2.0),
                 plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
             ]
-    return []
-
-
-def _apple_parts(kind: Kind) -> list[Visual]:
-    """Return a stem in the dent of the shell, and a leaf."""
-    if kind.name != "013_apple":
-        return []
-    radius = kind.half[0]
-    leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
-    return [
-        Visual(ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius)), _BARK),
-        Visual(leaf, _GREEN, (0.0, 1.0, 0.0)),
-    ]
+        case "013_apple":  # a stem in the dent of the shell, and a leaf
+            leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
+            stem = ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius))
+            labels = [Visual(stem, _BARK), Visual(leaf, _GREEN, (0.0, 1.0, 0.0))]
+        case _:
+            labels = []
+    if kind.shape == "cylinder":
+        return [Visual(ConvexPart("cylinder", kind.half), kind.color), *labels]
+    if kind.shape == "rounded_box":
+        return [rounded(kind, "coat", 1.0, 0.0, kind.color), *labels]
+    return labels
 
 
 def _tin_ends(kind: Kind) -> list[Visual]:
     """Return the bare ends of a tin, and its two rims."""
     radius, half = kind.half[0], kind.half[2]
-    ends = Visual(ConvexPart("cylinder", (0.94 * radius, 0.0, half + PROUD / 2.0)), _TIN)
-    rim, over = 0.0025 / kind.size[2], PROUD / kind.size[2]
+    ends = Visual(ConvexPart("cylinder", (0.94 * radius, 0.0, half + LABEL_HEIGHT / 2.0)), _TIN)
+    rim, over = 0.0025 / kind.size[2], LABEL_HEIGHT / kind.size[2]
     return [ends, band(kind, -over, rim, _TIN), band(kind, 1.0 - rim, 1.0 + over, _TIN)]
 
 
-AROUND, UP = 40, 8
+SHELL_CORNERS, PROFILE_CORNERS = 40, 8
 """Corners around a shell, and along each side of the bowl's wall."""
 
 
-def add_shell(spec: Any, body: Any, kind: Kind) -> Any:
+def _add_shell(spec: Any, body: Any, kind: Kind) -> Any:
     """Add the round shell of a bowl or an apple to a body; its mesh is made once in a specification.
 
     Returns:
@@ -477,25 +443,25 @@ def add_shell(spec: Any, body: Any, kind: Kind) -> Any:
             userface=faces.ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
-    return body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=COATS[kind.name])
+    return body.add_geom(type=geom_type("mesh"), meshname=name, rgba=(*kind.color, 1.0))
 
 
 def bowl_profile(kind: Kind) -> FloatArray:
     """Return radius and height in [m] from the middle of the foot over the rim to the middle of the floor: (n, 2)."""
     height, radius = kind.size[2], cap_radius(kind)
-    up = np.linspace(0.0, height, UP + 1)
+    up = np.linspace(0.0, height, PROFILE_CORNERS + 1)
     outer = np.sqrt(2.0 * radius * up - up**2)
-    keep = outer > FOOT
+    keep = outer > BOWL_BASE
     outer, up = outer[keep], up[keep]
-    lifted = FLOOR + (up - up[0]) * (height - FLOOR) / (height - up[0])
-    across = np.concatenate([[0.0, FOOT, FOOT], outer, outer[::-1] - WALL, [0.0]])
-    along = np.concatenate([[0.0, 0.0, up[0] / 2.0], up, lifted[::-1], [FLOOR]])
+    lifted = BOWL_FLOOR + (up - up[0]) * (height - BOWL_FLOOR) / (height - up[0])
+    across = np.concatenate([[0.0, BOWL_BASE, BOWL_BASE], outer, outer[::-1] - BOWL_RIM, [0.0]])
+    along = np.concatenate([[0.0, 0.0, up[0] / 2.0], up, lifted[::-1], [BOWL_FLOOR]])
     return np.stack([across, along - height / 2.0], axis=-1)
 
 
 def apple_profile(kind: Kind) -> FloatArray:
     """Return radius and height in [m] from the blossom to the stem: a circle with a dent at each end. Shape (n, 2)."""
-    angle = np.linspace(0.0, np.pi, 4 * UP + 1)
+    angle = np.linspace(0.0, np.pi, 4 * PROFILE_CORNERS + 1)
     dents = 0.10 * np.exp(-((angle / 0.28) ** 2)) + 0.24 * np.exp(-(((np.pi - angle) / 0.34) ** 2))
     out = kind.half[0] * (1.0 - dents - 0.05 * np.cos(angle / 2.0) ** 4)
     return np.stack([np.abs(out * np.sin(angle)), -out * np.cos(angle)], axis=-1)
@@ -507,29 +473,25 @@ def turned(profile: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
     The profile (n, 2) lists the outside first. Corners have shape (corners, 3), triangles, counterclockwise from
     outside, shape (triangles, 3).
     """
-    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    angle = 2.0 * np.pi * np.arange(SHELL_CORNERS) / SHELL_CORNERS
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    rings = [np.column_stack([r * circle, np.full(AROUND, z)]) for r, z in profile[1:-1]]
+    rings = [np.column_stack([r * circle, np.full(SHELL_CORNERS, z)]) for r, z in profile[1:-1]]
     corners = np.concatenate([*rings, [[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]]])
-    here = np.arange(AROUND)
-    after = (here + 1) % AROUND
+    here = np.arange(SHELL_CORNERS)
+    after = (here + 1) % SHELL_CORNERS
     first, last, count = len(corners) - 2, len(corners) - 1, len(rings)
-    faces = [np.column_stack([after, here, np.full(AROUND, first)])]
+    faces = [np.column_stack([after, here, np.full(SHELL_CORNERS, first)])]
     for ring in range(count - 1):
-        a, b = ring * AROUND, (ring + 1) * AROUND
+        a, b = ring * SHELL_CORNERS, (ring + 1) * SHELL_CORNERS
         faces.append(np.column_stack([a + here, a + after, b + after]))
         faces.append(np.column_stack([a + here, b + after, b + here]))
-    end = (count - 1) * AROUND
-    faces.append(np.column_stack([end + here, end + after, np.full(AROUND, last)]))
+    end = (count - 1) * SHELL_CORNERS
+    faces.append(np.column_stack([end + here, end + after, np.full(SHELL_CORNERS, last)]))
     return corners, np.concatenate(faces).astype(np.int32)
 
 
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
-OBJECT_BIT = 8
-"""Collision bit that objects share: objects collide with each other even when they ignore the robot."""
-BOTH, SEEN, HIDDEN = 0, 2, 3
-"""Geom groups: collides and is visible; visual only; collision only."""
 
 
 @dataclass(frozen=True)
@@ -546,9 +508,7 @@ class YcbObjects:
 
     def kind(self, name: str) -> Kind:
         """Return a kind by its YCB name; PerdureError when there is none of that name."""
-        if name not in KINDS:
-            raise PerdureError(f"no object {name!r}; there are {', '.join(KINDS)}")
-        return KINDS[name]
+        return lookup(KINDS, name, "object")
 
     def box(self, kind: str) -> tuple[Vec3, Vec3]:
         """Return lower and upper corner of an upright object's bounding box in its own frame, in [m]."""
@@ -568,34 +528,31 @@ class YcbObjects:
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
         shell = self.visuals and what.shape in ("bowl", "sphere")
         hidden = self.visuals and what.shape != "box"
-        for piece in pieces(what, self.apple):
-            geom = _add_piece(spec, body, piece)
-            geom.friction = (what.sliding, TORSIONAL, what.rolling if piece.rolls else 0.0)
-            geom.condim = 6 if piece.rolls else 3
+        for part in collision_parts(what, self.apple):
+            geom = _add_part(spec, body, part)
+            geom.friction = (what.sliding, TORSIONAL, what.rolling if part.rolls else 0.0)
+            geom.condim = 6 if part.rolls else 3
             geom.contype |= OBJECT_BIT
             geom.conaffinity |= OBJECT_BIT
-            geom.group = HIDDEN if hidden else BOTH
-            geom.rgba = COATS[kind]
+            geom.group = ONLY_COLLIDES if hidden else COLLIDES_AND_SEEN
+            geom.rgba = (*what.color, 1.0)
         if self.visuals:
-            seen = [add_shell(spec, body, what)] if shell else []
+            seen = [_add_shell(spec, body, what)] if shell else []
             for look in visuals(what):
-                seen.append(_add_piece(spec, body, look.piece, look.axis))
-                seen[-1].rgba = look.color
+                seen.append(_add_part(spec, body, look.part, look.axis))
+                seen[-1].rgba = (*look.color, 1.0)
             for geom in seen:
-                geom.contype, geom.conaffinity, geom.group = 0, 0, SEEN
+                geom.contype, geom.conaffinity, geom.group = 0, 0, ONLY_SEEN
         for k, geom in enumerate(body.geoms):
             geom.name, geom.mass = f"{name}/{k}", 0.0
 
 
-def _add_piece(spec: Any, body: Any, piece: ConvexPart, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
-    import mujoco
-
-    quaternion = (math.cos(piece.turn / 2.0), *(math.sin(piece.turn / 2.0) * part for part in axis))
-    if piece.shape == "hull":
-        if spec.mesh(piece.name) is None:
-            spec.add_mesh(name=piece.name, uservert=np.array(piece.corners).ravel())
-        return body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=piece.name, quat=quaternion)
-    x, _, z = piece.size
-    size = {"cylinder": (x, z, 0.0), "sphere": (x, 0.0, 0.0)}.get(piece.shape, piece.size)
-    shape = getattr(mujoco.mjtGeom, f"mjGEOM_{piece.shape.upper()}")
-    return body.add_geom(type=shape, size=size, pos=piece.center, quat=quaternion)
+def _add_part(spec: Any, body: Any, part: ConvexPart, axis: Vec3 = (0.0, 0.0, 1.0)) -> Any:
+    quaternion = (math.cos(part.turn / 2.0), *(math.sin(part.turn / 2.0) * each for each in axis))
+    if part.shape == "hull":
+        if spec.mesh(part.name) is None:
+            spec.add_mesh(name=part.name, uservert=np.array(part.corners).ravel())
+        return body.add_geom(type=geom_type("mesh"), meshname=part.name, quat=quaternion)
+    x, _, z = part.size
+    size = {"cylinder": (x, z, 0.0), "sphere": (x, 0.0, 0.0)}.get(part.shape, part.size)
+    return body.add_geom(type=geom_type(part.shape), size=size, pos=part.center, quat=quaternion)

@@ -1,18 +1,18 @@
-"""Plane geometry on oriented rectangles: the footprints that a round robot must stay away from.
+"""Where a round robot can stand and drive: footprints of furniture, free cells of a room, geodesic paths.
 
-A set of rectangles is one array of shape (n, 5): middle x, middle y, half length, half width in [m], heading in [rad].
+A set of footprints is one array of oriented rectangles, shape (n, 5): middle x, middle y, half length, half width in
+[m], heading in [rad].
 
 A cell of the grid is free when its middle keeps the robot's radius from every footprint and lies inside the room. That
-test is exact (distances to rectangles, no rasterised obstacles). Cells are joined to their eight neighbors, diagonally
-only when both cells beside the diagonal are free too.
-
-How good are the distances? Between two cells that see each other, with d the straight distance, the grid gives
+test is exact (distances to rectangles, no rasterized obstacles). Cells are joined to their eight neighbors, diagonally
+only when both cells beside the diagonal are free too. Between two cells that see each other, with d the straight
+distance, the grid gives
 
     d <= grid distance <= d / cos(pi / 8) = 1.0824 d,
 
 equal on the left along rows, columns and diagonals, on the right at 22.5 degrees. `Geodesic.path` pulls the grid path
-tight, which removes most of that. How safe are the edges? All footprints are convex, so a segment of length s between
-two points at clearance r keeps at least sqrt(r^2 - s^2 / 4): 0.298 m for r = 0.3 m and 0.05 m cells.
+tight, which removes most of that. All footprints are convex, so a segment of length s between two points at clearance r
+keeps at least sqrt(r^2 - s^2 / 4): 0.298 m for r = 0.3 m and 0.05 m cells.
 """
 
 from __future__ import annotations
@@ -86,13 +86,6 @@ def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolAr
     return result
 
 
-def area(polygon: Sequence[tuple[float, float]]) -> float:
-    """Return signed area of a simple polygon in [m^2], positive when its corners run counter-clockwise."""
-    corner = np.asarray(polygon)
-    after = np.roll(corner, -1, axis=0)
-    return float(0.5 * np.sum(corner[:, 0] * after[:, 1] - after[:, 0] * corner[:, 1]))
-
-
 AJAR = 0.01
 """A drawer that is open by less in [m] does not stand out of its piece."""
 CLIMB, REACH_UP = 0.05, 1.5
@@ -107,9 +100,9 @@ def footprints(
     Solids that end below `low` or begin above `high` in [m] are left out. Rectangles (x, y, half x, half y, yaw); those
     inside another of the same piece are left out. Shape (n, 5).
     """
-    static = _shadows(piece.pose, piece.solids, low, high)
+    static = _rectangles(piece.pose, piece.solids, low, high)
     moving = [_moved(piece, moving, (opened or {}).get(moving.link, 0.0), low, high) for moving in piece.articulations]
-    return _without_hidden(np.concatenate([static, *moving]))
+    return _without_covered(np.concatenate([static, *moving]))
 
 
 def apartment_footprints(
@@ -124,7 +117,7 @@ def apartment_footprints(
 def static_footprints(apartment: Apartment) -> FloatArray:
     """Return read-only footprints of walls and of the static parts of pieces, as `footprints`. Shape (n, 5)."""
     parts = [
-        _without_hidden(_shadows(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
+        _without_covered(_rectangles(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
     ]
     together = np.concatenate(parts)
     together.flags.writeable = False
@@ -139,16 +132,16 @@ def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray
     parts = [np.zeros((0, 5))]
     for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):
         if abs(q) > AJAR or moving.kind == "hinge":
-            parts.append(_moved_once(apartment, moving.link, q))
+            parts.append(_moved_cached(apartment, moving.link, q))
     return np.concatenate(parts)
 
 
 @lru_cache(maxsize=8192)
-def _moved_once(apartment: Apartment, link: str, q: float) -> FloatArray:
+def _moved_cached(apartment: Apartment, link: str, q: float) -> FloatArray:
     return _moved(apartment.piece_of(link), apartment.articulation(link), q, CLIMB, REACH_UP)
 
 
-def _shadows(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:
+def _rectangles(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:
     rows = [
         (s.center[0], s.center[1], s.half[0], s.half[1], pose.yaw)
         for s in solids
@@ -161,22 +154,22 @@ def _moved(piece: Piece, moving: Articulation, q: float, low: float, high: float
     origin = moving.to_piece(np.zeros(3), q)
     turn = q * moving.axis[2] if moving.kind == "hinge" else 0.0
     x, y = piece.pose.to_room(origin[:2])
-    return _shadows(Pose(float(x), float(y), piece.pose.yaw + turn), moving.solids, low, high, float(origin[2]))
+    return _rectangles(Pose(float(x), float(y), piece.pose.yaw + turn), moving.solids, low, high, float(origin[2]))
 
 
-def _without_hidden(rectangles: FloatArray) -> FloatArray:
+def _without_covered(rectangles: FloatArray) -> FloatArray:
     """Drop rectangles that lie inside another one with the same heading."""
     keep = np.ones(len(rectangles), dtype=bool)
     order = np.argsort(-rectangles[:, 2] * rectangles[:, 3], kind="stable")
     for rank, small in enumerate(order):
         for big in order[:rank]:
-            if keep[big] and rectangles[big, 4] == rectangles[small, 4] and _holds(rectangles[big], rectangles[small]):
+            if keep[big] and rectangles[big, 4] == rectangles[small, 4] and _covers(rectangles[big], rectangles[small]):
                 keep[small] = False
                 break
     return rectangles[keep]
 
 
-def _holds(big: FloatArray, small: FloatArray) -> bool:
+def _covers(big: FloatArray, small: FloatArray) -> bool:
     cos, sin = np.cos(big[4]), np.sin(big[4])
     dx, dy = small[0] - big[0], small[1] - big[1]
     out_x = abs(cos * dx + sin * dy) + small[2] - big[2]

@@ -2,12 +2,6 @@
 
 Frames. A piece of furniture has a local frame: x points out of its front, y to its own left, z up, the origin on the
 floor. The room frame is x east, y north, z up. Lengths in [m], angles in [rad], masses in [kg].
-
-M3 (hab-mobile-manipulation, `sim.py`) gives every furniture joint a Bullet velocity motor with target 0, gain 0.3 and
-120 steps per second: each step leaves 0.7 of the speed, so speed decays as exp(-t / tau) with
-tau = -1 / (120 ln 0.7) = 0.0234 s. As a viscous joint that is damping = inertia / tau. The motor's impulse limit
-(1.0 N s per step) and the URDF's own damping and dry friction (0.01 each) are left out: they are far larger or far
-smaller than anything the viscous term does at the speeds of a hand.
 """
 
 from __future__ import annotations
@@ -15,17 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
-from perdure.errors import PerdureError
+from perdure.errors import lookup
 from perdure.home.sim.arrays import FloatArray, Vec3
 
-_T = TypeVar("_T")
 FRIDGE_DOOR = "top_door"
 """Link name of the fridge's upper door, the only one that opens."""
 Role = Literal["solid", "look", "hull"]
@@ -66,7 +59,7 @@ class Solid:
     half: Vec3
     """Half extents along x, y, z; of a cylinder (radius, radius, half height)."""
     color: str
-    """A name in `perdure.home.sim.apartments.PALETTE`."""
+    """A name in `perdure.home.sim.apartments.COLORS`."""
     role: Role = "solid"
     shape: Literal["box", "cylinder", "ellipsoid"] = "box"
 
@@ -187,27 +180,26 @@ class Apartment:
 
     def piece(self, name: str) -> Piece:
         """Return the piece of that name."""
-        return _pick({p.name: p for p in self.pieces}, name, f"piece of {self.name}")
+        return lookup({p.name: p for p in self.pieces}, name, f"piece of {self.name}")
 
     def articulation(self, link: str) -> Articulation:
         """Return the drawer or door whose moving part has that name."""
-        return _pick({a.link: a for a in self.articulations}, link, f"articulation of {self.name}")
+        return lookup({a.link: a for a in self.articulations}, link, f"articulation of {self.name}")
 
     def piece_of(self, link: str) -> Piece:
         """Return the piece that carries the articulation `link`."""
-        return _pick({a.link: p for p in self.pieces for a in p.articulations}, link, f"articulation of {self.name}")
+        return lookup({a.link: p for p in self.pieces for a in p.articulations}, link, f"articulation of {self.name}")
 
     def receptacle(self, unique_name: str) -> Receptacle:
         """Return the receptacle `piece|name`."""
-        return _pick({r.unique_name: r for r in self.receptacles}, unique_name, f"receptacle of {self.name}")
+        return lookup({r.unique_name: r for r in self.receptacles}, unique_name, f"receptacle of {self.name}")
 
     def receptacles_named(self, name: str) -> tuple[Receptacle, ...]:
         """Return all receptacles with the benchmark's name `name`; two chairs give two. Refuse unknown names."""
-        found = tuple(r for r in self.receptacles if r.name == name)
-        if not found:
-            known = ", ".join(sorted({r.name for r in self.receptacles}))
-            raise PerdureError(f"{self.name} has no receptacle named {name!r}; it has {known}")
-        return found
+        named: dict[str, tuple[Receptacle, ...]] = {}
+        for receptacle in self.receptacles:
+            named[receptacle.name] = (*named.get(receptacle.name, ()), receptacle)
+        return lookup(named, name, f"receptacle of {self.name}")
 
     def container(self, unique_name: str) -> str | None:
         """Return the drawer or door in front of receptacle `piece|name`: a link name, None when it is in the open."""
@@ -238,70 +230,3 @@ class Apartment:
         """Return where the handle of `link` is at joint position q, in room coordinates. Shape (3,)."""
         moving = self.articulation(link)
         return self.piece_of(link).pose.to_room(moving.to_piece(np.asarray(moving.handle), q))
-
-
-def _pick(table: Mapping[str, _T], key: str, what: str) -> _T:
-    if key not in table:
-        raise PerdureError(f"no {what} is named {key!r}; there are {', '.join(sorted(table))}")
-    return table[key]
-
-
-DECAY_TIME_S = -1.0 / (120.0 * math.log(1.0 - 0.3))
-"""Time in which a free drawer or door loses 63 % of its speed, in [s]."""
-
-
-def drawer_damping(mass: float) -> float:
-    """Return the viscous damping of a drawer of `mass` [kg], in [N s/m]: mass / tau."""
-    return mass / DECAY_TIME_S
-
-
-def door_damping(mass: float, width: float, offset: float) -> float:
-    """Return the viscous damping of a slab door, in [N m s/rad]: its moment of inertia about the hinge / tau.
-
-    Mass in [kg]; width of the slab, and distance of its middle from the hinge, in [m].
-    """
-    inertia = mass * (width**2 / 12.0 + offset**2)
-    return inertia / DECAY_TIME_S
-
-
-HEIGHT = 2.5
-"""Height of the walls in [m] (OURS)."""
-THICKNESS = 0.1
-"""Thickness of the walls in [m] (OURS)."""
-
-Corner = tuple[float, float]
-
-
-def _slab(name: str, x: float, y: float, yaw: float, half_length: float, half_width: float) -> Piece:
-    solid = Solid("slab", (0.0, 0.0, HEIGHT / 2.0), (half_length, half_width, HEIGHT / 2.0), "wall")
-    return Piece(name, "wall", Pose(x, y, yaw), (solid,))
-
-
-def _is_convex(before: Corner, corner: Corner, after: Corner) -> bool:
-    turn = (corner[0] - before[0]) * (after[1] - corner[1]) - (corner[1] - before[1]) * (after[0] - corner[0])
-    return turn > 0.0
-
-
-def room_walls(
-    room: Sequence[Corner], partitions: Sequence[tuple[float, float, float, float]] = ()
-) -> tuple[Piece, ...]:
-    """Return walls around a floor whose corners run counter-clockwise, and axis-aligned partitions (x0, y0, x1, y1).
-
-    A wall lies outside its edge. At a corner that juts out it is longer by its thickness, so that no gap stays open.
-    """
-    count = len(room)
-    walls = []
-    for k in range(count):
-        before, start, end, after = (room[(k + shift) % count] for shift in (-1, 0, 1, 2))
-        length = math.hypot(end[0] - start[0], end[1] - start[1])
-        along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
-        low = -THICKNESS if _is_convex(before, start, end) else 0.0
-        high = length + (THICKNESS if _is_convex(start, end, after) else 0.0)
-        middle, out = 0.5 * (low + high), 0.5 * THICKNESS
-        x = start[0] + middle * along[0] + out * along[1]
-        y = start[1] + middle * along[1] - out * along[0]
-        walls.append(_slab(f"wall_{k}", x, y, math.atan2(along[1], along[0]), 0.5 * (high - low), out))
-    for k, (x0, y0, x1, y1) in enumerate(partitions):
-        half_x, half_y = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
-        walls.append(_slab(f"partition_{k}", 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0, half_x, half_y))
-    return tuple(walls)

@@ -1,4 +1,4 @@
-"""The Fetch robot as MJCF: links, looks, servos.
+"""The Fetch robot as MJCF: links, servos, collision shapes, visual geometry.
 
 Every number is from Fetch Robotics' own `fetch_description/robots/fetch.urdf` (fetch_ros, commit 0dbc193), in which all
 link frames are parallel when the joints are at 0: x forward, y left, z up. Left out: the bellows, emergency stop and
@@ -10,33 +10,41 @@ almost at once, and so must these). A target that moves at speed v is then follo
 largest command, 0.025 rad per 1/30 s. Every joint gets rotor inertia (armature), as geared motors have, without which
 links of 0.002 kg m^2 could not be held stiffly at steps of 1/120 s.
 
-Contacts. The robot meets furniture, floor and objects, but not itself, with one exception: the links
-after the elbow carry a second bit and meet base, torso and head, so that the hand cannot pass through the body.
+The robot meets furniture, floor and objects, but not itself, with one exception: the links after the elbow carry a
+second collision bit and meet base, torso and head, so that the hand cannot pass through the body.
 
-The robot's marks are the gray drum of a base with its laser's slit, the white torso before a blue column, the
-arm in turns white and blue with dark joints, and the flat head with its camera bar. OURS: all shapes, drawn by eye to
-the sizes of the links.
-
-Nothing but primitives: eleven that collide and, with `visuals`, more for pictures.
+The visual geometry is drawn by eye to the sizes of the links (OURS); it is in `data/fetch_visuals.json`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from perdure.home.sim.arrays import FloatArray, Vec3
+from perdure.home.sim.arrays import FloatArray, Quaternion, Vec3
+from perdure.home.sim.geoms import (
+    COLLIDES_AND_SEEN,
+    FRICTION,
+    HAND_BIT,
+    HIDDEN,
+    ONLY_COLLIDES,
+    ONLY_SEEN,
+    ROBOT_BIT,
+    add_joint,
+    camera_quaternion,
+    geom_type,
+)
+from perdure.schema import Record, read_json
 
 if TYPE_CHECKING:
     import mujoco
 
 Vec6 = tuple[float, float, float, float, float, float]
 
-HEAD_TILT = 0.332
-"""How far the head looks down in [rad]: M3's head camera looks from (0.17, 0, 1.2) to (0.75, 0, 1.0)."""
 HEAD_PAN_ORIGIN: Vec3 = (0.053125, 0.0, 0.603001)
 HEAD_TILT_ORIGIN: Vec3 = (0.195655, 0.0, 0.661)
 """The head's two axes in the torso's frame in [m]."""
@@ -49,6 +57,26 @@ class Inertial:
     mass: float
     center: Vec3
     moments: Vec6
+
+
+def combined(parts: tuple[Inertial, ...]) -> Inertial:
+    """Return mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
+    mass = sum(part.mass for part in parts)
+    center: FloatArray = np.sum([part.mass * np.array(part.center) for part in parts], axis=0) / mass
+    tensor = np.zeros((3, 3))
+    for part in parts:
+        xx, yy, zz, xy, xz, yz = part.moments
+        arm = np.array(part.center) - center
+        tensor += [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        tensor += part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    x, y, z = center.tolist()
+    xx, yy, zz = np.diag(tensor).tolist()
+    return Inertial(mass, (x, y, z), (xx, yy, zz, float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])))
+
+
+def _shifted(by: Vec3, part: Inertial) -> Inertial:
+    x, y, z = (a + b for a, b in zip(by, part.center, strict=True))
+    return Inertial(part.mass, (x, y, z), part.moments)
 
 
 @dataclass(frozen=True)
@@ -70,11 +98,6 @@ class Link:
     """What it weighs, in its own frame."""
 
 
-def _shifted(by: Vec3, part: Inertial) -> Inertial:
-    x, y, z = (a + b for a, b in zip(by, part.center, strict=True))
-    return Inertial(part.mass, (x, y, z), part.moments)
-
-
 _WHEEL = Inertial(4.3542, (0.0, 0.0, 0.0), (0.0045, 0.005, 0.0045, 0.0, 0.0, 0.0))
 _TORSO_FIXED = Inertial(13.2775, (-0.0722, 0.0057, 0.2656), (0.3861, 0.3388, 0.1018, 0.0015, -0.0102, 0.0117))
 BASE_PARTS = (
@@ -90,7 +113,7 @@ _TORSO_PARTS = (
     _shifted(HEAD_PAN_ORIGIN, Inertial(2.2556, (0.0321, 0.0161, 0.039), (0.0129, 0.0095, 0.0184, 0.0002, 0.0007, 0.0))),
     _shifted(HEAD_TILT_ORIGIN, Inertial(0.9087, (0.0081, 0.0025, 0.0113), (0.0061, 0.0014, 0.0061, 0.0, 0.0002, 0.0))),
 )
-_GRIPPER_INERTIA = Inertial(1.5175, (-0.09, -0.0001, -0.0017), (0.0013, 0.0019, 0.0024, 0.0, 0.0, 0.0))
+_GRIPPER = Inertial(1.5175, (-0.09, -0.0001, -0.0017), (0.0013, 0.0019, 0.0024, 0.0, 0.0, 0.0))
 # The URDF's finger has moments (0.002, 0, 0), which no body can have; these are those of the finger's box.
 _FINGER = Inertial(0.0798, (-0.01, 0.0, 0.0), (6.3e-6, 2.88e-5, 2.54e-5, 0.0, 0.0, 0.0))
 
@@ -98,20 +121,11 @@ GRIPPER_ORIGIN: Vec3 = (0.16645, 0.0, 0.0)
 """`gripper_link` in the frame of `wrist_roll_link`, to which it is fixed."""
 GRIPPER_POINT: Vec3 = (-0.01, -0.0001, -0.0017)
 """M3's gripper point in the frame of `gripper_link` in [m]: what is near or far, and what a held object hangs on."""
-GRIPPER_PARTS = (_GRIPPER_INERTIA,)
-
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
+_TORSO_ORIGIN = (-0.086875, 0.0, 0.37743)
 TORSO = Link(
-    "torso_lift_link",
-    "robot",
-    "torso_lift_joint",
-    "slide",
-    _Z,
-    (-0.086875, 0.0, 0.37743),
-    (0.0, 0.38615),
-    450.0,
-    _TORSO_PARTS,
+    "torso_lift_link", "robot", "torso_lift_joint", "slide", _Z, _TORSO_ORIGIN, (0.0, 0.38615), 450.0, _TORSO_PARTS
 )
 _ARM_PARTS = {
     "shoulder_pan": Inertial(2.5587, (0.0927, -0.0056, 0.0564), (0.0043, 0.0087, 0.0087, -0.0001, 0.001, -0.0001)),
@@ -137,46 +151,21 @@ ARM = tuple(
 """The seven links of the arm, from the shoulder to the wrist."""
 
 
-def _finger(side: str, sign: float) -> Link:
-    return Link(
-        f"{side}_gripper_finger_link",
-        "gripper_link",
-        f"{side}_gripper_finger_joint",
-        "slide",
-        (0.0, sign, 0.0),
-        (0.0, sign * 0.015425, 0.0),
-        (0.0, 0.05),
-        60.0,
-        (_FINGER,),
+FINGERS = tuple(
+    Link(f"{finger}_link", "gripper_link", f"{finger}_joint", "slide", axis, origin, (0.0, 0.05), 60.0, (_FINGER,))
+    for finger, axis, origin in (
+        ("l_gripper_finger", (0.0, -1.0, 0.0), (0.0, -0.015425, 0.0)),
+        ("r_gripper_finger", (0.0, 1.0, 0.0), (0.0, 0.015425, 0.0)),
     )
-
-
-FINGERS = (_finger("l", -1.0), _finger("r", 1.0))
+)
 """The two fingers. As in the URDF, `l` is on the side of -y."""
-
-
-def combined(parts: tuple[Inertial, ...]) -> Inertial:
-    """Return mass, center and moments of several rigidly joined parts (parallel axis theorem)."""
-    mass = sum(part.mass for part in parts)
-    center: FloatArray = np.sum([part.mass * np.array(part.center) for part in parts], axis=0) / mass
-    tensor = np.zeros((3, 3))
-    for part in parts:
-        xx, yy, zz, xy, xz, yz = part.moments
-        arm = np.array(part.center) - center
-        tensor += [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-        tensor += part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    x, y, z = center.tolist()
-    xx, yy, zz = np.diag(tensor).tolist()
-    return Inertial(mass, (x, y, z), (xx, yy, zz, float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])))
 
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """Slides along the room's x and y in [m], then the heading in [rad]."""
-TORSO_JOINT = TORSO.joint
 ARM_JOINTS = tuple(link.joint for link in ARM)
 """The seven joints of the arm, from the shoulder to the wrist."""
-FINGER_JOINTS = tuple(link.joint for link in FINGERS)
-JOINTS = (*BASE_JOINTS, TORSO_JOINT, *ARM_JOINTS, *FINGER_JOINTS)
+JOINTS = (*BASE_JOINTS, *(link.joint for link in (TORSO, *ARM, *FINGERS)))
 """All joints and all actuators, in the order of the model."""
 
 ARM_LOW = tuple(-math.inf if link.limit is None else link.limit[0] for link in ARM)
@@ -189,8 +178,8 @@ BASE_RADIUS = 0.285
 TORSO_HEIGHT = 0.15
 """Where the benchmark keeps the torso in [m] (M3, habitat-lab: `torso_lift_joint` pinned each step)."""
 
-OPEN, CLOSED = 0.04, 0.0
-"""Positions of each finger in [m]: M3's open gripper; the fingers' faces meet."""
+OPEN = 0.04
+"""Position of each finger of M3's open gripper in [m]."""
 
 REST_POSITION = (0.5, 0.0, 1.0)
 """Where the gripper rests in the base frame in [m] (M3 and habitat-lab: resting position)."""
@@ -205,30 +194,19 @@ STIFFNESS_RATE = 60.0
 DAMPING_RATIO = 0.7
 
 INERTIA = {
-    "torso_lift_joint": 30.0,
-    "shoulder_pan_joint": 3.0,
-    "shoulder_lift_joint": 3.0,
-    "upperarm_roll_joint": 1.0,
-    "elbow_flex_joint": 1.0,
-    "forearm_roll_joint": 0.3,
-    "wrist_flex_joint": 0.3,
-    "wrist_roll_joint": 0.1,
-    "l_gripper_finger_joint": 0.5,
-    "r_gripper_finger_joint": 0.5,
+    "torso_lift_joint": (30.0, 0.0),
+    "shoulder_pan_joint": (3.0, 0.3),
+    "shoulder_lift_joint": (3.0, 0.3),
+    "upperarm_roll_joint": (1.0, 0.2),
+    "elbow_flex_joint": (1.0, 0.2),
+    "forearm_roll_joint": (0.3, 0.1),
+    "wrist_flex_joint": (0.3, 0.1),
+    "wrist_roll_joint": (0.1, 0.05),
+    "l_gripper_finger_joint": (0.5, 0.4),
+    "r_gripper_finger_joint": (0.5, 0.4),
 }
-"""OURS: the inertia I each servo is made for in [kg m^2] or [kg]: the arm stretched out, rotor included."""
-ARMATURE = {
-    "shoulder_pan_joint": 0.3,
-    "shoulder_lift_joint": 0.3,
-    "upperarm_roll_joint": 0.2,
-    "elbow_flex_joint": 0.2,
-    "forearm_roll_joint": 0.1,
-    "wrist_flex_joint": 0.1,
-    "wrist_roll_joint": 0.05,
-    "l_gripper_finger_joint": 0.4,
-    "r_gripper_finger_joint": 0.4,
-}
-"""OURS: rotor inertia in [kg m^2] or [kg]."""
+"""OURS, in [kg m^2] or [kg]: the inertia I each servo is made for (the arm stretched out, rotor included), and that of
+the rotor alone (armature)."""
 
 BASE_GAIN = {"base_x": 10_000.0, "base_y": 10_000.0, "base_yaw": 500.0}
 """OURS: force per velocity error in [N s/m], [N m s/rad]: the base follows within 12 to 20 ms."""
@@ -242,21 +220,16 @@ does; its own motors push with up to 10 N m s in 1/120 s. All other joints keep 
 def add_servos(spec: Any) -> None:
     """Add the thirteen actuators, each named after its joint, in the order of the joints."""
     for joint, gain in BASE_GAIN.items():
-        _add(spec, joint, gain, (0.0, 0.0, -gain), BASE_FORCE[joint])
+        _add_servo(spec, joint, gain, (0.0, 0.0, -gain), BASE_FORCE[joint])
     for link in (TORSO, *ARM, *FINGERS):
-        kp = INERTIA[link.joint] * STIFFNESS_RATE**2
-        kv = 2.0 * DAMPING_RATIO * INERTIA[link.joint] * STIFFNESS_RATE
+        inertia, _ = INERTIA[link.joint]
+        kp, kv = inertia * STIFFNESS_RATE**2, 2.0 * DAMPING_RATIO * inertia * STIFFNESS_RATE
         effort = EFFORT.get(link.joint, link.effort)
-        _add(spec, link.joint, kp, (0.0, -kp, -kv), effort, link.limit)
+        _add_servo(spec, link.joint, kp, (0.0, -kp, -kv), effort, link.limit)
 
 
-def _add(
-    spec: Any,
-    joint: str,
-    gain: float,
-    bias: tuple[float, float, float],
-    force: float,
-    limit: tuple[float, float] | None = None,
+def _add_servo(
+    spec: Any, joint: str, gain: float, bias: Vec3, force: float, limit: tuple[float, float] | None = None
 ) -> None:
     import mujoco
 
@@ -275,6 +248,10 @@ def _add(
     actuator.biasprm[:3] = bias
 
 
+TUBE = 0.052
+"""Radius of the arm in [m]."""
+
+
 @dataclass(frozen=True)
 class CollisionShape:
     """One primitive in the frame of its body; sizes in [m]."""
@@ -285,11 +262,7 @@ class CollisionShape:
     center: Vec3
     half: Vec3
     """Box: half extents. Cylinder and capsule: (radius, half length, 0) along z, or along x for an arm's capsule."""
-    side: Literal["body", "arm", "hand"]
-
-
-TUBE = 0.052
-"""Radius of the arm in [m]."""
+    part_of: Literal["body", "arm", "hand"]
 
 
 def _tube(body: str, name: str, start: float, end: float, z: float = 0.0, hand: bool = False) -> CollisionShape:
@@ -314,13 +287,10 @@ SHAPES = (
     CollisionShape("r_gripper_finger_link", "r_finger", "box", (0.0, -0.0077, 0.0), (0.03, 0.0074, 0.0135), "hand"),
 )
 
-ROBOT_BIT, HAND_BIT = 1, 2
-"""Collision bits: everything of the robot against the room; the hand against the body."""
 BITS = {"body": (ROBOT_BIT, HAND_BIT), "arm": (ROBOT_BIT, 0), "hand": (ROBOT_BIT | HAND_BIT, 0)}
-"""(contype, conaffinity) of each side."""
+"""(contype, conaffinity) by what a shape is part of."""
 
 
-LOOK_GROUP = 2
 COLORS = {
     "white": (0.94, 0.94, 0.93, 1.0),
     "shell": (0.80, 0.81, 0.82, 1.0),
@@ -334,11 +304,9 @@ COLORS = {
 """`blue`, `gray`, `red` are the URDF's."""
 
 
-@dataclass(frozen=True)
-class Visual:
+class Visual(Record, frozen=True):
     """One primitive in the frame of its body; sizes in [m]."""
 
-    body: str
     kind: Literal["box", "ellipsoid", "cylinder", "capsule"]
     color: str
     center: Vec3
@@ -347,10 +315,10 @@ class Visual:
     axis: Literal["x", "y", "z"] = "z"
     """Of cylinder and capsule."""
     pitch: float = 0.0
-    """Turn about y in [rad], downwards in front."""
+    """Turn about y in [rad], downwards in front; the head looks down by 0.332 rad."""
 
     @property
-    def quaternion(self) -> tuple[float, float, float, float]:
+    def quaternion(self) -> Quaternion:
         """(w, x, y, z): the axis is turned to its place, then the pitch."""
         if self.axis == "y":  # a quarter turn about x first
             a, b = math.cos(0.5 * self.pitch) * math.sqrt(0.5), math.sin(0.5 * self.pitch) * math.sqrt(0.5)
@@ -359,124 +327,6 @@ class Visual:
         return math.cos(half), 0.0, math.sin(half), 0.0
 
 
-def _disc(body: str, color: str, low: float, high: float, radius: float, x: float = 0.0, y: float = 0.0) -> Visual:
-    """Return an upright cylinder from height `low` to `high`."""
-    return Visual(body, "cylinder", color, (x, y, 0.5 * (low + high)), (radius, 0.5 * (high - low), 0.0))
-
-
-def _arm_tube(body: str, color: str, start: float, end: float, radius: float) -> Visual:
-    """Return a cylinder along the arm."""
-    return Visual(body, "cylinder", color, (0.5 * (start + end), 0.0, 0.0), (radius, 0.5 * (end - start), 0.0), "x")
-
-
-def _hub(body: str, color: str, radius: float, half: float, x: float = 0.0, z: float = 0.0) -> Visual:
-    """Return a joint's housing: a cylinder across the arm."""
-    return Visual(body, "cylinder", color, (x, 0.0, z), (radius, half, 0.0), "y")
-
-
-def _face(kind: Literal["box", "cylinder", "capsule"], color: str, place: Vec3, half: Vec3, axis: Any = "z") -> Visual:
-    """Return a part of the tilting head, in the frame of its axis."""
-    x, y, z = place
-    cos, sin = math.cos(HEAD_TILT), math.sin(HEAD_TILT)
-    ox, oy, oz = HEAD_TILT_ORIGIN
-    center = (ox + cos * x + sin * z, oy + y, oz - sin * x + cos * z)
-    return Visual("torso_lift_link", kind, color, center, half, axis, HEAD_TILT)
-
-
-_BASE = (
-    *(Visual("robot", "cylinder", "black", (0.0013, y, 0.058), (0.058, 0.02, 0.0), "y") for y in (-0.187, 0.187)),
-    _disc("robot", "dark", 0.035, 0.075, 0.268),
-    _disc("robot", "gray", 0.075, 0.225, 0.281),
-    _disc("robot", "black", 0.225, 0.285, 0.255),
-    _disc("robot", "gray", 0.285, 0.335, 0.281),
-    Visual("robot", "ellipsoid", "shell", (0.0, 0.0, 0.335), (0.272, 0.272, 0.032)),
-    _disc("robot", "glass", 0.235, 0.275, 0.035, x=0.225),
-    Visual("robot", "box", "blue", (-0.168, 0.0, 0.625), (0.062, 0.125, 0.285)),
-    Visual("robot", "cylinder", "blue", (-0.168, 0.0, 0.91), (0.062, 0.125, 0.0), "y"),
-    Visual("robot", "box", "dark", (-0.232, 0.0, 0.60), (0.004, 0.085, 0.22)),
-    Visual("robot", "cylinder", "red", (-0.1247, 0.222, 0.320), (0.022, 0.012, 0.0)),
-    *(_disc("robot", "black", 0.345 + 0.03 * i, 0.366 + 0.03 * i, 0.080, x=-0.075) for i in range(12)),
-    *(_disc("robot", "dark", 0.366 + 0.03 * i, 0.375 + 0.03 * i, 0.070, x=-0.075) for i in range(12)),
-)
-_TORSO = (
-    Visual("torso_lift_link", "box", "white", (0.0, 0.0, 0.275), (0.102, 0.105, 0.225)),
-    Visual("torso_lift_link", "box", "white", (0.0, 0.0, 0.275), (0.052, 0.155, 0.225)),
-    *(_disc("torso_lift_link", "white", 0.05, 0.5, 0.05, x, y) for x in (-0.052, 0.052) for y in (-0.105, 0.105)),
-    *(Visual("torso_lift_link", "ellipsoid", "white", (0.0, 0.0, z), (0.108, 0.162, 0.055)) for z in (0.05, 0.495)),
-    _disc("torso_lift_link", "white", 0.215, 0.335, 0.098, x=0.1195),
-    _disc("torso_lift_link", "dark", 0.335, 0.352, 0.082, x=0.1195),
-    Visual("torso_lift_link", "box", "dark", (0.101, 0.0, 0.448), (0.003, 0.065, 0.032)),
-    _disc("torso_lift_link", "dark", 0.53, 0.615, 0.055, x=0.053),
-)
-_HEAD = (
-    Visual("torso_lift_link", "ellipsoid", "gray", (0.085, 0.0, 0.650), (0.105, 0.125, 0.052)),
-    *(
-        Visual("torso_lift_link", "capsule", "gray", (0.150, y, 0.656), (0.036, 0.045, 0.0), "x")
-        for y in (-0.118, 0.118)
-    ),
-    _face("capsule", "blue", (0.0, 0.0, 0.005), (0.044, 0.075, 0.0), "y"),
-    _face("box", "blue", (0.022, 0.0, 0.015), (0.026, 0.088, 0.032)),
-    _face("box", "black", (0.047, 0.0, 0.0175), (0.006, 0.078, 0.021)),
-    *(_face("cylinder", "glass", (0.054, y, 0.0175), (0.013, 0.004, 0.0), "x") for y in (-0.045, 0.045)),
-    _face("cylinder", "shell", (0.054, 0.0, 0.0175), (0.010, 0.004, 0.0), "x"),
-)
-_ARM = (
-    _disc("shoulder_pan_link", "white", 0.004, 0.095, 0.078),
-    Visual("shoulder_pan_link", "box", "white", (0.06, 0.0, 0.052), (0.06, 0.05, 0.040)),
-    _hub("shoulder_pan_link", "dark", 0.058, 0.064, 0.117, 0.06),
-    _hub("shoulder_lift_link", "blue", 0.062, 0.05),
-    _arm_tube("shoulder_lift_link", "blue", 0.0, 0.195, 0.055),
-    _arm_tube("shoulder_lift_link", "dark", 0.195, 0.213, 0.047),
-    _arm_tube("upperarm_roll_link", "white", -0.006, 0.10, 0.055),
-    _hub("upperarm_roll_link", "dark", 0.050, 0.062, 0.133),
-    _hub("elbow_flex_link", "blue", 0.056, 0.048),
-    _arm_tube("elbow_flex_link", "blue", 0.0, 0.175, 0.052),
-    _arm_tube("elbow_flex_link", "dark", 0.175, 0.192, 0.044),
-    _arm_tube("forearm_roll_link", "white", -0.005, 0.092, 0.052),
-    _hub("forearm_roll_link", "dark", 0.046, 0.058, 0.1245),
-    _hub("wrist_flex_link", "blue", 0.052, 0.046),
-    _arm_tube("wrist_flex_link", "blue", 0.0, 0.115, 0.049),
-    _arm_tube("wrist_flex_link", "dark", 0.115, 0.132, 0.040),
-    _arm_tube("wrist_roll_link", "white", -0.006, 0.020, 0.045),
-)
-_HAND = (
-    Visual("gripper_link", "box", "dark", (-0.093, 0.0, 0.0), (0.055, 0.063, 0.033)),
-    Visual("gripper_link", "box", "shell", (-0.098, 0.0, 0.0), (0.048, 0.052, 0.040)),
-    *(Visual("gripper_link", "cylinder", "dark", (-0.040, y, 0.0), (0.033, 0.008, 0.0), "x") for y in (-0.030, 0.030)),
-    *(
-        Visual(f"{side}_gripper_finger_link", "box", color, center, half)
-        for side, sign in (("l", 1.0), ("r", -1.0))
-        for color, center, half in (
-            ("gray", (-0.002, sign * 0.0095, 0.0), (0.030, 0.0055, 0.0125)),
-            ("black", (0.0, sign * 0.0028, 0.0), (0.028, 0.0024, 0.0115)),
-        )
-    ),
-)
-LOOKS = (*_BASE, *_TORSO, *_HEAD, *_ARM, *_HAND)
-
-
-def add_visuals(bodies: dict[str, Any]) -> None:
-    """Add visual geometry (geom group 2) to the bodies."""
-    import mujoco
-
-    for look in LOOKS:
-        bodies[look.body].add_geom(
-            type=getattr(mujoco.mjtGeom, f"mjGEOM_{look.kind.upper()}"),
-            pos=look.center,
-            quat=look.quaternion,
-            size=look.half,
-            rgba=COLORS[look.color],
-            group=LOOK_GROUP,
-            contype=0,
-            conaffinity=0,
-            mass=0.0,
-        )
-
-
-SEEN, ONLY_COLLIDES, HIDDEN = 0, 3, 4
-"""Geom groups, as in `perdure.home.sim.apartments`."""
-FRICTION = (0.2, 0.005, 0.0001)
-"""As furniture: MuJoCo uses the larger friction of a pair, the object's; a held object is attached by a constraint."""
 HEAD_CAMERA: Vec3 = (0.256875, 0.0, 0.67257)
 """In the torso's frame: with the torso at 0.15 m M3's (0.17, 0, 1.2) in the base frame."""
 HEAD_LOOKS_AT: Vec3 = (0.836875, 0.0, 0.47257)
@@ -501,24 +351,23 @@ def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
     """
     base = spec.worldbody.add_body(name="robot", gravcomp=1.0)
     _set_inertia(base, combined(BASE_PARTS))
-    _add_joint(spec, base, "base_x", "slide", (1.0, 0.0, 0.0), None)
-    _add_joint(spec, base, "base_y", "slide", (0.0, 1.0, 0.0), None)
-    _add_joint(spec, base, "base_yaw", "hinge", (0.0, 0.0, 1.0), None)
+    for name, kind, axis in zip(BASE_JOINTS, ("slide", "slide", "hinge"), (_X, _Y, _Z), strict=True):
+        _add_joint(spec, base, name, kind, axis, None)
     bodies = {"robot": base}
     for link in (TORSO, *ARM):
-        add_link(spec, bodies, link)
-    add_gripper(bodies)
+        _add_link(spec, bodies, link)
+    _add_gripper(bodies)
     for link in FINGERS:
-        add_link(spec, bodies, link)
+        _add_link(spec, bodies, link)
     for shape in SHAPES:
-        _add_shape(bodies[shape.body], shape, ONLY_COLLIDES if visuals else SEEN)
+        _add_shape(bodies[shape.body], shape, ONLY_COLLIDES if visuals else COLLIDES_AND_SEEN)
     _add_cameras(bodies)
     if visuals:
-        add_visuals(bodies)
+        _add_visuals(bodies)
     add_servos(spec)
 
 
-def add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
+def _add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
     """Add one link, its inertia and its joint under its parent, and notes its body in `bodies`."""
     body = bodies[link.parent].add_body(name=link.body, pos=link.origin, gravcomp=1.0)
     _set_inertia(body, combined(link.parts))
@@ -526,10 +375,10 @@ def add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
     bodies[link.body] = body
 
 
-def add_gripper(bodies: dict[str, Any]) -> None:
+def _add_gripper(bodies: dict[str, Any]) -> None:
     """Add the body `gripper_link` behind the wrist, with the site `gripper` at the gripper point."""
     gripper = bodies[ARM[-1].body].add_body(name="gripper_link", pos=GRIPPER_ORIGIN, gravcomp=1.0)
-    _set_inertia(gripper, combined(GRIPPER_PARTS))
+    _set_inertia(gripper, combined((_GRIPPER,)))
     gripper.add_site(name="gripper", pos=GRIPPER_POINT, size=(0.01, 0.01, 0.01), group=HIDDEN)
     bodies["gripper_link"] = gripper
 
@@ -540,28 +389,15 @@ def _set_inertia(body: Any, inertial: Inertial) -> None:
 
 
 def _add_joint(spec: Any, body: Any, name: str, kind: str, axis: Vec3, limit: tuple[float, float] | None) -> None:
-    import mujoco
-
-    hinge = kind == "hinge"
-    joint = body.add_joint(
-        name=name,
-        type=mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=axis,
-        armature=ARMATURE.get(name, 0.0),
-        limited=mujoco.mjtLimited.mjLIMITED_FALSE if limit is None else mujoco.mjtLimited.mjLIMITED_TRUE,
-    )
-    if limit is not None:
-        joint.range = np.degrees(limit) if hinge and spec.compiler.degree else limit
+    add_joint(spec, body, name, kind, axis, limit).armature = INERTIA.get(name, (0.0, 0.0))[1]
 
 
 def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
-    import mujoco
-
-    contype, conaffinity = BITS[shape.side]
+    contype, conaffinity = BITS[shape.part_of]
     along_x = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
     body.add_geom(
         name=f"robot/{shape.name}",
-        type=getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
+        type=geom_type(shape.kind),
         pos=shape.center,
         quat=along_x if shape.kind == "capsule" else (1.0, 0.0, 0.0, 0.0),
         size=shape.half,
@@ -574,19 +410,25 @@ def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
     )
 
 
+def _add_visuals(bodies: dict[str, Any]) -> None:
+    drawn = read_json((Path(__file__).parents[1] / "data" / "fetch_visuals.json").read_bytes(), dict[str, list[Visual]])
+    for body, visuals in drawn.items():
+        for visual in visuals:
+            bodies[body].add_geom(
+                type=geom_type(visual.kind),
+                pos=visual.center,
+                quat=visual.quaternion,
+                size=visual.half,
+                rgba=COLORS[visual.color],
+                group=ONLY_SEEN,
+                contype=0,
+                conaffinity=0,
+                mass=0.0,
+            )
+
+
 def _add_cameras(bodies: dict[str, Any]) -> None:
     gripper, torso = bodies["gripper_link"], bodies[TORSO.body]
-    gripper.add_camera(name="hand", pos=HAND_CAMERA, quat=_looking((1.0, 0.0, 0.0)), fovy=90.0)
+    gripper.add_camera(name="hand", pos=HAND_CAMERA, quat=camera_quaternion((1.0, 0.0, 0.0)), fovy=90.0)
     forward = np.subtract(HEAD_LOOKS_AT, HEAD_CAMERA)
-    torso.add_camera(name="head", pos=HEAD_CAMERA, quat=_looking(forward), fovy=90.0)
-
-
-def _looking(forward: Any) -> np.ndarray:
-    """Return orientation of a camera that looks along a direction in the body's xz plane, the picture upright."""
-    import mujoco
-
-    x, _, z = np.asarray(forward) / np.linalg.norm(forward)
-    columns = np.array([(0.0, -1.0, 0.0), (-z, 0.0, x), (-x, 0.0, -z)]).T  # right, up, backward
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, columns.ravel())
-    return quat
+    torso.add_camera(name="head", pos=HEAD_CAMERA, quat=camera_quaternion(forward), fovy=90.0)

@@ -1,14 +1,6 @@
-"""Where the handles of an apartment are, as numbers ready to be used at every step.
+"""A scene: apartment, robot and objects as one compiled model, its options and the addresses of its parts.
 
-M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge. Here
-forces move the base. With only its own collision shapes the robot can drive under a table and get stuck against a leg,
-because its wheels do not slip sideways.
-
-MuJoCo's broad phase looks at every body at every physics step; in a furnished room that is a quarter of the step. While
-nothing is awake but the robot and what it holds, a body farther away than the robot reaches cannot be in a contact, so
-it can be left out without changing one.
-
-A scene is pristine: a lane steps its own copy of the model (a grasp switches a collision bit in it).
+A scene is never changed: each lane steps its own copy of the model (a grasp switches a collision bit in it).
 """
 
 from __future__ import annotations
@@ -25,10 +17,92 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.geoms import BUMPER_BIT, HIDDEN
 from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
 from perdure.home.sim.occupancy import CLIMB, REACH_UP
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.robot import HIDDEN, JOINTS, add_fetch
+from perdure.home.sim.robot import JOINTS, add_fetch
+
+CONTROL_HZ = 30
+"""Control steps per second, as in M3 and habitat-lab."""
+PHYSICS_HZ = 120
+"""Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
+SERVO_HZ = 120
+"""Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
+Jaws = Literal["never", "apart"]
+Rolling = Literal["friction", "drag"]
+ReleaseVelocity = Literal["kept", "base-removed", "zero"]
+_WORDS = {
+    ("rolling", "drag"): "drag",
+    ("apple", "hull"): "hull-apple",
+    ("release_velocity", "base-removed"): "base-velocity-removed",
+    ("release_velocity", "zero"): "released-at-zero-velocity",
+    ("clutter", False): "no-clutter",
+    ("sleep", False): "no-sleep",
+}
+"""Word of an option in names; else the option and its value, such as jaws-apart."""
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """The variant of the physics. Each field is a flag of `perdure home run`, part of names and of stored settings."""
+
+    jaws: Jaws = "never"
+    """When a released object collides with the gripper's jaws and the rest of the robot again: never
+    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
+    rolling: Rolling = "friction"
+    """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
+    apple: AppleShape = "sphere"
+    """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
+    release_velocity: ReleaseVelocity = "kept"
+    """Velocity of an object as the hand opens: unchanged; without the moving base's part
+    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
+    physics_hz: int = PHYSICS_HZ
+    """Physics steps per second: 120 or more, a multiple of 30."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
+        rate = self.physics_hz
+        if not isinstance(rate, int | np.integer) or rate < CONTROL_HZ or rate % CONTROL_HZ:
+            raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
+        for name, kind in get_type_hints(WorldOptions).items():
+            if get_origin(kind) is Literal and (value := getattr(self, name)) not in get_args(kind):
+                raise PerdureError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
+
+    @property
+    def unusual(self) -> dict[str, Any]:
+        """The options that change the physics and differ from their defaults, by name."""
+        given = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
+        free = ("visuals", "targets")
+        return {name: value for name, (value, usual) in given.items() if value != usual and name not in free}
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is unusual in words for names: ("drag", "240-hz")."""
+        hertz = f"{self.physics_hz}-hz"
+        return tuple(
+            hertz if name == "physics_hz" else _WORDS.get((name, value), f"{name}-{value}".replace("_", "-"))
+            for name, value in self.unusual.items()
+        )
+
+
+@dataclass(frozen=True)
+class SceneOptions(WorldOptions):
+    """How a scene is built; the same options and episode give the same model."""
+
+    visuals: bool = False
+    """Whether visual geometry is built: pictures need it, physics does not."""
+    clutter: bool = True
+    """Whether the scene contains clutter."""
+    targets: tuple[int, ...] | None = None
+    """Numbers of the targets in the scene, None for all."""
+    sleep: bool = True
+    """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in one control step."""
+        return self.physics_hz // CONTROL_HZ
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,40 +183,6 @@ class Handles:
         return point
 
 
-RADIUS = 0.29
-"""In [m]; M3's 0.3 less 1 cm for the push of the wheels, 5 mm more than the base itself."""
-BIT = 4
-"""Its collision bit; 1 and 2 are the robot's own (`perdure.home.sim.robot`)."""
-
-
-def add_base_bumper(spec: Any, apartment: Apartment) -> None:
-    """Add the base bumper to a specification with apartment and robot. Drawers and doors do not collide with it.
-
-    It is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search for
-    contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their own.
-    What is low meets the base itself.
-    """
-    import mujoco
-
-    for piece in (*apartment.walls, *apartment.pieces):
-        for geom in spec.body(piece.name).geoms:  # those of drawers and doors belong to bodies of their own
-            if geom.contype:
-                geom.conaffinity |= BIT
-    spec.body("robot").add_geom(
-        name="robot/base_bumper",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        pos=(0.0, 0.0, 0.5 * (CLIMB + REACH_UP)),
-        size=(RADIUS, 0.5 * (REACH_UP - CLIMB) - RADIUS, 0.0),
-        contype=BIT,
-        conaffinity=0,
-        condim=1,
-        priority=1,
-        mass=0.0,
-        group=HIDDEN,
-        rgba=(0.0, 0.0, 0.0, 0.0),
-    )
-
-
 REACH = 1.6
 """Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
 MOVED = 0.15
@@ -153,7 +193,12 @@ SWING = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Nearby:
-    """Bounding boxes of the colliding bodies of a scene."""
+    """Bounding boxes of the colliding bodies of a scene.
+
+    MuJoCo's broad phase looks at every body at every physics step; in a furnished room that is a quarter of the step.
+    While nothing is awake but the robot and what it holds, a body farther away than the robot reaches cannot be in a
+    contact, so it can be left out without changing one.
+    """
 
     contype: NDArray[np.int32]
     """As compiled. Shape (bodies,)."""
@@ -163,9 +208,7 @@ class Nearby:
     """Corners of boxes around static furniture and drawers, doors, as far as they move. Shape (bodies, 2)."""
     high: FloatArray
     """Shape (bodies, 2)."""
-    fixed: BoolArray
-    """Bodies whose box is known beforehand; the others are objects and the robot. Shape (bodies,)."""
-    ours: BoolArray
+    robot: BoolArray
     """The robot's bodies. Shape (bodies,)."""
     object_bodies: IntArray
     """Shape (objects,)."""
@@ -178,8 +221,8 @@ class Nearby:
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         root = int(model.body("robot").id)
-        ours = np.asarray(model.body_rootid == root)
-        fixed = ~ours
+        robot = np.asarray(model.body_rootid == root)
+        fixed = ~robot
         fixed[object_bodies] = False
         low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
         planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
@@ -195,15 +238,8 @@ class Nearby:
         moves = fixed & (model.body_weldid != 0)
         low[moves] -= SWING
         high[moves] += SWING
-        return Nearby(
-            contype=model.body_contype.copy(),
-            conaffinity=model.body_conaffinity.copy(),
-            low=low,
-            high=high,
-            fixed=fixed,
-            ours=ours,
-            object_bodies=object_bodies,
-        )
+        bits = model.body_contype.copy(), model.body_conaffinity.copy()
+        return Nearby(*bits, low, high, robot, object_bodies)
 
     def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
         """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
@@ -212,98 +248,11 @@ class Nearby:
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
         near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
-        near |= self.ours
+        near |= self.robot
         if len(objects):
             apart = objects - base
             near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + MOVED) ** 2
         return near
-
-
-CONTROL_HZ = 30
-"""Control steps per second, as in M3 and habitat-lab."""
-PHYSICS_HZ = 120
-"""Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
-SERVO_HZ = 120
-"""Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
-HANDLE_SOLREF = (0.02, 1.0)
-"""How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
-HABITAT_DRAG = -math.log(1.0 - 0.2)
-"""Linear and angular damping of objects in [1/s]. Habitat-sim sets 0.2 (`AbstractObjectAttributes.cpp`), which Bullet
-applies as v <- v (1 - 0.2)^dt: 20 % of the speed in a second."""
-Jaws = Literal["never", "apart"]
-Rolling = Literal["friction", "drag"]
-ReleaseVelocity = Literal["kept", "base-removed", "zero"]
-_WORDS = {
-    ("rolling", "drag"): "drag",
-    ("apple", "hull"): "hull-apple",
-    ("release_velocity", "base-removed"): "base-velocity-removed",
-    ("release_velocity", "zero"): "released-at-zero-velocity",
-    ("clutter", False): "no-clutter",
-    ("sleep", False): "no-sleep",
-}
-"""Word of an option in names; else the option and its value, such as jaws-apart."""
-
-
-@dataclass(frozen=True)
-class WorldOptions:
-    """The variant of the physics. Each field is a flag of `perdure home run`, part of names and of stored settings."""
-
-    jaws: Jaws = "never"
-    """When a released object collides with the gripper's jaws and the rest of the robot again: never
-    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
-    rolling: Rolling = "friction"
-    """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
-    apple: AppleShape = "sphere"
-    """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
-    release_velocity: ReleaseVelocity = "kept"
-    """Velocity of an object as the hand opens: unchanged; without the moving base's part
-    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
-    physics_hz: int = PHYSICS_HZ
-    """Physics steps per second: 120 or more, a multiple of 30."""
-
-    def __post_init__(self) -> None:
-        """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
-        rate = self.physics_hz
-        if not isinstance(rate, int | np.integer) or rate < CONTROL_HZ or rate % CONTROL_HZ:
-            raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
-        for name, kind in get_type_hints(WorldOptions).items():
-            if get_origin(kind) is Literal and (value := getattr(self, name)) not in get_args(kind):
-                raise PerdureError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
-
-    @property
-    def unusual(self) -> dict[str, Any]:
-        """The options that change the physics and differ from their defaults, by name."""
-        given = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
-        free = ("visuals", "targets")
-        return {name: value for name, (value, usual) in given.items() if value != usual and name not in free}
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is unusual in words for names: ("drag", "240-hz")."""
-        hertz = f"{self.physics_hz}-hz"
-        return tuple(
-            hertz if name == "physics_hz" else _WORDS.get((name, value), f"{name}-{value}".replace("_", "-"))
-            for name, value in self.unusual.items()
-        )
-
-
-@dataclass(frozen=True)
-class SceneOptions(WorldOptions):
-    """How a scene is built; the same options and episode give the same model."""
-
-    visuals: bool = False
-    """Whether visual geometry is built: pictures need it, physics does not."""
-    clutter: bool = True
-    """Whether the scene contains clutter."""
-    targets: tuple[int, ...] | None = None
-    """Numbers of the targets in the scene, None for all."""
-    sleep: bool = True
-    """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
-
-    @property
-    def substeps(self) -> int:
-        """Physics steps in one control step."""
-        return self.physics_hz // CONTROL_HZ
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,6 +386,13 @@ class Scene:
         return np.array([addresses[self.model.joint(name).id] for name in names], dtype=np.int64)
 
 
+HANDLE_SOLREF = (0.02, 1.0)
+"""How softly a handle is held: time constant in [s], damping ratio (MuJoCo's default)."""
+HABITAT_DRAG = -math.log(1.0 - 0.2)
+"""Linear and angular damping of objects in [1/s]. Habitat-sim sets 0.2 (`AbstractObjectAttributes.cpp`), which Bullet
+applies as v <- v (1 - 0.2)^dt: 20 % of the speed in a second."""
+
+
 def build_scene(
     apartment: Apartment,
     placements: Sequence[Placement],
@@ -478,14 +434,40 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
 
 
-def _let_roll(scene: Scene) -> None:
-    """Let objects roll and spin without friction; they lose 20 % of their speed and spin in a second."""
-    model = scene.model
-    for number, geoms in enumerate(scene.object_geoms):
-        model.geom_condim[geoms] = 3
-        body, dof = model.body(f"object_{number}").id, int(scene.object_qvel[number])
-        model.dof_damping[dof : dof + 3] = HABITAT_DRAG * model.body_mass[body]
-        model.dof_damping[dof + 3 : dof + 6] = HABITAT_DRAG * model.body_inertia[body]
+BUMPER_RADIUS = 0.29
+"""In [m]; M3's 0.3 less 1 cm for the push of the wheels, 5 mm more than the base itself."""
+
+
+def add_base_bumper(spec: Any, apartment: Apartment) -> None:
+    """Add the base bumper to a specification with apartment and robot. Drawers and doors do not collide with it.
+
+    M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge.
+    Here forces move the base. With only its own collision shapes the robot can drive under a table and get stuck
+    against a leg, because its wheels do not slip sideways.
+
+    The bumper is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search
+    for contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their
+    own. What is low meets the base itself.
+    """
+    import mujoco
+
+    for piece in (*apartment.walls, *apartment.pieces):
+        for geom in spec.body(piece.name).geoms:  # those of drawers and doors belong to bodies of their own
+            if geom.contype:
+                geom.conaffinity |= BUMPER_BIT
+    spec.body("robot").add_geom(
+        name="robot/base_bumper",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        pos=(0.0, 0.0, 0.5 * (CLIMB + REACH_UP)),
+        size=(BUMPER_RADIUS, 0.5 * (REACH_UP - CLIMB) - BUMPER_RADIUS, 0.0),
+        contype=BUMPER_BIT,
+        conaffinity=0,
+        condim=1,
+        priority=1,
+        mass=0.0,
+        group=HIDDEN,
+        rgba=(0.0, 0.0, 0.0, 0.0),
+    )
 
 
 def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
@@ -516,3 +498,13 @@ def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
             active=False,
             solref=HANDLE_SOLREF,
         )
+
+
+def _let_roll(scene: Scene) -> None:
+    """Let objects roll and spin without friction; they lose 20 % of their speed and spin in a second."""
+    model = scene.model
+    for number, geoms in enumerate(scene.object_geoms):
+        model.geom_condim[geoms] = 3
+        body, dof = model.body(f"object_{number}").id, int(scene.object_qvel[number])
+        model.dof_damping[dof : dof + 3] = HABITAT_DRAG * model.body_mass[body]
+        model.dof_damping[dof + 3 : dof + 6] = HABITAT_DRAG * model.body_inertia[body]

@@ -1,12 +1,4 @@
-"""The scan of the robot's surroundings: ranges from its center to obstacles of the base.
-
-A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees table
-tops above and shelves below. Here it is computed from footprints: everything that reaches between 0.05 and 1.5 m
-counts, with drawers and doors where they are now; loose objects do not.
-
-The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know them;
-its head camera would show them.
-"""
+"""The state of many lanes as arrays: robot, held object, the skill's goal, a scan of the surroundings, neighbors."""
 
 from __future__ import annotations
 
@@ -21,92 +13,6 @@ from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footp
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.scene import CONTROL_HZ, Handles, Scene
 from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, TORSO, Simulator
-
-BEAMS = 24
-"""OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
-SCAN_RANGE = 5.0
-"""OURS: ranges beyond are cut, in [m]."""
-SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
-"""Of the beams, from straight ahead to the left."""
-NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)
-NOTCH = 0.01
-"""Drawers and doors count as open by multiples of it in [m] or [rad]: a footprint is looked up at each, not always."""
-
-
-class Outlines:
-    """Footprints around n lanes, kept ready for scanning."""
-
-    def __init__(self, lanes: int) -> None:
-        """Empty rooms."""
-        self._apartments: list[Apartment | None] = [None] * lanes
-        self._positions: list[FloatArray] = [np.zeros(0)] * lanes
-        self._exact = [b""] * lanes
-        self._static = [0] * lanes
-        self._count = np.zeros(lanes, dtype=np.int64)
-        self._rectangles = np.full((lanes, 1, 6), _NOTHING)
-
-    def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Take over where drawers and doors of a lane are, in the order of the articulations. Shape (links,)."""
-        known, exact = self._apartments[lane], positions.tobytes()
-        if known is apartment and exact == self._exact[lane]:
-            return
-        self._exact[lane] = exact
-        # Rounded, not compared with the last scan: otherwise a scan would depend on earlier ones.
-        positions = np.round(positions / NOTCH) * NOTCH
-        if known is not apartment:
-            static = static_footprints(apartment)
-            self._put(lane, 0, static)
-            self._apartments[lane], self._static[lane] = apartment, len(static)
-        elif np.array_equal(positions, self._positions[lane]):
-            return
-        self._positions[lane] = positions
-        self._put(lane, self._static[lane], moving_footprints(apartment, positions))
-
-    def scan(self, lanes: IntArray, base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Return ranges of some lanes (m,) in [m], `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
-
-        `base` is x, y, heading of their robots, shape (m, 3).
-        """
-        boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
-        x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
-        dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
-        at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
-        angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
-        beam_x, beam_y = np.cos(angle), np.sin(angle)
-        slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NEVER_0), 1.0 / (beam_y * cos - beam_x * sin + NEVER_0)
-        middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
-        middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
-        enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
-        leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
-        ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
-        return np.where(ranges <= reach, ranges, SCAN_RANGE)
-
-    def _within(self, lanes: IntArray, base: FloatArray, reach: float) -> FloatArray:
-        """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
-        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
-        away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
-        near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach
-        most = max(int(near.sum(axis=1).max(initial=0)), 1)
-        order = np.argsort(~near, axis=1, kind="stable")[:, :most]
-        return np.take_along_axis(boxes, order[:, :, None], axis=1)
-
-    def _put(self, lane: int, begin: int, rectangles: FloatArray) -> None:
-        end = begin + len(rectangles)
-        missing = end - self._rectangles.shape[1]
-        if missing > 0:
-            empty = np.full((len(self._count), missing, 6), _NOTHING)
-            self._rectangles = np.concatenate([self._rectangles, empty], axis=1)
-        self._rectangles[lane, begin:end, :4] = rectangles[:, :4]
-        self._rectangles[lane, begin:end, 4] = np.cos(rectangles[:, 4])
-        self._rectangles[lane, begin:end, 5] = np.sin(rectangles[:, 4])
-        self._rectangles[lane, end:] = _NOTHING
-        self._count[lane] = end
-
-
-NEVER_0 = 1.1e-12
-"""Added to the directions of beams: one along a side would divide by zero."""
-_NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 1.0, 0.0])
-"""A rectangle that no beam hits: x, y, half lengths, cosine and sine of its heading."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +69,7 @@ class PrivilegedState:
     hold_error: FloatArray
     """Distance of what is held (object's middle or handle) from the gripper point, 0 with an empty hand. Shape (n,)."""
     target: IntArray
-    """The skill_goal's object. Shape (n,)."""
+    """The skill goal's object. Shape (n,)."""
     object: FloatArray
     """Its middle in the room. Shape (n, 3)."""
     object_up: FloatArray
@@ -173,7 +79,7 @@ class PrivilegedState:
     goal: FloatArray
     """Its goal position. Shape (n, 3)."""
     link: IntArray
-    """The skill_goal's drawer or door, -1 when there is none. Shape (n,)."""
+    """The skill goal's drawer or door, -1 when there is none. Shape (n,)."""
     handle: FloatArray
     """Its handle in the room, the room's origin when there is none. Shape (n, 3)."""
     link_position: FloatArray
@@ -199,7 +105,7 @@ class PrivilegedState:
     handle_distance: FloatArray
     """From the gripper point to the nearest handle, inf without one. Shape (n,)."""
     stopped: BoolArray
-    """Whether the robot said in the last step that it has arrived; False when it got a new skill_goal. Shape (n,)."""
+    """Whether the robot said in the last step that it has arrived; False when it got a new skill goal. Shape (n,)."""
     contact_force: FloatArray
     """Largest normal force at the arm, its hand and what it holds in the last physics step, in [N]. Shape (n,)."""
     diverged: BoolArray
@@ -236,7 +142,8 @@ class PrivilegedState:
 
     def in_base(self, points: FloatArray) -> FloatArray:
         """Return points of the room in the base frame. Shape (n, 3) -> (n, 3)."""
-        return turn(points - self._base_origin, -self.base[:, 2])
+        origin = np.concatenate([self.base[:, :2], np.zeros((len(self), 1))], axis=1)
+        return turn(points - origin, -self.base[:, 2])
 
     def turned_to_base(self, vectors: FloatArray) -> FloatArray:
         """Return vectors of the room along the axes of the base. Shape (n, 3) -> (n, 3)."""
@@ -248,10 +155,6 @@ class PrivilegedState:
         # Written out: a matrix product may round differently for one lane than for many.
         axes = self.gripper_rotation
         return in_base[:, :1] * axes[:, 0] + in_base[:, 1:2] * axes[:, 1] + in_base[:, 2:] * axes[:, 2]
-
-    @property
-    def _base_origin(self) -> FloatArray:
-        return np.concatenate([self.base[:, :2], np.zeros((len(self), 1))], axis=1)
 
 
 _FIELDS = tuple(each.name for each in fields(PrivilegedState))
@@ -277,80 +180,15 @@ def wrap(angle: FloatArray) -> FloatArray:
     return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
-NEIGHBORS = 2
-"""Number of nearest neighbors in the state."""
-NEIGHBORHOOD = 0.5
-"""Largest distance of a neighbor from the target in [m]."""
+def up_axis(quaternion: FloatArray) -> FloatArray:
+    """Return the z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
+    w, x, y, z = quaternion.T
+    up = np.empty((len(quaternion), 3))
+    up[:, 0], up[:, 1], up[:, 2] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    return up
 
 
-class Neighbors(NamedTuple):
-    """The neighbors of the targets of n lanes."""
-
-    from_object: FloatArray
-    """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
-    distance: FloatArray
-    """From the gripper point to the nearest other object in [m], inf without one. Shape (n,)."""
-    handle_distance: FloatArray
-    """From the gripper point to the nearest handle in [m], inf without one. Shape (n,)."""
-
-
-def no_neighbors(n: int) -> Neighbors:
-    """Return empty neighborhoods of n targets."""
-    return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
-
-
-class Surroundings:
-    """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far."""
-
-    def __init__(self, lanes: int) -> None:
-        """Begin without scenes."""
-        self._scenes: list[Scene | None] = [None] * lanes
-        self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
-        self._objects = np.zeros(lanes, dtype=np.int64)
-        self._positions = np.zeros((lanes, 1))
-        self._handles = Handles.none(lanes, 1)
-
-    def look(self, numbers: IntArray, lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
-
-        A target (n,) that a scene does not have has no neighbors but handles.
-        """
-        for number, lane in zip(numbers.tolist(), lanes, strict=True):
-            if self._scenes[number] is not lane.scene:
-                self._enter(number, lane.scene)
-            self._middles[number, : self._objects[number]] = lane.qpos[lane.scene.middles]
-            self._positions[number, : len(lane.scene.links)] = lane.links
-        handles = self._handles[numbers].at(self._positions[numbers])
-        handle_distance = norm((handles - grippers[:, None]).reshape(-1, 3)).reshape(len(numbers), -1).min(axis=1)
-        return Neighbors(*self._around(numbers, targets, grippers), handle_distance)
-
-    def _around(self, numbers: IntArray, targets: IntArray, grippers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        middles, rows = self._middles[numbers], np.arange(len(numbers))
-        known = (targets >= 0) & (targets < self._objects[numbers])
-        target = np.where(known, targets, 0)
-        at = np.where(known[:, None], middles[rows, target], 0.0)
-        middles[rows, target] = np.inf
-        middles[~known] = np.inf
-        distance = norm((middles - grippers[:, None]).reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
-        apart = middles - at[:, None]
-        away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
-        nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
-        near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
-        return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
-
-    def _enter(self, number: int, scene: Scene) -> None:
-        """Make room for another scene."""
-        objects, links = len(scene.placements), len(scene.links)
-        more = objects - self._middles.shape[1]
-        if more > 0:
-            self._middles = np.pad(self._middles, ((0, 0), (0, more), (0, 0)), constant_values=np.inf)
-        more = links - self._positions.shape[1]
-        if more > 0:
-            self._positions = np.pad(self._positions, ((0, 0), (0, more)))
-            self._handles = self._handles.widened(more)
-        self._middles[number], self._positions[number] = np.inf, 0.0
-        self._handles.put(number, scene.handles)
-        self._scenes[number], self._objects[number] = scene, objects
+_NO_OBJECT = (np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3))
 
 
 class Readings:
@@ -377,13 +215,13 @@ class Readings:
         self._target: list[tuple[FloatArray, FloatArray]] = [_NO_OBJECT] * lanes
 
     def read_robot(self, number: int, lane: Simulator) -> None:
-        """Joints of one lane's robot, and its gripper."""
+        """Read the joints of one lane's robot, and its gripper."""
         self.robot[number] = lane.robot[:ARM_TO]
         self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
         self._point[number], self._axes[number] = lane.gripper, lane.gripper_axes
 
-    def move_grippers(self, chosen: IntArray, calm: BoolArray) -> None:
-        """Where the grippers are now that the joints are read; where `calm` they have no past to have a speed."""
+    def move_grippers(self, chosen: IntArray, first: BoolArray) -> None:
+        """Update the grippers after the joints were read; their speed is 0 where it is the `first` reading."""
         point, axes, base = self._point[chosen], self._axes[chosen], self.robot[chosen, :3]
         cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
         x, y = point[:, 0] - base[:, 0], point[:, 1] - base[:, 1]
@@ -391,12 +229,12 @@ class Readings:
         position[:, 0], position[:, 1] = cos * x + sin * y, cos * y - sin * x
         cos, sin = cos[:, None], sin[:, None]
         rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
-        moved = np.where(calm[:, None], 0.0, (point - self.gripper[chosen]) * CONTROL_HZ)
+        moved = np.where(first[:, None], 0.0, (point - self.gripper[chosen]) * CONTROL_HZ)
         self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
         self.gripper[chosen], self.gripper_velocity[chosen] = point, moved
 
     def take_skill_goal(self, number: int, lane: Simulator, skill_goal: SkillGoal) -> None:
-        """What a lane is about from now on."""
+        """Set the skill goal of a lane."""
         self.skill_goal[number] = skill_goal.target, skill_goal.link
         self.stopped[number] = False
         self.goal[number], self.aim[number] = skill_goal.goal, skill_goal.aim
@@ -473,12 +311,171 @@ class Readings:
         )
 
 
-def up_axis(quaternion: FloatArray) -> FloatArray:
-    """Return the z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
-    w, x, y, z = quaternion.T
-    up = np.empty((len(quaternion), 3))
-    up[:, 0], up[:, 1], up[:, 2] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-    return up
+BEAMS = 24
+"""OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
+SCAN_RANGE = 5.0
+"""OURS: ranges beyond are cut, in [m]."""
+SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
+"""Of the beams, from straight ahead to the left."""
+NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)
+OPEN_STEP = 0.01
+"""Drawers and doors count as open by multiples of it in [m] or [rad]: a footprint is looked up at each, not always."""
+NOT_ZERO = 1.1e-12
+"""Added to directions of beams, because one along a side would divide by zero."""
+_NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 1.0, 0.0])
+"""A rectangle that no beam hits: x, y, half lengths, cosine and sine of its heading."""
 
 
-_NO_OBJECT = (np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+class Outlines:
+    """Footprints around n lanes, from which it computes scans: ranges from the robot's center to obstacles of the base.
+
+    A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees
+    table tops above and shelves below. Everything that reaches between 0.05 and 1.5 m counts, with drawers and doors
+    where they are now; loose objects do not.
+    """
+
+    def __init__(self, lanes: int) -> None:
+        """Begin with empty rooms."""
+        self._apartments: list[Apartment | None] = [None] * lanes
+        self._positions: list[FloatArray] = [np.zeros(0)] * lanes
+        self._exact = [b""] * lanes
+        self._static = [0] * lanes
+        self._count = np.zeros(lanes, dtype=np.int64)
+        self._rectangles = np.full((lanes, 1, 6), _NOTHING)
+
+    def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
+        """Take over where drawers and doors of a lane are, in the order of the articulations. Shape (links,)."""
+        known, exact = self._apartments[lane], positions.tobytes()
+        if known is apartment and exact == self._exact[lane]:
+            return
+        self._exact[lane] = exact
+        # Rounded, not compared with the last scan: otherwise a scan would depend on earlier ones.
+        positions = np.round(positions / OPEN_STEP) * OPEN_STEP
+        if known is not apartment:
+            static = static_footprints(apartment)
+            self._put(lane, 0, static)
+            self._apartments[lane], self._static[lane] = apartment, len(static)
+        elif np.array_equal(positions, self._positions[lane]):
+            return
+        self._positions[lane] = positions
+        self._put(lane, self._static[lane], moving_footprints(apartment, positions))
+
+    def scan(self, lanes: IntArray, base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
+        """Return ranges of some lanes (m,) in [m], `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
+
+        `base` is x, y, heading of their robots, shape (m, 3).
+        """
+        boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
+        x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
+        dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
+        at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
+        angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
+        beam_x, beam_y = np.cos(angle), np.sin(angle)
+        slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NOT_ZERO), 1.0 / (beam_y * cos - beam_x * sin + NOT_ZERO)
+        middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
+        middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
+        enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
+        leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
+        ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
+        return np.where(ranges <= reach, ranges, SCAN_RANGE)
+
+    def _within(self, lanes: IntArray, base: FloatArray, reach: float) -> FloatArray:
+        """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
+        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
+        away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
+        near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach
+        most = max(int(near.sum(axis=1).max(initial=0)), 1)
+        order = np.argsort(~near, axis=1, kind="stable")[:, :most]
+        return np.take_along_axis(boxes, order[:, :, None], axis=1)
+
+    def _put(self, lane: int, begin: int, rectangles: FloatArray) -> None:
+        end = begin + len(rectangles)
+        missing = end - self._rectangles.shape[1]
+        if missing > 0:
+            empty = np.full((len(self._count), missing, 6), _NOTHING)
+            self._rectangles = np.concatenate([self._rectangles, empty], axis=1)
+        self._rectangles[lane, begin:end, :4] = rectangles[:, :4]
+        self._rectangles[lane, begin:end, 4] = np.cos(rectangles[:, 4])
+        self._rectangles[lane, begin:end, 5] = np.sin(rectangles[:, 4])
+        self._rectangles[lane, end:] = _NOTHING
+        self._count[lane] = end
+
+
+NEIGHBORS = 2
+"""Number of nearest neighbors in the state."""
+NEIGHBORHOOD = 0.5
+"""Largest distance of a neighbor from the target in [m]."""
+
+
+class Neighbors(NamedTuple):
+    """The neighbors of the targets of n lanes."""
+
+    from_object: FloatArray
+    """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
+    distance: FloatArray
+    """From the gripper point to the nearest other object in [m], inf without one. Shape (n,)."""
+    handle_distance: FloatArray
+    """From the gripper point to the nearest handle in [m], inf without one. Shape (n,)."""
+
+
+def no_neighbors(n: int) -> Neighbors:
+    """Return empty neighborhoods of n targets."""
+    return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
+
+
+class Surroundings:
+    """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far.
+
+    The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know
+    them; its head camera would show them.
+    """
+
+    def __init__(self, lanes: int) -> None:
+        """Begin without scenes."""
+        self._scenes: list[Scene | None] = [None] * lanes
+        self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
+        self._objects = np.zeros(lanes, dtype=np.int64)
+        self._positions = np.zeros((lanes, 1))
+        self._handles = Handles.none(lanes, 1)
+
+    def look(self, numbers: IntArray, lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray) -> Neighbors:
+        """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
+
+        A target (n,) that a scene does not have has no neighbors but handles.
+        """
+        for number, lane in zip(numbers.tolist(), lanes, strict=True):
+            if self._scenes[number] is not lane.scene:
+                self._enter(number, lane.scene)
+            self._middles[number, : self._objects[number]] = lane.qpos[lane.scene.middles]
+            self._positions[number, : len(lane.scene.links)] = lane.links
+        handles = self._handles[numbers].at(self._positions[numbers])
+        handle_distance = norm((handles - grippers[:, None]).reshape(-1, 3)).reshape(len(numbers), -1).min(axis=1)
+        return Neighbors(*self._around(numbers, targets, grippers), handle_distance)
+
+    def _around(self, numbers: IntArray, targets: IntArray, grippers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        middles, rows = self._middles[numbers], np.arange(len(numbers))
+        known = (targets >= 0) & (targets < self._objects[numbers])
+        target = np.where(known, targets, 0)
+        at = np.where(known[:, None], middles[rows, target], 0.0)
+        middles[rows, target] = np.inf
+        middles[~known] = np.inf
+        distance = norm((middles - grippers[:, None]).reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
+        apart = middles - at[:, None]
+        away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
+        nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
+        near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
+        return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
+
+    def _enter(self, number: int, scene: Scene) -> None:
+        """Make room for another scene."""
+        objects, links = len(scene.placements), len(scene.links)
+        more = objects - self._middles.shape[1]
+        if more > 0:
+            self._middles = np.pad(self._middles, ((0, 0), (0, more), (0, 0)), constant_values=np.inf)
+        more = links - self._positions.shape[1]
+        if more > 0:
+            self._positions = np.pad(self._positions, ((0, 0), (0, more)))
+            self._handles = self._handles.widened(more)
+        self._middles[number], self._positions[number] = np.inf, 0.0
+        self._handles.put(number, scene.handles)
+        self._scenes[number], self._objects[number] = scene, objects

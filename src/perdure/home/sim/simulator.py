@@ -1,4 +1,4 @@
-"""The action of a control step: eleven numbers from -1 to 1, M3's mobile manipulation and "stop"."""
+"""One simulated robot in a scene: its actions, the magic grasp, release, forces."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.objects import OBJECT_BIT, Placement
+from perdure.home.sim.geoms import OBJECT_BIT
+from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
 from perdure.home.sim.scene import CONTROL_HZ, MOVED, Scene
 
 ACTION_SIZE = 11
 FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
-"""Where the parts stand: base forward, base turn, seven arm joints, gripper, "I am there"."""
+"""Parts of an action, eleven numbers from -1 to 1: base forward, base turn, seven arm joints, gripper, "stop"."""
 STOP_LEVEL = 0.9
 """Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (OURS; M3
 has a discrete action for it)."""
@@ -35,9 +36,8 @@ GRASP_RADIUS = 0.15
 """How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
 
 
-_CON = {name: k for k, name in enumerate(JOINTS)}
-ARM_FROM, ARM_TO = _CON["shoulder_pan_joint"], _CON["wrist_roll_joint"] + 1
-TORSO = _CON["torso_lift_joint"]
+ARM_FROM, ARM_TO = JOINTS.index("shoulder_pan_joint"), JOINTS.index("wrist_roll_joint") + 1
+TORSO = JOINTS.index("torso_lift_joint")
 
 
 class Simulator:
@@ -63,11 +63,11 @@ class Simulator:
         """Its axes in the room, one per column. Shape (3, 3)."""
         self.held = self.held_link = -1
         self._parting: set[int] = set()
-        bad = [int(getattr(mujoco.mjtWarning, name)) for name in _BAD]
-        self._bad_states: NDArray[np.int32] = self.data.warning.number[min(bad) : max(bad) + 1]
+        first, last = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC)
+        self._bad_states: NDArray[np.int32] = self.data.warning.number[first : last + 1]
         self._substeps = scene.options.substeps
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
-        self._looked_from: tuple[float, float] | None = None
+        self._searched_from: tuple[float, float] | None = None
 
     def reset(
         self,
@@ -107,7 +107,7 @@ class Simulator:
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""
         if self.scene.options.sleep:
-            self._leave_out_far()
+            self._exclude_far_bodies()
         self._mujoco.mj_step(self.model, self.data, self._substeps)
         self._mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves poses as they were before its last step
 
@@ -223,7 +223,7 @@ class Simulator:
             if away @ away > self.scene.object_reach[number] ** 2:
                 self._collide(number, True)
 
-    def blew_up(self) -> bool:
+    def diverged(self) -> bool:
         """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
         return any(self._bad_states.tolist()) or not math.isfinite(self.qpos @ self.qpos)
 
@@ -239,37 +239,33 @@ class Simulator:
         rows = rows[self._counted[contact.geom].any(axis=1) & (rows >= 0)]
         return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
 
-    def _leave_out_far(self) -> None:
+    def _exclude_far_bodies(self) -> None:
         """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
         expected = 1 + (self.held >= 0) + (self.held_link >= 0)
         if self.data.ntree_awake > expected:
-            if self._looked_from is not None:
+            if self._searched_from is not None:
                 self.search_all()
             return
         x, y = self.robot[:2].tolist()
-        if self._looked_from is not None:
-            dx, dy = x - self._looked_from[0], y - self._looked_from[1]
+        if self._searched_from is not None:
+            dx, dy = x - self._searched_from[0], y - self._searched_from[1]
             if dx * dx + dy * dy < MOVED * MOVED:
                 return
         nearby, scene = self.scene.nearby, self.scene
         near = nearby.around(np.array([x, y]), self.qpos[scene.middles[:, :2]])
         self.model.body_contype[:] = np.where(near, nearby.contype, 0)
         self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
-        self._looked_from = x, y
+        self._searched_from = x, y
 
     def search_all(self) -> None:
         """Search for contacts everywhere again until the robot has moved, for queries about other places."""
         nearby = self.scene.nearby
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity
-        self._looked_from = None
+        self._searched_from = None
 
     def _collide(self, number: int, robot: bool) -> None:
         """Set whether an object collides with the robot; objects always collide with each other."""
         self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
         if robot:
             self._parting.discard(number)
-
-
-_BAD = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
-"""MuJoCo's warnings of a diverged state; their numbers follow one another."""

@@ -40,6 +40,18 @@ from perdure.home.sim.simulator import (
     Simulator,
 )
 
+CELLS_AHEAD = 10
+"""Look-ahead of the waypoint in cells of 0.05 m."""
+
+
+MAX_IDLE = 512
+"""Simulators kept for scenes that were left, about a megabyte each."""
+
+
+_Start = tuple[Pose, FloatArray, Mapping[str, float], Mapping[int, Placement], int]
+
+_NOWHERE: _Start = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, {}, -1)
+
 
 class VectorSimulator:
     """n lanes, each with a simulator and a skill goal.
@@ -96,9 +108,9 @@ class VectorSimulator:
         """
         old = self._simulators[lane]
         if old is None or old.scene is not scene:
-            self._simulators[lane] = self._take(scene)
+            self._simulators[lane] = self._simulator_of(scene)
             if old is not None:
-                self._leave(old)
+                self._keep(old)
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), dict(moved or {}), held)
         self._skill_goal[lane] = skill_goal or SkillGoal()
         self._begin(lane)
@@ -178,7 +190,7 @@ class VectorSimulator:
             self._pool.shutdown()
             self._pool = None
 
-    def _take(self, scene: Scene) -> Simulator:
+    def _simulator_of(self, scene: Scene) -> Simulator:
         """Return a simulator of a scene: one that was left, or a new one."""
         idle = self._idle.get(scene)
         if not idle:
@@ -189,7 +201,7 @@ class VectorSimulator:
             del self._idle[scene]
         return simulator
 
-    def _leave(self, simulator: Simulator) -> None:
+    def _keep(self, simulator: Simulator) -> None:
         """Keep a simulator for its scene's next episode; of too many, those of the scene longest unused go."""
         self._idle[simulator.scene] = [*self._idle.pop(simulator.scene, []), simulator]
         self._idle_count += 1
@@ -251,7 +263,7 @@ class VectorSimulator:
         for number in map(int, chosen):
             simulator = self.simulator(number)
             self._ahead[number] = None
-            if not first and simulator.blew_up():
+            if not first and simulator.diverged():
                 self._begin(number)
                 readings.diverged[number] = True
             readings.read_robot(number, simulator)
@@ -302,11 +314,3 @@ class VectorSimulator:
             for kept, seen in zip(around, found, strict=True):
                 kept[rows] = seen
         return around
-
-
-CELLS_AHEAD = 10
-"""Look-ahead of the waypoint in cells of 0.05 m."""
-MAX_IDLE = 512
-"""Simulators kept for scenes that were left, about a megabyte each."""
-_Start = tuple[Pose, FloatArray, Mapping[str, float], Mapping[int, Placement], int]
-_NOWHERE: _Start = (Pose(0.0, 0.0, 0.0), np.array(REST_ARM), {}, {}, -1)

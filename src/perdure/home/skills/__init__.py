@@ -1,12 +1,7 @@
-"""The skills of the benchmark, one file each: observation, reward, success, start states, recipe, documentation.
+"""The skills of the benchmark: observation, reward, success, start states and recipe of each.
 
-Contents:
-    SKILLS, get_skill        the skills by name; a new skill is one more line here
-    Skill, SkillProgress     the interface; per-episode state
-    Element, ObservationTerm, Recipe
-    Aim, region              where navigation should end
-    make_skill_goal          the goal of a plan's step
-    gym, training            Gymnasium environments; training and scores
+`SKILLS` has all by name; a new skill is one more entry here. `gym` makes them Gymnasium environments, `train` trains
+and scores policies.
 """
 
 from perdure.home.skills.articulated import Articulated, CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
@@ -16,14 +11,8 @@ from perdure.home.skills.place import Place
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
 from perdure.home.skills.skill import Aim, Element, ObservationTerm, Recipe, Skill, SkillProgress, region
 
-SKILLS["pick"] = Pick
-SKILLS["place"] = Place
-SKILLS["open_drawer"] = OpenDrawer
-SKILLS["close_drawer"] = CloseDrawer
-SKILLS["open_fridge"] = OpenFridge
-SKILLS["close_fridge"] = CloseFridge
-SKILLS["navigate"] = Navigate
-SKILLS["reset_arm"] = ResetArm
+SKILLS.update({kind.name: kind for kind in (Pick, Place, OpenDrawer, CloseDrawer)})
+SKILLS.update({kind.name: kind for kind in (OpenFridge, CloseFridge, Navigate, ResetArm)})
 
 __all__ = [
     "SKILLS",

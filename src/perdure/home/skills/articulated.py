@@ -1,4 +1,4 @@
-"""The part that the four skills share that open or close a drawer or the fridge by its handle."""
+"""The skills that open or close a drawer or the fridge by its handle."""
 
 from __future__ import annotations
 
@@ -164,19 +164,19 @@ def success_text(position: str) -> str:
     return f"{position}, the hand is empty and the gripper is within {RETRACTED:g} m of rest"
 
 
-GIVE = 0.005
+STOP_YIELD = 0.005
 """Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (OURS)."""
-OTHERS = 0.1
+OTHERS_OPEN = 0.1
 """Largest initial opening of the other drawers, drawn uniformly, in [m] (OURS; in M3 they are closed here, and a random
 subset of them is open by up to this in `close_drawer`)."""
 
 
 @dataclass(frozen=True)
 class OpenDrawer(Articulated):
-    """M3's success condition and start states (`open_drawer_v0A`), except for the other drawers, see `OTHERS`."""
+    """M3's success condition and start states (`open_drawer_v0A`), except for the other drawers, see `OTHERS_OPEN`."""
 
     name = "open_drawer"
-    wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + GIVE)
+    wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + STOP_YIELD)
     success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
     start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
     navigation_region = Rectangle((0.80, 0.95), 0.35)
@@ -185,7 +185,7 @@ class OpenDrawer(Articulated):
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
         """Draw the positions of the other drawers, which are not quite closed."""
         drawers = [each.link for each in apartment.articulations if each.kind == "slide" and each.link != link]
-        return {each: float(rng.uniform(0.0, OTHERS)) for each in drawers}
+        return {each: float(rng.uniform(0.0, OTHERS_OPEN)) for each in drawers}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Wrappers that add the head camera's depth image to the observations."""
+"""Wrappers that add the head camera's depth image to the observations of a skill's environment."""
 
 from __future__ import annotations
 

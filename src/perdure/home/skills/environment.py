@@ -1,4 +1,4 @@
-"""Type checks of options, which may come as text: a word such as "no" must not count as True."""
+"""Gymnasium environments of the skills: their options, the episodes they draw, one lane or many."""
 
 from __future__ import annotations
 
@@ -14,42 +14,19 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from perdure.envs.suites import VectorSuite
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.home.sim.apartments import SPLITS
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.scene import PHYSICS_HZ, SERVO_HZ, Rolling, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills.registry import SKILLS, choices, get_skill, learned_skills
+from perdure.home.skills.registry import SKILLS, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress, put_rows
 from perdure.home.skills.starts import begin, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
 from perdure.schema import Choice, Flag, Items, Kind, Maybe, Text, Whole
 
-
-def plain(value: Any) -> Any:
-    """Return a NumPy number or array as Python numbers; any other value itself."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
-
-
-def check_kinds(kinds: Mapping[str, Kind], values: Mapping[str, object]) -> None:
-    """Raise PerdureError, with name, value and what is allowed, for a value that is not of its kind."""
-    for name, kind in kinds.items():
-        kind.check(plain(values[name]), name)
-
-
-def checked_mode(value: AutoresetMode | str) -> AutoresetMode:
-    """Return an autoreset mode by its name; PerdureError for any other value."""
-    try:
-        return AutoresetMode(value)
-    except ValueError:
-        names = ", ".join(repr(mode.value) for mode in AutoresetMode)
-        raise PerdureError(f"autoreset_mode must be one of {names}, not {value!r}") from None
-
-
-SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
-"""Options that are fields of a skill."""
 COUNT = Whole(1, 1_000_000)
 KINDS: Mapping[str, Kind] = {
     "skill": Text(),
@@ -65,6 +42,8 @@ KINDS: Mapping[str, Kind] = {
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
+SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
+"""Options that are fields of a skill."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +78,9 @@ class SkillEnvOptions:
             given = self.targets if isinstance(self.targets, Iterable) else (self.targets,)
             object.__setattr__(self, "targets", tuple(map(plain, given)))
         check_kinds(KINDS, vars(self))
-        if self.skill not in learned_skills():
-            raise PerdureError(f"no environment for the skill {self.skill!r}; {choices(self.skill, learned_skills())}")
+        lookup(dict.fromkeys(learned_skills()), self.skill, "skill with an environment")
         for each in fields(self):
-            owners = [name for name, kind in SKILLS.items() if each.name in option_names(kind)]
+            owners = [name for name, kind in SKILLS.items() if each.name in kind.__dataclass_fields__]
             if each.name in SKILL_OPTIONS and self.skill not in owners and getattr(self, each.name) != each.default:
                 raise PerdureError(
                     f"{each.name} is an option of {', '.join(owners)}, not of {self.skill}; leave it at {each.default}"
@@ -132,7 +110,7 @@ class SkillEnvOptions:
 
     def make_skill(self) -> Skill:
         """Return the skill with its own options."""
-        own = option_names(SKILLS[self.skill])
+        own = SKILLS[self.skill].__dataclass_fields__
         return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
 
     def check_step_limit(self, max_episode_steps: int | None) -> None:
@@ -150,9 +128,12 @@ class SkillEnvOptions:
         return load_episodes(self.task, self.split).episodes[: self.episodes]
 
 
-def option_names(kind: type[Skill]) -> set[str]:
-    """Return the names of a skill's own options."""
-    return {each.name for each in fields(kind)}
+def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
+    """Return options by name; raise PerdureError for unknown names."""
+    known = {each.name: each for each in fields(SkillEnvOptions)}
+    for name in sorted(options):
+        lookup(known, name, "option")
+    return SkillEnvOptions(**options)
 
 
 def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
@@ -162,18 +143,15 @@ def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
     return tuple(sorted({step.target for step in task.skills if step.skill == skill}))
 
 
-def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
-    """Return options by name; raise PerdureError for unknown names."""
-    known = [each.name for each in fields(SkillEnvOptions)]
-    for name in sorted(set(options) - set(known)):
-        raise PerdureError(f"no option is named {name!r}; {choices(name, known)}")
-    return SkillEnvOptions(**options)
+def check_kinds(kinds: Mapping[str, Kind], values: Mapping[str, object]) -> None:
+    """Raise PerdureError, with name, value and what is allowed, for a value that is not of its kind."""
+    for name, kind in kinds.items():
+        kind.check(plain(values[name]), name)
 
 
-@lru_cache(maxsize=8)
-def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
-    """Return the cached sampler of these options, so that a learner that rebuilds its worlds loads them once."""
-    return EpisodeSampler(options)
+def plain(value: Any) -> Any:
+    """Return a NumPy number or array as Python numbers; any other value itself."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 class EpisodeSampler:
@@ -199,39 +177,10 @@ class EpisodeSampler:
         return episode_scene(self.episodes[number], replace(self._options.scene, targets=(target,)))
 
 
-PREFIX = "perdure/Home"
-SUITE = VectorSuite("Home", "perdure.home.skills.gym", PREFIX)
-"""The suite of these environments, which `pyproject.toml` names as an entry point."""
-
-
-def env_id(skill: str) -> str:
-    """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
-    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
-
-
-def check_id(skill: str, registered: str | None) -> None:
-    """Raise PerdureError if an id that is registered for one skill would make another."""
-    if registered not in (None, skill):
-        raise PerdureError(f"{env_id(registered)} has the skill {registered}, not {skill}: use {env_id(skill)}")
-
-
-def default_task(skill: str) -> str:
-    """Return the first task that uses a skill."""
-    return next(name for name, task in TASKS.items() if targets_of(skill, task))
-
-
-def register() -> None:
-    """Register an environment for each learned skill that has none; call it again after adding a skill."""
-    for skill in learned_skills():
-        if env_id(skill) in gymnasium.registry:
-            continue
-        gymnasium.register(
-            env_id(skill),
-            entry_point="perdure.home.skills.gym:HomeSkillEnv",
-            vector_entry_point="perdure.home.skills.environment:HomeSkillVectorEnv",
-            max_episode_steps=get_skill(skill).limit,
-            kwargs={"skill": skill, "task": default_task(skill), "registered_skill": skill},
-        )
+@lru_cache(maxsize=8)
+def episode_sampler(options: SkillEnvOptions) -> EpisodeSampler:
+    """Return the cached sampler of these options, so that a learner that rebuilds its worlds loads them once."""
+    return EpisodeSampler(options)
 
 
 StepResult = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
@@ -279,7 +228,10 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         check_kinds({"num_envs": COUNT, "max_episode_steps": Maybe(Whole(1, 10**9)), "threads": Maybe(COUNT)}, given)
         self.metadata = {"autoreset_mode": checked_mode(autoreset_mode), "render_modes": []}
         self.options = checked_options(options)
-        check_id(self.options.skill, registered_skill)
+        if registered_skill not in (None, skill := self.options.skill):
+            raise PerdureError(
+                f"{env_id(registered_skill)} has the skill {registered_skill}, not {skill}: use {env_id(skill)}"
+            )
         self.options.check_step_limit(max_episode_steps)
         self.skill: Skill = self.options.make_skill()
         self.sampler = episode_sampler(self.options)
@@ -452,6 +404,15 @@ def masked(info: dict[str, Any]) -> dict[str, Any]:
     return {**info, **{f"_{name}": np.ones(size, dtype=bool) for name in info}}
 
 
+def checked_mode(value: AutoresetMode | str) -> AutoresetMode:
+    """Return an autoreset mode by its name; PerdureError for any other value."""
+    try:
+        return AutoresetMode(value)
+    except ValueError:
+        names = ", ".join(repr(mode.value) for mode in AutoresetMode)
+        raise PerdureError(f"autoreset_mode must be one of {names}, not {value!r}") from None
+
+
 class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
     """One lane of a `HomeSkillVectorEnv`: the same seed and actions give the same bits."""
 
@@ -526,3 +487,28 @@ def _first(info: dict[str, Any]) -> dict[str, Any]:
         for name, value in info.items()
         if not name.startswith("_")
     }
+
+
+PREFIX = "perdure/Home"
+SUITE = VectorSuite("Home", "perdure.home.skills.gym", PREFIX)
+"""The suite of these environments, which `pyproject.toml` names as an entry point."""
+
+
+def env_id(skill: str) -> str:
+    """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
+    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
+
+
+def register() -> None:
+    """Register an environment for each learned skill that has none; call it again after adding a skill."""
+    for skill in learned_skills():
+        if env_id(skill) in gymnasium.registry:
+            continue
+        task = next(name for name, task in TASKS.items() if targets_of(skill, task))
+        gymnasium.register(
+            env_id(skill),
+            entry_point="perdure.home.skills.gym:HomeSkillEnv",
+            vector_entry_point="perdure.home.skills.environment:HomeSkillVectorEnv",
+            max_episode_steps=get_skill(skill).limit,
+            kwargs={"skill": skill, "task": task, "registered_skill": skill},
+        )

@@ -71,7 +71,7 @@ class Navigate(Skill):
     step_limit = 500
     observation = (obs.PROPRIOCEPTION, PATH, obs.SCAN)
     rewards: ClassVar = {
-        "way": f"{DISTANCE_REWARD:g} per meter nearer to the region of the next skill, the last {COUNTED:g} m apart"
+        "way": f"{DISTANCE_REWARD:g} per meter nearer to the region of the next skill but the last {COUNTED:g} m"
     }
     success_text = (
         f"the robot has stopped at most {NEAR:g} m of path from the region and turned at most {FACING:g} rad from the "

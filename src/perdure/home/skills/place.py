@@ -53,7 +53,7 @@ class Place(Skill):
     name = "place"
     observation = (obs.PROPRIOCEPTION, obs.CLOSENESS, obs.point("goal", "the goal", lambda state: state.goal), CARRIED)
     rewards: ClassVar = {
-        "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, upward distance apart (OURS)",
+        "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, except upward (OURS)",
         "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region",
         "retract": f"{DISTANCE_REWARD:g} per meter nearer to rest after it",
     }

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
-from perdure.errors import PerdureError, did_you_mean
+from perdure.errors import lookup
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import Simulator
 from perdure.home.skills.skill import Skill
@@ -19,20 +18,12 @@ SKILLS: dict[str, type[Skill]] = {}
 
 def get_skill(name: str, **options: Any) -> Skill:
     """Return a skill by its name in `SKILLS`, with options such as `delta` of place; refuse an unknown name."""
-    if name not in SKILLS:
-        raise PerdureError(f"no skill is named {name!r}; {choices(name, SKILLS)}")
-    return SKILLS[name](**options)
+    return lookup(SKILLS, name, "skill")(**options)
 
 
 def learned_skills() -> tuple[str, ...]:
     """Return the names of the skills that have a recipe, and so an environment."""
     return tuple(name for name, kind in SKILLS.items() if kind.recipe is not None)
-
-
-def choices(wrong: str, names: Iterable[str]) -> str:
-    """Return the part of a message that lists valid names, the nearest to the wrong one apart."""
-    names = list(names)
-    return f"there are {', '.join(names)}{did_you_mean(wrong, names)}"
 
 
 def make_skill_goal(episode: Episode, step: SkillStep, lane: Simulator) -> SkillGoal:

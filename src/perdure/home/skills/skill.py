@@ -1,8 +1,4 @@
-"""What a skill remembers between control steps, and the rules on forces and grasps that all skills share.
-
-The regions are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (OURS):
-for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our
-robot may stop in front of the door's edge.
+"""What a skill is: observation, rewards, success and failure, start states; what it remembers between control steps.
 
 Skills are pure functions over `PrivilegedState` and `SkillProgress`. Environments and the executor drive them. All
 functions work row by row, so the result of a lane does not depend on its neighbors.
@@ -277,7 +273,12 @@ HOLDING = ObservationTerm((flag("holding", "something is held"),), lambda state,
 OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
 """In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
 BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
-"""Regions for reaching into an open container, in the frame of `front_frame`."""
+"""Regions for reaching into an open container, in the frame of `front_frame`.
+
+They are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (OURS): for pick
+and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our robot may
+stop in front of the door's edge.
+"""
 
 
 @dataclass(frozen=True)
@@ -324,7 +325,7 @@ SLACK = 0.002
 PENALTY = 1.0
 """Cost of a failure (M3; OURS for letting go of a handle early and for leaving the goal, which cost nothing there)."""
 FORCE_COST, FORCE_CAP = 0.001, 0.2
-"""Cost per newton of increase in contact force, and its cap per step (M3's numbers; see `progress.FORCE_MARGIN`)."""
+"""Cost per newton of increase in contact force, and its cap per step (M3's numbers; see `FORCE_MARGIN`)."""
 RETRACTED = 0.05
 """Largest distance of a retracted gripper point from its rest position in [m] (M3)."""
 

@@ -1,4 +1,4 @@
-"""Arm poses at the start of a skill: the gripper point near its rest position."""
+"""Start states of skills: where the robot stands, its arm, what is open, which episodes they are drawn from."""
 
 from __future__ import annotations
 
@@ -19,15 +19,76 @@ from perdure.home.sim.apartments import split_apartments
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.occupancy import FreeSpace, free_space
+from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
 from perdure.home.sim.scene import Scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.tasks.episodes import Episode, EpisodeSet, generate_episode, read_episodes, write_episodes
+from perdure.home.tasks.episodes import Episode, EpisodeSet, read_episodes, write_episodes
+from perdure.home.tasks.generation import generate_episode
 from perdure.home.tasks.tasks import get_task
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The state in which a skill begins. Objects are numbered as in a scene that has the skill's target only."""
+
+    base: Pose
+    arm: FloatArray
+    """Joint angles. Shape (7,)."""
+    skill_goal: SkillGoal
+    opened: Mapping[str, float] = field(default_factory=dict)
+    """Positions of drawers and doors that differ from the episode's, by link name."""
+    held: int = -1
+    """Number of the held object, -1 for none."""
+    moved: Mapping[int, Placement] = field(default_factory=dict)
+    """Placements of objects that have moved since the episode's start, by number."""
+
+
+Draw = Callable[[Episode, int, np.random.Generator], Start]
+"""Draws a start state for (episode, target), without a check for contacts."""
+TRIES = 1000
+"""Largest number of draws for one start state; published episodes need a few dozen at most."""
+TOUCH = 0.001
+"""Largest penetration depth of the robot, or of what it holds, at the start in [m] (OURS)."""
+
+
+def begin(
+    world: VectorSimulator, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
+) -> Start:
+    """Bring a lane to a start state without contacts, drawn with `draw` until there is one.
+
+    The scene is the episode's with `SceneOptions(targets=(target,))`. PerdureError if all of 1000 draws have contacts.
+    """
+    for _ in range(TRIES):
+        start = draw(episode, target, rng)
+        put(world, lane, scene, start)
+        if touching(world.simulator(lane)) <= TOUCH:
+            return start
+    raise PerdureError(
+        f"{episode.name}: the robot touches something in all of {TRIES} start states drawn for {target=}"
+    )
+
+
+def put(world: VectorSimulator, lane: int, scene: Scene, start: Start) -> None:
+    """Bring a lane to a start state."""
+    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal, start.moved)
+
+
+def touching(lane: Simulator) -> float:
+    """Return the penetration depth of the robot, or of what it holds, in [m], 0 without contact."""
+    contact, scene = lane.data.contact, lane.scene
+    geoms, distance = contact.geom, contact.dist
+    if not len(distance):
+        return 0.0
+    ours = scene.robot_geoms[geoms]
+    if lane.held >= 0:
+        ours |= np.isin(geoms, scene.object_geoms[lane.held])
+    between = ours[:, 0] != ours[:, 1]
+    return float(max(0.0, -distance[between].min())) if between.any() else 0.0
+
 
 SPREAD, FARTHEST = 0.025, 0.05
 """Noise of the gripper point per axis in [m]: standard deviation and clip (M3)."""
@@ -58,6 +119,101 @@ def bank() -> FloatArray:
     return found
 
 
+NEAR = 2.0
+"""Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
+IN_FRONT = 0.5
+"""Cosine of the largest angle from a container's open side at which the robot begins (OURS)."""
+POSITION_NOISE, POSITION_CLIP = 0.1, 0.2
+"""Noise of the base position per axis in [m]: standard deviation and clip (M3)."""
+HEADING_NOISE, HEADING_CLIP = 0.25, 0.5
+"""Noise of the heading in [rad]: standard deviation and clip (M3)."""
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle on the floor in front of furniture: x away from the furniture, y to its left, in [m]."""
+
+    x: tuple[float, float]
+    half_width: float
+
+    def contains(self, local: FloatArray) -> BoolArray:
+        """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
+        x, y = local[:, 0], np.abs(local[:, 1])
+        return (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
+
+
+def stand_near(
+    apartment: Apartment,
+    point: tuple[float, float, float],
+    rng: np.random.Generator,
+    front: tuple[float, float] | None = None,
+) -> Pose:
+    """Draw a cell within 2.0 m of a point, with noise, facing the point.
+
+    Cells are those that are free with all drawers and doors closed, also in `stand_in` (M3's navigation mesh is fixed,
+    too). A robot that touches an open one is found by the contact check of `begin`.
+
+    `front` is the direction of a container's open side. The cell is within 60 degrees of it (OURS: beside our fridge
+    there is floor, which navigation never ends on).
+    """
+    return _draw(_cells_near(apartment, point[:2], front), point, rng)
+
+
+def stand_in(
+    apartment: Apartment,
+    frame: Pose,
+    rectangles: tuple[Rectangle, ...],
+    point: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> Pose:
+    """Draw a cell of the first of some rectangles that has a free one, with noise, facing a point.
+
+    The rectangles are in `frame`. PerdureError if none contains a free cell.
+    """
+    space = free_space(apartment)
+    local = frame.to_local(space.centers)
+    for rectangle in rectangles:
+        inside = rectangle.contains(local) & (space.island == 0)
+        if inside.any():
+            return _draw(space.centers[inside], point, rng)
+    raise PerdureError(f"{apartment.name}: no free cell in front of the furniture at {frame}")
+
+
+def stand_anywhere(apartment: Apartment, opened: Mapping[str, float], rng: np.random.Generator) -> Pose:
+    """Draw a cell of the largest island and a heading, both uniformly."""
+    space = free_space(apartment, opened)
+    x, y = _cell(space.centers[space.island == 0], rng)
+    return Pose(x, y, 2.0 * np.pi * float(rng.random()))
+
+
+@lru_cache(maxsize=4096)
+def _cells_near(apartment: Apartment, point: tuple[float, float], front: tuple[float, float] | None) -> FloatArray:
+    """Return the centers of allowed cells. Shape (m, 2)."""
+    space = free_space(apartment)
+    away = np.hypot(*(space.centers - point).T)
+    inside = (space.island == 0) & (away <= NEAR)
+    if front is not None:
+        inside &= (space.centers - point) @ np.asarray(front) >= IN_FRONT * away
+    cells: FloatArray = space.centers[inside]
+    cells.flags.writeable = False
+    return cells
+
+
+def _draw(cells: FloatArray, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
+    x, y = _cell(cells, rng)
+    dx, dy = np.clip(rng.normal(0.0, POSITION_NOISE, 2), -POSITION_CLIP, POSITION_CLIP)
+    turn = float(np.clip(rng.normal(0.0, HEADING_NOISE), -HEADING_CLIP, HEADING_CLIP))
+    x, y = x + float(dx), y + float(dy)
+    return Pose(x, y, float(np.arctan2(point[1] - y, point[0] - x)) + turn)
+
+
+def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
+    if not len(cells):
+        raise PerdureError("the robot has no free cell to begin in")
+    x, y = cells[int(rng.integers(len(cells)))]
+    return float(x), float(y)
+
+
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
@@ -74,6 +230,31 @@ def front_of(apartment: Apartment, placement: Placement) -> tuple[float, float]:
     """Return the direction in which a placement's furniture faces, a unit vector in the room."""
     yaw = apartment.piece(apartment.receptacle(placement.receptacle).piece).pose.yaw
     return math.cos(yaw), math.sin(yaw)
+
+
+def front_frame(apartment: Apartment, link: str, q: float) -> Pose:
+    """Return the frame of rectangles in front of a container: at a drawer's handle, at the fridge's center."""
+    piece = apartment.piece_of(link).pose
+    if not is_drawer(apartment, link):
+        return piece
+    x, y, _ = handle(apartment, link, q)
+    return Pose(x, y, piece.yaw)
+
+
+def handle(apartment: Apartment, link: str, q: float) -> tuple[float, float, float]:
+    """Return the position of a handle in the room in [m] when its link is at `q`."""
+    x, y, z = apartment.handle_to_room(link, q)
+    return float(x), float(y), float(z)
+
+
+def is_drawer(apartment: Apartment, link: str) -> bool:
+    """Return whether a link slides."""
+    return apartment.articulation(link).kind == "slide"
+
+
+def link_number(apartment: Apartment, link: str) -> int:
+    """Return a link's number in `Scene.links`."""
+    return [moving.link for moving in apartment.articulations].index(link)
 
 
 def draw_open(apartment: Apartment, link: str | None, rng: np.random.Generator) -> dict[str, float]:
@@ -94,11 +275,6 @@ def open_links(simulator: Simulator) -> dict[str, float]:
     return {link: value for link, value in rounded.items() if abs(value) > 0.02}
 
 
-def is_drawer(apartment: Apartment, link: str) -> bool:
-    """Return whether a link slides."""
-    return apartment.articulation(link).kind == "slide"
-
-
 def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[int, Placement]:
     """Return where a target lies that has moved with its drawer, as `Start.moved`; empty when it has not moved."""
     placement = episode.objects[target]
@@ -111,30 +287,10 @@ def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[
     return {0: replace(placement, position=(float(x), float(y), float(z)))}
 
 
-def handle(apartment: Apartment, link: str, q: float) -> tuple[float, float, float]:
-    """Return the position of a handle in the room in [m] when its link is at `q`."""
-    x, y, z = apartment.handle_to_room(link, q)
-    return float(x), float(y), float(z)
-
-
-def front_frame(apartment: Apartment, link: str, q: float) -> Pose:
-    """Return the frame of rectangles in front of a container: at a drawer's handle, at the fridge's center."""
-    piece = apartment.piece_of(link).pose
-    if not is_drawer(apartment, link):
-        return piece
-    x, y, _ = handle(apartment, link, q)
-    return Pose(x, y, piece.yaw)
-
-
-def link_number(apartment: Apartment, link: str) -> int:
-    """Return a link's number in `Scene.links`."""
-    return [moving.link for moving in apartment.articulations].index(link)
-
-
 POOL = 64
 """Episodes in a pool: one for each training apartment."""
-_MADE_BY = ("sim/*.py", "tasks/*.py")
-"""Files whose code determines the episodes."""
+_MADE_BY = ("sim/*.py", "tasks/*.py", "data/layouts.json")
+"""Files that determine the episodes."""
 
 
 def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
@@ -196,164 +352,3 @@ def _make(task: str, count: int, seed: int) -> EpisodeSet:
 def _spread() -> tuple[tuple[int, int], ...]:
     """Return the training apartments, all layouts among the first few."""
     return tuple(sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0])))
-
-
-NEAR = 2.0
-"""Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
-IN_FRONT = 0.5
-"""Cosine of the largest angle from a container's open side at which the robot begins (OURS)."""
-POSITION_NOISE, POSITION_CLIP = 0.1, 0.2
-"""Noise of the base position per axis in [m]: standard deviation and clip (M3)."""
-HEADING_NOISE, HEADING_CLIP = 0.25, 0.5
-"""Noise of the heading in [rad]: standard deviation and clip (M3)."""
-
-
-@dataclass(frozen=True)
-class Rectangle:
-    """A rectangle on the floor in front of furniture: x away from the furniture, y to its left, in [m]."""
-
-    x: tuple[float, float]
-    half_width: float
-
-    def contains(self, local: FloatArray) -> BoolArray:
-        """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
-        x, y = local[:, 0], np.abs(local[:, 1])
-        return (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
-
-
-def closed_space(apartment: Apartment) -> FreeSpace:
-    """Return the free space with all drawers and doors closed (M3's navigation mesh is fixed, too).
-
-    A robot that touches an open one is found by the contact check of `begin`.
-    """
-    return free_space(apartment, {})
-
-
-def stand_near(
-    apartment: Apartment,
-    point: tuple[float, float, float],
-    rng: np.random.Generator,
-    front: tuple[float, float] | None = None,
-) -> Pose:
-    """Draw a cell within 2.0 m of a point, with noise, facing the point.
-
-    `front` is the direction of a container's open side. The cell is within 60 degrees of it (OURS: beside our fridge
-    there is floor, which navigation never ends on).
-    """
-    return _draw(_cells_near(apartment, point[:2], front), point, rng)
-
-
-@lru_cache(maxsize=4096)
-def _cells_near(apartment: Apartment, point: tuple[float, float], front: tuple[float, float] | None) -> FloatArray:
-    """Return the centers of allowed cells. Shape (m, 2)."""
-    space = closed_space(apartment)
-    away = np.hypot(*(space.centers - point).T)
-    inside = (space.island == 0) & (away <= NEAR)
-    if front is not None:
-        inside &= (space.centers - point) @ np.asarray(front) >= IN_FRONT * away
-    cells: FloatArray = space.centers[inside]
-    cells.flags.writeable = False
-    return cells
-
-
-def stand_in(
-    apartment: Apartment,
-    frame: Pose,
-    rectangles: tuple[Rectangle, ...],
-    point: tuple[float, float, float],
-    rng: np.random.Generator,
-) -> Pose:
-    """Draw a cell of the first of some rectangles that has a free one, with noise, facing a point.
-
-    The rectangles are in `frame`. PerdureError if none contains a free cell.
-    """
-    space = closed_space(apartment)
-    local = frame.to_local(space.centers)
-    for rectangle in rectangles:
-        inside = rectangle.contains(local) & (space.island == 0)
-        if inside.any():
-            return _draw(space.centers[inside], point, rng)
-    raise PerdureError(f"{apartment.name}: no free cell in front of the furniture at {frame}")
-
-
-def stand_anywhere(apartment: Apartment, opened: Mapping[str, float], rng: np.random.Generator) -> Pose:
-    """Draw a cell of the largest island and a heading, both uniformly."""
-    space = free_space(apartment, opened)
-    x, y = _cell(space.centers[space.island == 0], rng)
-    return Pose(x, y, 2.0 * np.pi * float(rng.random()))
-
-
-def _draw(cells: FloatArray, point: tuple[float, float, float], rng: np.random.Generator) -> Pose:
-    x, y = _cell(cells, rng)
-    dx, dy = np.clip(rng.normal(0.0, POSITION_NOISE, 2), -POSITION_CLIP, POSITION_CLIP)
-    turn = float(np.clip(rng.normal(0.0, HEADING_NOISE), -HEADING_CLIP, HEADING_CLIP))
-    x, y = x + float(dx), y + float(dy)
-    return Pose(x, y, float(np.arctan2(point[1] - y, point[0] - x)) + turn)
-
-
-def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
-    if not len(cells):
-        raise PerdureError("the robot has no free cell to begin in")
-    x, y = cells[int(rng.integers(len(cells)))]
-    return float(x), float(y)
-
-
-TRIES = 1000
-"""Largest number of draws for one start state; published episodes need a few dozen at most."""
-TOUCH = 0.001
-"""Largest penetration depth of the robot, or of what it holds, at the start in [m] (OURS)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """The state in which a skill begins. Objects are numbered as in a scene that has the skill's target only."""
-
-    base: Pose
-    arm: FloatArray
-    """Joint angles. Shape (7,)."""
-    skill_goal: SkillGoal
-    opened: Mapping[str, float] = field(default_factory=dict)
-    """Positions of drawers and doors that differ from the episode's, by link name."""
-    held: int = -1
-    """Number of the held object, -1 for none."""
-    moved: Mapping[int, Placement] = field(default_factory=dict)
-    """Placements of objects that have moved since the episode's start, by number."""
-
-
-Draw = Callable[[Episode, int, np.random.Generator], Start]
-"""Draws a start state for (episode, target), without a check for contacts."""
-
-
-def begin(
-    world: VectorSimulator, lane: int, scene: Scene, draw: Draw, episode: Episode, target: int, rng: np.random.Generator
-) -> Start:
-    """Bring a lane to a start state without contacts, drawn with `draw` until there is one.
-
-    The scene is the episode's with `SceneOptions(targets=(target,))`. PerdureError if all of 1000 draws have contacts.
-    """
-    for _ in range(TRIES):
-        start = draw(episode, target, rng)
-        put(world, lane, scene, start)
-        if touching(world.simulator(lane)) <= TOUCH:
-            return start
-    raise PerdureError(
-        f"{episode.name}: the robot touches something in all of {TRIES} start states drawn for {target=}"
-    )
-
-
-def put(world: VectorSimulator, lane: int, scene: Scene, start: Start) -> None:
-    """Bring a lane to a start state."""
-    world.reset(lane, scene, start.base, start.arm, start.opened, start.held, start.skill_goal, start.moved)
-
-
-def touching(lane: Simulator) -> float:
-    """Return the penetration depth of the robot, or of what it holds, in [m], 0 without contact."""
-    contact, scene = lane.data.contact, lane.scene
-    geoms, distance = contact.geom, contact.dist
-    if not len(distance):
-        return 0.0
-    ours = scene.robot_geoms[geoms]
-    if lane.held >= 0:
-        ours |= np.isin(geoms, scene.object_geoms[lane.held])
-    between = ours[:, 0] != ours[:, 1]
-    return float(max(0.0, -distance[between].min())) if between.any() else 0.0

@@ -1,1 +1,1 @@
-"""The benchmark: tasks, episodes, the PDDL domain and its planner."""
+"""The benchmark: tasks, episodes and their generator, the PDDL domain and its planner."""

@@ -1,10 +1,8 @@
-"""Planning problems: the container of each target, what is open, and the goal.
+"""Plans of a task or an episode: its planning problem in PDDL, and a shortest plan by breadth-first search.
 
-Fikes and Nilsson (1971); PDDL's `:strips` and `:typing` (McDermott et al., 1998). The benchmark's problems have a few
-hundred ground actions, so nothing more is needed.
-
-Shortest plans of the benchmark's tasks and episodes are unique (shown in the tests by counting them), so it does not
-matter in which order the search looks at actions.
+The planner reads the `:strips` and `:typing` part of PDDL (McDermott et al., 1998). The benchmark's problems have a few
+hundred ground actions, so nothing more is needed. Their shortest plans are unique (the tests count them), so it does
+not matter in which order the search looks at actions.
 """
 
 from __future__ import annotations
@@ -32,6 +30,86 @@ from perdure.home.tasks.tasks import (
     get_task,
     with_resets,
 )
+
+
+def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
+    """Return the shortest sequence of skills that solves a task or an episode, `reset_arm` after each.
+
+    The form is that of `HomeTask.skills`.
+
+    Raises:
+        PerdureError: If the task cannot be solved, or cannot be put as a planning problem (see `plan_problem`).
+    """
+    problem = plan_problem(task)
+    actions = read_strips(domain_pddl(), problem.pddl).shortest_plan()
+    if actions is None:
+        raise PerdureError(
+            f"no plan solves {problem.name}: no sequence of its skills ends with {' '.join(problem.final)}; "
+            "doors are opened only for a target behind them"
+        )
+    skills = [(name, int(target.removeprefix("target_"))) for name, target, *_ in actions]
+    return with_resets(*(step for step in skills if step[0] != _NO_SKILL))
+
+
+_NO_SKILL = "next_target"
+
+
+def domain_pddl() -> str:
+    """Return the planning domain as PDDL text: predicates and actions shared by all tasks."""
+    return files(__package__).joinpath("domain.pddl").read_text(encoding="utf-8")
+
+
+def print_plan(task: HomeTask | Episode | str, limits: Mapping[str, int] | None = None) -> None:
+    """Print the plan of a task or an episode as a table; arguments as of `render_plan`."""
+    plan = make_plan(task)
+    total = f", their limits together {sum(limits[step.skill] for step in plan)}" if limits else ""
+    print(f"{plan_problem(task).name}: {len(plan)} steps{total}\n")
+    print(render_plan(plan, task, limits))
+
+
+def render_plan(
+    plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None, limits: Mapping[str, int] | None = None
+) -> str:
+    """Return a plan as a table: number, skill, target, where it happens, step limit.
+
+    Args:
+        plan: The steps.
+        task: The task or episode of the plan, for the names of containers; an episode determines the drawer, too.
+        limits: Step limit by skill. Without it there is no such column.
+    """
+    starts: tuple[Container | None, ...] = () if task is None else plan_problem(task).starts
+    rows = [["", "skill", "target", "where", *(["limit"] if limits else [])]]
+    for number, step in enumerate(plan, 1):
+        limit = [str(limits[step.skill])] if limits else []
+        rows.append([str(number), step.skill, str(step.target), _where(step, starts), *limit])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rows.insert(1, ["-" * width for width in widths])
+    columns = list(zip("><><>", widths, strict=False))  # numbers to the right, words to the left
+    return "\n".join(
+        "  ".join(f"{cell:{side}{width}}" for cell, (side, width) in zip(row, columns, strict=True)) for row in rows
+    )
+
+
+def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
+    """Return the place of a step, for `navigate` its destination."""
+    if step.skill == "reset_arm":
+        return ""
+    skill = step.toward or step.skill
+    container = starts[step.target] if step.target < len(starts) else None
+    if skill == "place":
+        where = f"goal of target {step.target}"
+    elif skill == "pick":
+        where = f"target {step.target}" + (f" in {_name(container)}" if container else "")
+    else:
+        kind = skill.partition("_")[2]
+        where = f"handle of {_name(container) if container and container.kind == kind else f'the {kind}'}"
+    return f"to {where}" if step.skill == "navigate" else where
+
+
+def _name(container: Container) -> str:
+    exact = container.kind == "drawer" and not container.name.startswith("some_")
+    return container.name if exact else f"the {container.kind}"
+
 
 Kind = Literal["drawer", "fridge"]
 _SWITCHES: dict[Kind, tuple[float, float]] = {
@@ -80,12 +158,13 @@ class PlanProblem:
         facts += [f"(next target_{i} target_{i + 1})" for i in range(count - 1)]
         facts += [f"({'open' if c.is_open else 'closed'} {c.name})" for c in self.containers]
         for i, (start, end) in enumerate(zip(self.starts, self.ends, strict=True)):
-            facts += [f"(in target_{i} {_holder(start)})", f"(goal_of goal_{i} target_{i} {_holder(end)})"]
+            inside, where = ("in_the_open" if each is None else each.name for each in (start, end))
+            facts += [f"(in target_{i} {inside})", f"(goal_of goal_{i} target_{i} {where})"]
             landmarks = [f"target_{i}", f"goal_{i}", *dict.fromkeys(c.name for c in (start, end) if c is not None)]
             facts += [f"(concerns {landmark} target_{i})" for landmark in landmarks]
         name = re.sub(r"\W", "_", f"plan {self.name}", flags=re.ASCII)
         sections = [("objects", objects), ("init", facts), ("goal (and", [*self.final, ")"])]
-        body = "".join(f"  (:{title}\n    {_lines(rows)})\n" for title, rows in sections)
+        body = "".join("\n    ".join([f"  (:{title}", *rows]) + ")\n" for title, rows in sections)
         return f"(define (problem {name})\n  (:domain home)\n{body})\n"
 
 
@@ -122,9 +201,10 @@ def _container(
     apartment: Apartment, receptacles: Iterable[str], opened: Mapping[str, float], name: str
 ) -> Container | None:
     """Return the container that must be opened to reach any of these receptacles."""
-    links = sorted({_link(apartment, receptacle) for receptacle in receptacles})
-    kinds = {_kind(link) for link in links}
-    states = {_is_open(link, opened.get(link, 0.0), name) for link in links if link}
+    found = {apartment.container(apartment.receptacles_named(each)[0].unique_name) for each in receptacles}
+    links = sorted(link or "" for link in found)
+    kinds = {_kind(link) for link in found}
+    states = {_is_open(link, opened.get(link, 0.0), name) for link in found if link}
     if len(kinds) != 1 or len(states) > 1:
         raise PerdureError(
             f"{name} leaves open what a target is in ({', '.join(link or 'in the open' for link in links)}) "
@@ -136,20 +216,12 @@ def _container(
     return Container(links[0] if len(links) == 1 else _SOME_DRAWER, kind, states == {True})
 
 
-def _link(apartment: Apartment, receptacle: str) -> str:
-    """Return link of the drawer or door in front of a receptacle, empty when it is in the open."""
-    return apartment.container(apartment.receptacles_named(receptacle)[0].unique_name) or ""
-
-
-def _kind(link: str) -> Kind | None:
-    if not link:
-        return None
-    return "fridge" if link == FRIDGE_DOOR else "drawer"
+def _kind(link: str | None) -> Kind | None:
+    return None if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
 
 
 def _is_open(link: str, position: float, name: str) -> bool:
-    kind = _kind(link) or "drawer"
-    closed, opened = _SWITCHES[kind]
+    closed, opened = _SWITCHES[_kind(link) or "drawer"]
     if closed < position < opened:
         raise PerdureError(
             f"{link} of {name} stands at {position:g}, neither closed (up to {closed:g}) nor open (from {opened:g} "
@@ -173,14 +245,6 @@ def _final(task: HomeTask, containers: Iterable[Container | None]) -> tuple[str,
             raise PerdureError(f"{task.name} ends with {condition}, but none of its targets is in a {kind}")
         facts += [f"({'open' if state == 'opened' else 'closed'} {container.name})" for container in matching]
     return tuple(facts)
-
-
-def _holder(container: Container | None) -> str:
-    return "in_the_open" if container is None else container.name
-
-
-def _lines(rows: Iterable[str]) -> str:
-    return "\n    ".join(rows)
 
 
 Fact = tuple[str, ...]
@@ -213,7 +277,11 @@ class Strips:
         while waiting:
             state = waiting.popleft()
             if self.goal <= state:
-                return _way_to(state, came)
+                names = []
+                while (step := came[state]) is not None:
+                    state, name = step
+                    names.append(name)
+                return names[::-1]
             for action in self.actions:
                 if action.needs <= state:
                     reached = (state - action.deletes) | action.adds
@@ -305,95 +373,3 @@ def _split(condition: list[Any]) -> tuple[list[Fact], list[Fact]]:
     literals = condition[1:] if condition[0] == "and" else [condition]
     facts = [tuple(each) for each in literals if each[0] != "not"]
     return facts, [tuple(each[1]) for each in literals if each[0] == "not"]
-
-
-def _way_to(state: State, came: dict[State, tuple[State, Fact] | None]) -> list[Fact]:
-    names = []
-    while (step := came[state]) is not None:
-        state, name = step
-        names.append(name)
-    return names[::-1]
-
-
-_NO_SKILL = "next_target"
-
-
-def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
-    """Return the shortest sequence of skills that solves a task or an episode, `reset_arm` after each.
-
-    The form is that of `HomeTask.skills`.
-
-    Raises:
-        PerdureError: If the task cannot be solved, or cannot be put as a planning problem (see `plan_problem`).
-    """
-    problem = plan_problem(task)
-    actions = read_strips(domain_pddl(), problem.pddl).shortest_plan()
-    if actions is None:
-        raise PerdureError(
-            f"no plan solves {problem.name}: no sequence of its skills ends with {' '.join(problem.final)}; "
-            "doors are opened only for a target behind them"
-        )
-    skills = [(name, int(target.removeprefix("target_"))) for name, target, *_ in actions]
-    return with_resets(*(step for step in skills if step[0] != _NO_SKILL))
-
-
-def domain_pddl() -> str:
-    """Return the planning domain as PDDL text: predicates and actions shared by all tasks."""
-    return files(__package__).joinpath("domain.pddl").read_text(encoding="utf-8")
-
-
-def problem_pddl(task: HomeTask | Episode | str) -> str:
-    """Return the planning problem of a task or an episode as PDDL text; PerdureError as in `plan_problem`."""
-    return plan_problem(task).pddl
-
-
-def render_plan(
-    plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None, limits: Mapping[str, int] | None = None
-) -> str:
-    """Return a plan as a table: number, skill, target, where it happens, step limit.
-
-    Args:
-        plan: The steps.
-        task: The task or episode of the plan, for the names of containers; an episode determines the drawer, too.
-        limits: Step limit by skill. Without it there is no such column.
-    """
-    starts: tuple[Container | None, ...] = () if task is None else plan_problem(task).starts
-    rows = [["", "skill", "target", "where", *(["limit"] if limits else [])]]
-    for number, step in enumerate(plan, 1):
-        limit = [str(limits[step.skill])] if limits else []
-        rows.append([str(number), step.skill, str(step.target), _where(step, starts), *limit])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    rows.insert(1, ["-" * width for width in widths])
-    columns = list(zip("><><>", widths, strict=False))  # numbers to the right, words to the left
-    return "\n".join(
-        "  ".join(f"{cell:{side}{width}}" for cell, (side, width) in zip(row, columns, strict=True)) for row in rows
-    )
-
-
-def print_plan(task: HomeTask | Episode | str, limits: Mapping[str, int] | None = None) -> None:
-    """Print the plan of a task or an episode as a table; arguments as of `render_plan`."""
-    plan = make_plan(task)
-    total = f", their limits together {sum(limits[step.skill] for step in plan)}" if limits else ""
-    print(f"{plan_problem(task).name}: {len(plan)} steps{total}\n")
-    print(render_plan(plan, task, limits))
-
-
-def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
-    """Return the place of a step, for `navigate` its destination."""
-    if step.skill == "reset_arm":
-        return ""
-    skill = step.toward or step.skill
-    container = starts[step.target] if step.target < len(starts) else None
-    if skill == "place":
-        where = f"goal of target {step.target}"
-    elif skill == "pick":
-        where = f"target {step.target}" + (f" in {_name(container)}" if container else "")
-    else:
-        kind = skill.partition("_")[2]
-        where = f"handle of {_name(container) if container and container.kind == kind else f'the {kind}'}"
-    return f"to {where}" if step.skill == "navigate" else where
-
-
-def _name(container: Container) -> str:
-    exact = container.kind == "drawer" and not container.name.startswith("some_")
-    return container.name if exact else f"the {container.kind}"

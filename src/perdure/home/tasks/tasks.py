@@ -26,39 +26,82 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = [
-    "AT",
-    "NOTHING",
-    "PREPARE_GROCERIES",
-    "SETTLE_STEPS",
-    "SET_TABLE",
-    "SOMETHING_ELSE",
-    "TASKS",
-    "TIDY_HOUSE",
-    "HomeTask",
-    "PlacementRule",
-    "Predicate",
-    "SkillName",
-    "SkillStep",
-    "Stabilizing",
-    "Stage",
-    "TargetRule",
-    "WorldFacts",
-    "get_task",
-    "goal_stabilizing",
-    "handling_of",
-    "latch",
-    "latched_stages",
-    "predicate",
-    "stabilizing_stages",
-]
+SkillName = str
+"""The name of any skill; the executor checks it when a plan runs (`perdure.home.skills.SKILLS`)."""
+
+
+@dataclass(frozen=True)
+class SkillStep:
+    """One skill of a task's sequence."""
+
+    skill: SkillName
+    target: int
+    """Number of the target it is about."""
+    toward: SkillName | None = None
+    """For `navigate`: the skill that follows, which decides where to go."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A subgoal of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
+
+    name: str
+    conditions: tuple[Predicate, ...]
+
+    def met(self, facts: WorldFacts) -> BoolArray:
+        """Return where all conditions are met, whatever happened before. Shape (*)."""
+        return np.asarray(np.all([condition.holds(facts) for condition in self.conditions], axis=0))
+
+    @property
+    def placed(self) -> int | None:
+        """The target whose placement this stage is, None for other stages."""
+        kind, _, number = self.name.partition("_")
+        return int(number) if kind == "place" else None
+
+
+@dataclass(frozen=True)
+class PlacementRule:
+    """How one group of objects is drawn: which objects, on which receptacles, in how much of their middle."""
+
+    objects: tuple[str, ...]
+    receptacles: tuple[str, ...]
+    ratio: Mapping[str, float] = field(default_factory=dict)
+    """Share of a receptacle's length and width that is used, by receptacle name, 1 where not given."""
+
+
+@dataclass(frozen=True)
+class TargetRule:
+    """How one target is drawn: where it starts and where it belongs."""
+
+    start: PlacementRule
+    goal: PlacementRule
+
+
+@dataclass(frozen=True)
+class HomeTask:
+    """A task of the Home Assistant Benchmark."""
+
+    name: str
+    targets: tuple[TargetRule, ...]
+    clutter: tuple[tuple[int, PlacementRule], ...]
+    """How many objects of which rule, beside the targets."""
+    opened: Mapping[str, float]
+    """Joint positions of doors at the start by link name; everything else is closed."""
+    max_steps: int
+    """Control steps an episode of the benchmark lasts."""
+    skills: tuple[SkillStep, ...]
+    stages: tuple[Stage, ...]
+
+    def stage(self, name: str) -> Stage:
+        """Return the stage of that name."""
+        return lookup({stage.name: stage for stage in self.stages}, name, f"stage of {self.name}")
+
 
 NOTHING = -1
 """`held` when the gripper holds nothing."""
@@ -176,119 +219,6 @@ def predicate(text: str) -> Predicate:
     raise PerdureError(f"no condition reads {text!r}; there are {', '.join(valid)}")
 
 
-PANTRY = (
-    "002_master_chef_can",
-    "003_cracker_box",
-    "004_sugar_box",
-    "005_tomato_soup_can",
-    "007_tuna_fish_can",
-    "008_pudding_box",
-    "009_gelatin_box",
-    "010_potted_meat_can",
-    "024_bowl",
-)
-"""The nine objects of TidyHouse, PrepareGroceries and all clutter."""
-
-CHAIR = "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01"
-TABLE_1 = "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01"
-TABLE_2 = "receptacle_aabb_Tbl2_Top1_frl_apartment_table_02"
-TV_STAND = "receptacle_aabb_TvStnd1_Top1_frl_apartment_tvstand"
-COUNTER_RIGHT = "receptacle_aabb_counter_right_kitchen_counter"
-COUNTER_LEFT = "receptacle_aabb_counter_left_kitchen_counter"
-SOFA = "receptacle_aabb_Sofa_frl_apartment_sofa"
-FRIDGE_MIDDLE = "receptacle_aabb_middle_topfrl_apartment_refrigerator"
-FRIDGE_TOP = "receptacle_aabb_topfrl_apartment_refrigerator"
-DRAWERS = (
-    "receptacle_aabb_drawer_left_top_frl_apartment_kitchen_counter",
-    "receptacle_aabb_drawer_middle_top_frl_apartment_kitchen_counter",
-    "receptacle_aabb_drawer_right_top_frl_apartment_kitchen_counter",
-)
-
-OPEN_SURFACES = (CHAIR, TABLE_1, TABLE_2, TV_STAND, COUNTER_RIGHT, COUNTER_LEFT, SOFA)
-"""M3 leaves the sink out, which the original benchmark had."""
-CLUTTERED = (*OPEN_SURFACES, FRIDGE_TOP)
-MIDDLE_HALF = {FRIDGE_MIDDLE: 0.5}
-"""Targets stand in the middle half of the middle shelf's length and width."""
-
-
-BenchmarkSkill = Literal[
-    "navigate", "pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "reset_arm"
-]
-"""The skills of the benchmark's own tasks."""
-SkillName = str
-"""The name of any skill; the executor checks it when a plan runs (`perdure.home.skills.SKILLS`)."""
-
-
-@dataclass(frozen=True)
-class SkillStep:
-    """One skill of a task's sequence."""
-
-    skill: SkillName
-    target: int
-    """Number of the target it is about."""
-    toward: SkillName | None = None
-    """For `navigate`: the skill that follows, which decides where to go."""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A subgoal of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
-
-    name: str
-    conditions: tuple[Predicate, ...]
-
-    def met(self, facts: WorldFacts) -> BoolArray:
-        """Return where all conditions are met, whatever happened before. Shape (*)."""
-        return np.asarray(np.all([condition.holds(facts) for condition in self.conditions], axis=0))
-
-    @property
-    def placed(self) -> int | None:
-        """The target whose placement this stage is, None for other stages."""
-        kind, _, number = self.name.partition("_")
-        return int(number) if kind == "place" else None
-
-
-@dataclass(frozen=True)
-class PlacementRule:
-    """How one group of objects is drawn: which objects, on which receptacles, in how much of their middle."""
-
-    objects: tuple[str, ...]
-    receptacles: tuple[str, ...]
-    ratio: Mapping[str, float] = field(default_factory=dict)
-    """Share of a receptacle's length and width that is used, by receptacle name, 1 where not given."""
-
-
-@dataclass(frozen=True)
-class TargetRule:
-    """How one target is drawn: where it starts and where it belongs."""
-
-    start: PlacementRule
-    goal: PlacementRule
-
-
-@dataclass(frozen=True)
-class HomeTask:
-    """A task of the Home Assistant Benchmark."""
-
-    name: str
-    targets: tuple[TargetRule, ...]
-    clutter: tuple[tuple[int, PlacementRule], ...]
-    """How many objects of which rule, beside the targets."""
-    opened: Mapping[str, float]
-    """Joint positions of doors at the start by link name; everything else is closed."""
-    max_steps: int
-    """Control steps an episode of the benchmark lasts."""
-    skills: tuple[SkillStep, ...]
-    stages: tuple[Stage, ...]
-
-    def stage(self, name: str) -> Stage:
-        """Return the stage of that name."""
-        table = {stage.name: stage for stage in self.stages}
-        if name not in table:
-            raise PerdureError(f"{self.name} has no stage {name!r}; it has {', '.join(table)}")
-        return table[name]
-
-
 def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
     """Return stages from their names and their conditions as text, in order."""
     return tuple(Stage(name, tuple(predicate(text) for text in texts)) for name, texts in conditions.items())
@@ -308,7 +238,7 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
 
 def pick_and_place_skills(targets: int) -> tuple[SkillStep, ...]:
     """Navigate, pick, navigate, place for each target in turn, as in TidyHouse and PrepareGroceries."""
-    order: tuple[BenchmarkSkill, ...] = ("navigate", "pick", "navigate", "place")
+    order = ("navigate", "pick", "navigate", "place")
     return with_resets(*((skill, target) for target in range(targets) for skill in order))
 
 
@@ -320,6 +250,111 @@ def pick_and_place_stages(targets: int) -> tuple[Stage, ...]:
         conditions[f"pick_{target}"] = [f"holding({target})", *earlier]
         conditions[f"place_{target}"] = ["not_holding()", *earlier, f"at({target})"]
     return make_stages(conditions)
+
+
+PANTRY = (
+    "002_master_chef_can",
+    "003_cracker_box",
+    "004_sugar_box",
+    "005_tomato_soup_can",
+    "007_tuna_fish_can",
+    "008_pudding_box",
+    "009_gelatin_box",
+    "010_potted_meat_can",
+    "024_bowl",
+)
+"""The nine objects of TidyHouse, PrepareGroceries and all clutter."""
+CHAIR = "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01"
+TABLE_1 = "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01"
+TABLE_2 = "receptacle_aabb_Tbl2_Top1_frl_apartment_table_02"
+TV_STAND = "receptacle_aabb_TvStnd1_Top1_frl_apartment_tvstand"
+COUNTER_RIGHT = "receptacle_aabb_counter_right_kitchen_counter"
+COUNTER_LEFT = "receptacle_aabb_counter_left_kitchen_counter"
+SOFA = "receptacle_aabb_Sofa_frl_apartment_sofa"
+FRIDGE_MIDDLE = "receptacle_aabb_middle_topfrl_apartment_refrigerator"
+FRIDGE_TOP = "receptacle_aabb_topfrl_apartment_refrigerator"
+DRAWERS = (
+    "receptacle_aabb_drawer_left_top_frl_apartment_kitchen_counter",
+    "receptacle_aabb_drawer_middle_top_frl_apartment_kitchen_counter",
+    "receptacle_aabb_drawer_right_top_frl_apartment_kitchen_counter",
+)
+OPEN_SURFACES = (CHAIR, TABLE_1, TABLE_2, TV_STAND, COUNTER_RIGHT, COUNTER_LEFT, SOFA)
+"""M3 leaves the sink out, which the original benchmark had."""
+CLUTTERED = (*OPEN_SURFACES, FRIDGE_TOP)
+MIDDLE_HALF = {FRIDGE_MIDDLE: 0.5}
+"""Targets stand in the middle half of the middle shelf's length and width."""
+_FRIDGE = PlacementRule(PANTRY, (FRIDGE_MIDDLE,), MIDDLE_HALF)
+_COUNTER = PlacementRule(PANTRY, (COUNTER_RIGHT, COUNTER_LEFT))
+PREPARE_GROCERIES = HomeTask(
+    name="prepare_groceries",
+    targets=(TargetRule(_FRIDGE, _COUNTER), TargetRule(_FRIDGE, _COUNTER), TargetRule(_COUNTER, _FRIDGE)),
+    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (1, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
+    opened={"top_door": 2.356},
+    max_steps=4000,
+    skills=pick_and_place_skills(3),
+    stages=pick_and_place_stages(3),
+)
+"""M3: 3 targets and 22 other objects, the fridge stands open at 2.356 rad, 4000 steps, stages pick_0 to place_2."""
+_TABLES = (TABLE_1, TABLE_2)
+_BOWL, _APPLE = ("024_bowl",), ("013_apple",)
+SET_TABLE = HomeTask(
+    name="set_table",
+    targets=(
+        TargetRule(PlacementRule(_BOWL, DRAWERS), PlacementRule(_BOWL, _TABLES)),
+        TargetRule(PlacementRule(_APPLE, (FRIDGE_MIDDLE,), MIDDLE_HALF), PlacementRule(_APPLE, _TABLES)),
+    ),
+    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (2, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
+    opened={},
+    max_steps=4500,
+    skills=with_resets(
+        ("navigate", 0),
+        ("open_drawer", 0),
+        ("pick", 0),  # straight after the drawer is open, without navigating
+        ("navigate", 0),
+        ("place", 0),
+        ("navigate", 0),
+        ("close_drawer", 0),
+        ("navigate", 1),
+        ("open_fridge", 1),
+        ("navigate", 1),
+        ("pick", 1),
+        ("navigate", 1),
+        ("place", 1),
+        ("navigate", 1),
+        ("close_fridge", 1),
+    ),
+    stages=make_stages(
+        {
+            "open_0": ["opened_drawer()"],
+            "pick_0": ["holding(0)"],
+            "place_0": ["not_holding()", "at(0)"],
+            "close_0": ["closed_drawer()", "at(0)"],
+            "open_1": ["closed_drawer()", "at(0)", "opened_fridge()"],
+            "pick_1": ["closed_drawer()", "at(0)", "opened_fridge()", "holding(1)"],
+            "place_1": ["closed_drawer()", "at(0)", "not_holding()", "at(1)"],
+            "close_1": ["closed_drawer()", "at(0)", "closed_fridge()", "at(1)"],
+        }
+    ),
+)
+"""M3: 2 targets and 23 other objects, 4500 steps."""
+_ANYWHERE = PlacementRule(PANTRY, OPEN_SURFACES)
+TIDY_HOUSE = HomeTask(
+    name="tidy_house",
+    targets=(TargetRule(_ANYWHERE, _ANYWHERE),) * 5,
+    clutter=((20, _ANYWHERE),),
+    opened={},
+    max_steps=5000,
+    skills=pick_and_place_skills(5),
+    stages=pick_and_place_stages(5),
+)
+"""M3: 25 objects of which 5 are targets, nothing is opened, 5000 steps, stages pick_0, place_0, ..., place_4."""
+TASKS: dict[str, HomeTask] = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
+"""The tasks by name."""
+
+
+def get_task(name: str) -> HomeTask:
+    """Return the task of that name; another name raises PerdureError with the valid ones."""
+    return lookup(TASKS, name, "task")
 
 
 SETTLE_STEPS = 150
@@ -431,88 +466,3 @@ def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArra
         if stage.placed is not None:
             kept[..., k:] &= stabilizing[..., stage.placed, None]
     return reached & kept
-
-
-_FRIDGE = PlacementRule(PANTRY, (FRIDGE_MIDDLE,), MIDDLE_HALF)
-_COUNTER = PlacementRule(PANTRY, (COUNTER_RIGHT, COUNTER_LEFT))
-
-PREPARE_GROCERIES = HomeTask(
-    name="prepare_groceries",
-    targets=(TargetRule(_FRIDGE, _COUNTER), TargetRule(_FRIDGE, _COUNTER), TargetRule(_COUNTER, _FRIDGE)),
-    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (1, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
-    opened={"top_door": 2.356},
-    max_steps=4000,
-    skills=pick_and_place_skills(3),
-    stages=pick_and_place_stages(3),
-)
-"""M3: 3 targets and 22 other objects, the fridge stands open at 2.356 rad, 4000 steps, stages pick_0 to place_2."""
-
-
-_TABLES = (TABLE_1, TABLE_2)
-_BOWL, _APPLE = ("024_bowl",), ("013_apple",)
-
-SET_TABLE = HomeTask(
-    name="set_table",
-    targets=(
-        TargetRule(PlacementRule(_BOWL, DRAWERS), PlacementRule(_BOWL, _TABLES)),
-        TargetRule(PlacementRule(_APPLE, (FRIDGE_MIDDLE,), MIDDLE_HALF), PlacementRule(_APPLE, _TABLES)),
-    ),
-    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (2, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
-    opened={},
-    max_steps=4500,
-    skills=with_resets(
-        ("navigate", 0),
-        ("open_drawer", 0),
-        ("pick", 0),  # straight after the drawer is open, without navigating
-        ("navigate", 0),
-        ("place", 0),
-        ("navigate", 0),
-        ("close_drawer", 0),
-        ("navigate", 1),
-        ("open_fridge", 1),
-        ("navigate", 1),
-        ("pick", 1),
-        ("navigate", 1),
-        ("place", 1),
-        ("navigate", 1),
-        ("close_fridge", 1),
-    ),
-    stages=make_stages(
-        {
-            "open_0": ["opened_drawer()"],
-            "pick_0": ["holding(0)"],
-            "place_0": ["not_holding()", "at(0)"],
-            "close_0": ["closed_drawer()", "at(0)"],
-            "open_1": ["closed_drawer()", "at(0)", "opened_fridge()"],
-            "pick_1": ["closed_drawer()", "at(0)", "opened_fridge()", "holding(1)"],
-            "place_1": ["closed_drawer()", "at(0)", "not_holding()", "at(1)"],
-            "close_1": ["closed_drawer()", "at(0)", "closed_fridge()", "at(1)"],
-        }
-    ),
-)
-"""M3: 2 targets and 23 other objects, 4500 steps."""
-
-
-_ANYWHERE = PlacementRule(PANTRY, OPEN_SURFACES)
-
-TIDY_HOUSE = HomeTask(
-    name="tidy_house",
-    targets=(TargetRule(_ANYWHERE, _ANYWHERE),) * 5,
-    clutter=((20, _ANYWHERE),),
-    opened={},
-    max_steps=5000,
-    skills=pick_and_place_skills(5),
-    stages=pick_and_place_stages(5),
-)
-"""M3: 25 objects of which 5 are targets, nothing is opened, 5000 steps, stages pick_0, place_0, ..., place_4."""
-
-
-TASKS: dict[str, HomeTask] = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
-"""The tasks by name."""
-
-
-def get_task(name: str) -> HomeTask:
-    """Return the task of that name; another name raises PerdureError with the valid ones."""
-    if name not in TASKS:
-        raise PerdureError(f"no task is named {name!r}; there are {', '.join(TASKS)}")
-    return TASKS[name]

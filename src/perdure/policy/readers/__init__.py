@@ -2,11 +2,10 @@
 
 | file | what it holds |
 |---|---|
-| `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model, checked against its environment, as a `Policy` |
+| `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model and its `VecNormalize`, checked against its environment |
 | `sb3.py` | the zip: its layers, and its settings |
 | `cleanrl.py` | `import_cleanrl`: a model of CleanRL's ppo_continuous_action |
-| `torch_state.py` | a state dict of PyTorch, and archives with limits on their sizes |
-| `restricted_pickle.py` | a pickle as data, and the arrays in it |
+| `restricted_pickle.py` | a pickle as data: the arrays in it, and the tensors of a PyTorch state dict |
 | `trusted.py` | the same through Stable-Baselines3 itself, for files that the user trusts |
 """
 

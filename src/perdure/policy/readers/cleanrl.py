@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perdure.envs import TaskSpec, make_world, task_of_environment
+from perdure.envs import TaskSpec, task_of_environment, task_spec
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
@@ -71,15 +71,12 @@ def import_cleanrl(
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
     Raises:
-        PerdureError: If a file is damaged or is no such model.
-        PerdureError: If the statistics are missing, or model, statistics and environment do not fit together.
-        PerdureError: If the environment cannot be made.
+        PerdureError: If a file is damaged or is no such model, the statistics are missing, the environment cannot be
+            made, or model, statistics and environment do not fit together.
         OSError: If a file cannot be read.
     """
     task, path = task_of_environment(env), Path(path)
-    world = make_world(task, [0])
-    spec = world.spec
-    world.close()
+    spec = task_spec(task)
     if path.stat().st_size > MAX_BYTES:
         raise PerdureError(f"{path} is larger than {MAX_BYTES:,} bytes")
     state = TorchState(path.read_bytes(), str(path))
@@ -91,12 +88,16 @@ def import_cleanrl(
         None, Fixed(resolve_training_horizon(spec, training_horizon)), "terminated", GAMMA, GAMMA
     )
     policy = Policy(
-        task=TaskInfo(spec.name, spec.observation_size, tuple(spec.action_low), tuple(spec.action_high)),
+        task=TaskInfo.of(spec),
         weights={**weights, "log_std": state.array("actor_logstd").reshape(-1)},
         activation="tanh",
         normalizer=_normalizer(normalizer, spec, str(path)),
         protocol=protocol,
-        provenance=_provenance(path, env),
+        provenance={
+            "method": f"CleanRL PPO ({path.stem})",
+            "source": {"file": path.name, "sha256": file_digest(path), "env": env},
+            "versions": library_versions(),
+        },
     )
     return replace(policy, reference=measure_reference(policy)) if measure else policy
 
@@ -165,12 +166,3 @@ def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float6
         raise
     except Exception as error:  # NumPy and zipfile raise many kinds for damaged files
         raise PerdureError(f"{path} must be an .npz file with the arrays mean and var: {error}") from None
-
-
-def _provenance(path: Path, env: str) -> dict[str, object]:
-
-    return {
-        "method": f"CleanRL PPO ({path.stem})",
-        "source": {"file": path.name, "sha256": file_digest(path), "env": env},
-        "versions": library_versions(),
-    }

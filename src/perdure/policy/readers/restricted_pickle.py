@@ -1,11 +1,8 @@
-"""Read a pickle as data: Python's own reader with stubs, so that nothing is imported and nothing of the file is called.
+"""Read a pickle as data, with its arrays and PyTorch tensors: nothing is imported, nothing of the file is called.
 
 A pickle is a program for a stack machine. Where it asks for a function or a class by name, the name must be on the
 caller's list and stands for a subclass of `Stub`, which keeps what it is called with. The reader is the one written in
 Python: the one in C reserves as much memory as a pickle of ten bytes names (`LONG_BINPUT`).
-
-`torch.save` (since version 1.6) writes a zip archive: a pickle that describes the tensors, and one member with the raw
-numbers of each storage.
 """
 
 from __future__ import annotations
@@ -127,8 +124,6 @@ class _Reader(_Unpickler):  # type: ignore[misc]
     dispatch |= {pickle.BUILD[0]: load_build, pickle.SETITEM[0]: load_setitem, pickle.SETITEMS[0]: load_setitems}
 
 
-# NumPy arrays in a pickle
-
 _CORES = ("numpy.core", "numpy._core")
 """Modules of NumPy's functions in NumPy 1 and NumPy 2."""
 RECONSTRUCT = {f"{core}.multiarray._reconstruct" for core in _CORES}
@@ -182,9 +177,6 @@ def _array(node: Any) -> NDArray[Any]:
     return array
 
 
-# Read members of an untrusted zip archive: sizes are checked before and during reading.
-
-
 MAX_MEMBERS = 10_000
 """A large network has a few hundred."""
 _ENTRY = b"PK\x01\x02"
@@ -192,7 +184,7 @@ _ENTRY = b"PK\x01\x02"
 
 
 class ZipMembers:
-    """A zip archive in memory."""
+    """An untrusted zip archive in memory: sizes are checked before and during reading."""
 
     def __init__(self, data: bytes, what: str) -> None:
         """Read the table of contents.
@@ -262,7 +254,11 @@ ALLOWED = {"collections.OrderedDict", "torch.Size", _REBUILD, *_STORAGES, *_OTHE
 
 
 class TorchState:
-    """The tensors of a state dict, by name; the numbers of a tensor are read when it is asked for."""
+    """The tensors of a state dict, by name; the numbers of a tensor are read when it is asked for.
+
+    `torch.save` (since version 1.6) writes a zip archive: a pickle that describes the tensors, and one member with the
+    raw numbers of each storage.
+    """
 
     def __init__(self, data: bytes, what: str) -> None:
         """Read the description of the tensors.

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
-from perdure.policy.network import ACTIVATIONS
 from perdure.policy.policy import TanhSquash
 from perdure.policy.readers.restricted_pickle import TorchState, ZipMembers
 
@@ -52,6 +51,58 @@ _HARMLESS = {
     *("optimizer_class", "optimizer_kwargs", "share_features_extractor"),
 }
 """Settings of a policy that are read, or do not change what it does once it is trained."""
+MAX_FILE = 1_000_000_000
+"""Bytes of the zip."""
+MAX_SETTINGS = 64_000_000
+"""Bytes of its settings, unpacked; they may hold the last observations."""
+MAX_WEIGHTS = 512_000_000
+"""Bytes of its weights, unpacked."""
+MAX_LAYERS = 32
+_LAYER = r"\.(\d+)\.(?:weight|bias)"
+Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Weight (in, out) and bias (out,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sb3Model:
+    """Contents of a zip that a policy needs."""
+
+    settings: Sb3Settings
+    layers: list[Layer]
+    """From observation to action."""
+    version: str
+    """Of the Stable-Baselines3 that wrote it; "" if unknown."""
+
+
+def read_sb3(path: Path) -> Sb3Model:
+    """Return the deterministic policy in a zip that `model.save` wrote.
+
+    Raises:
+        PerdureError: If the zip is damaged, too large or holds a policy of a kind that is not read.
+        OSError: If it cannot be read.
+    """
+    what = str(path)
+    if path.stat().st_size > MAX_FILE:
+        raise PerdureError(f"{what} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
+    members = ZipMembers(path.read_bytes(), what)
+    settings = read_settings(members.read("data", MAX_SETTINGS), what)
+    state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
+    version = "_stable_baselines3_version"
+    written = members.read(version, 100).decode("ascii", "replace") if version in members.names else ""
+    return Sb3Model(settings, read_layers(state, settings, what), written if re.fullmatch(r"[\w.]+", written) else "")
+
+
+def is_sb3_zip(path: Path) -> bool:
+    """Return whether a file is meant to be a model of Stable-Baselines3: named .zip, or a zip archive."""
+    if path.suffix.lower() == ".zip":
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(4) == b"PK\x03\x04"
+
+
+# Settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +126,6 @@ class Sb3Settings:
     seed: int | None
     steps: int | None
     """Environment steps trained."""
-
-
-def squash_of(module: str, squashed: bool, use_sde: bool, clip_mean: float) -> TanhSquash | None:
-    """Return how a policy squashes its output: SAC and TQC cut it to +-clip_mean before tanh under ``use_sde``."""
-    limited = use_sde and module in (SAC, TQC) and clip_mean > 0
-    return TanhSquash(clip_mean if limited else math.inf) if squashed else None
 
 
 def read_settings(data: bytes, what: str) -> Sb3Settings:
@@ -122,6 +167,12 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
 def algorithm_of(settings: Mapping[str, Any]) -> str:
     """Return the algorithm that has these settings, such as "PPO", or "model" if none is known; DDPG is a TD3."""
     return next((name for name, sign in _SIGNS if sign in settings), "model")
+
+
+def squash_of(module: str, squashed: bool, use_sde: bool, clip_mean: float) -> TanhSquash | None:
+    """Return how a policy squashes its output: SAC and TQC cut it to +-clip_mean before tanh under ``use_sde``."""
+    limited = use_sde and module in (SAC, TQC) and clip_mean > 0
+    return TanhSquash(clip_mean if limited else math.inf) if squashed else None
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
@@ -214,20 +265,7 @@ def _short(value: Any) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text[:120])
 
 
-assert set(TORCH_ACTIVATIONS.values()) == set(ACTIVATIONS)
-
-
-MAX_FILE = 1_000_000_000
-"""Bytes of the zip."""
-MAX_SETTINGS = 64_000_000
-"""Bytes of its settings, unpacked; they may hold the last observations."""
-MAX_WEIGHTS = 512_000_000
-"""Bytes of its weights, unpacked."""
-MAX_LAYERS = 32
-_LAYER = r"\.(\d+)\.(?:weight|bias)"
-
-Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""Weight (in, out) and bias (out,)."""
+# Weights
 
 
 class State(Protocol):
@@ -239,35 +277,6 @@ class State(Protocol):
 
     def array(self, name: str) -> NDArray[np.float32]:
         """Return the weights of that name."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sb3Model:
-    """Contents of a zip that a policy needs."""
-
-    settings: Sb3Settings
-    layers: list[Layer]
-    """From observation to action."""
-    version: str
-    """Of the Stable-Baselines3 that wrote it; "" if unknown."""
-
-
-def read_sb3(path: Path) -> Sb3Model:
-    """Return the deterministic policy in a zip that `model.save` wrote.
-
-    Raises:
-        PerdureError: If the zip is damaged, too large or holds a policy of a kind that is not read.
-        OSError: If it cannot be read.
-    """
-    what = str(path)
-    if path.stat().st_size > MAX_FILE:
-        raise PerdureError(f"{what} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
-    members = ZipMembers(path.read_bytes(), what)
-    settings = read_settings(members.read("data", MAX_SETTINGS), what)
-    state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
-    version = "_stable_baselines3_version"
-    written = members.read(version, 100).decode("ascii", "replace") if version in members.names else ""
-    return Sb3Model(settings, read_layers(state, settings, what), written if re.fullmatch(r"[\w.]+", written) else "")
 
 
 def read_layers(state: State, settings: Sb3Settings, what: str) -> list[Layer]:
@@ -314,13 +323,3 @@ def _numbered(names: list[str], prefix: str) -> Iterator[str]:
     }
     for place in sorted(found):
         yield f"{prefix}.{place}"
-
-
-def is_sb3_zip(path: Path) -> bool:
-    """Return whether a file is meant to be a model of Stable-Baselines3: named .zip, or a zip archive."""
-    if path.suffix.lower() == ".zip":
-        return True
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(4) == b"PK\x03\x04"

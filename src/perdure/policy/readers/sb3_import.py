@@ -1,4 +1,4 @@
-"""Convert a Stable-Baselines3 model to a `Policy`, and check it against its environment."""
+"""Convert a Stable-Baselines3 model and its `VecNormalize` to a `Policy`, checked against its environment."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import TaskSpec, make_world, task_of_environment
-from perdure.envs.suites import source_digest
+from perdure.envs import TaskSpec, task_of_environment, task_spec
+from perdure.envs.suites import task_source_digest
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.files import load_policy, save_policy
@@ -24,17 +24,8 @@ from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
 from perdure.runs import file_digest
 
-# Versions of libraries, which are part of an import's identity.
-
-
-def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries that decide what an imported policy does in its reference episodes."""
-    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}
-
-
-# Read observation statistics of Stable-Baselines3's `VecNormalize` without running its pickle.
-
-
+NO_NORMALIZER = "none"
+"""Says that observations were not normalized, where the model suggests otherwise."""
 MAX_FILE = 64_000_000
 """Bytes; statistics of 100 numbers take 3,000."""
 VEC_NORMALIZE = "stable_baselines3.common.vec_env.vec_normalize.VecNormalize"
@@ -51,77 +42,6 @@ _RANDOM = {
 }
 ALLOWED = {VEC_NORMALIZE, RUNNING_MEAN_STD, "collections.OrderedDict", *NUMPY_NAMES, *_SPACES, *_RANDOM}
 """What the pickle of a VecNormalize asks for: itself, statistics, arrays, spaces and their random generators."""
-
-
-@dataclass(frozen=True, eq=False)
-class Statistics:
-    """Observation statistics of a VecNormalize."""
-
-    normalizer: Normalizer | None
-    """None if it normalizes rewards only."""
-    gamma: float
-    """Discount of the running return whose spread scaled the rewards."""
-
-
-def read_vecnormalize(path: Path) -> Statistics:
-    """Return the statistics that `VecNormalize.save` wrote to a file.
-
-    Raises:
-        PerdureError: If the file is damaged, is something else, asks for functions that a VecNormalize does not
-            need, or holds statistics that are not finite.
-        OSError: If it cannot be read.
-    """
-    if path.stat().st_size > MAX_FILE:
-        raise PerdureError(f"{path} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
-    saved = read_pickle(path.read_bytes(), ALLOWED, str(path))
-    if not (isinstance(saved, Stub) and saved.function == VEC_NORMALIZE and isinstance(saved.state, dict)):
-        raise PerdureError(f"{path} is not a saved VecNormalize of Stable-Baselines3")
-    return _statistics(saved.state, str(path))
-
-
-def _statistics(state: dict[Any, Any], what: str) -> Statistics:
-    gamma = _single(state, "gamma", what)
-    if state.get("norm_obs") is False:
-        return Statistics(None, gamma)
-    statistics = state.get("obs_rms")
-    if isinstance(statistics, dict):
-        raise PerdureError(f"{what} is for observations that are a dictionary, which are not read")
-    if not (isinstance(statistics, Stub) and isinstance(statistics.state, dict)):
-        raise PerdureError(f"{what} holds no observation statistics")
-    mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
-    clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
-    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
-
-
-def checked_normalizer(
-    mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
-) -> Normalizer:
-    """Return a normalizer of these statistics.
-
-    Raises:
-        PerdureError: If they do not fit together, are not finite or have a negative variance.
-    """
-    fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
-    if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
-        raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
-    return Normalizer(mean, var, min(clip, LARGEST_OBSERVATION), max(epsilon, SMALLEST_EPSILON))
-
-
-def _single(state: dict[Any, Any], name: str, what: str) -> float:
-    found = _number(state, name, what)
-    if found.size != 1:
-        raise PerdureError(f"{what}: {name} must be one number, but there are {found.size}")
-    return float(found.item())
-
-
-def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:
-    if name not in state:
-        raise PerdureError(f"{what} has no {name}")
-    return read_numbers(state[name], f"{what}: {name}")
-
-
-NO_NORMALIZER = "none"
-"""Says that observations were not normalized, where the model suggests otherwise."""
 
 
 def import_sb3(
@@ -151,15 +71,12 @@ def import_sb3(
         measure: Also measure 20 reference episodes within the training horizon, which takes some seconds.
 
     Raises:
-        PerdureError: If a file is damaged or holds something that is not read.
-        PerdureError: If model, normalizer, time feature and environment do not fit together.
-        PerdureError: If the environment cannot be made.
+        PerdureError: If a file is damaged or holds something that is not read, the environment cannot be made, or
+            model, normalizer, time feature and environment do not fit together.
         OSError: If a file cannot be read.
     """
     task = task_of_environment(env)
-    world = make_world(task, [0])
-    spec = world.spec
-    world.close()
+    spec = task_spec(task)
     path, written = Path(path), None if normalizer in (None, NO_NORMALIZER) else Path(str(normalizer))
     if trust:
         from perdure.policy.readers.trusted import load_sb3, load_vecnormalize
@@ -182,6 +99,41 @@ def import_sb3(
     policy = _policy(model, spec, statistics, (steps, horizon), str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
     return replace(policy, reference=measure_reference(policy)) if measure else policy
+
+
+def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
+    """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
+
+    The file's name contains a digest of the files' contents, the options and the versions that decide the outcome.
+
+    Args:
+        path: As in `import_sb3`.
+        folder: Made if it is missing.
+        env: As in `import_sb3`.
+        options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
+    """
+    normalizer = options.get("normalizer")
+    identity: dict[str, Any] = {
+        **options,
+        "env": task_of_environment(env),
+        "model": file_digest(path),
+        "normalizer": None if normalizer in (None, NO_NORMALIZER) else file_digest(Path(normalizer)),
+        "no normalizer": normalizer == NO_NORMALIZER,
+        "versions": library_versions(),
+    }
+    source = task_source_digest(identity["env"])
+    identity |= {"source": source} if source else {}
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
+    try:
+        if target.exists():
+            load_policy(target)
+            return target
+    except PerdureError:
+        pass  # damaged: it is made again
+    policy = import_sb3(path, env, **options)
+    folder.mkdir(parents=True, exist_ok=True)
+    return save_policy(policy, target)
 
 
 def _policy(
@@ -208,9 +160,7 @@ def _policy(
         normalize_embedding=steps is not None and normalizer is not None,
     )
     return Policy(
-        task=TaskInfo(
-            spec.name, spec.observation_size, tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
-        ),
+        task=TaskInfo.of(spec),
         weights=weights,
         activation=settings.activation,
         normalizer=normalizer or Normalizer.identity(spec.observation_size),
@@ -230,8 +180,11 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
             f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
             f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {USE_A_FUNCTION}"
         )
-    if outputs != spec.action_size:
-        raise PerdureError(f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}")
+    if outputs != spec.action_size or spec.discrete_actions:
+        kind = " that are discrete" if spec.discrete_actions else ""
+        raise PerdureError(
+            f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}{kind}"
+        )
     if model.settings.action_bounds is None:
         return
     for name, written, needed in zip(
@@ -301,39 +254,76 @@ def _provenance(
     return provenance
 
 
-# Import a model into a folder once; a later import of the same files finds it there.
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries that decide what an imported policy does in its reference episodes."""
+    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}
 
 
-def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
-    """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
+# Observation statistics of a VecNormalize, without running its pickle
 
-    The file's name contains a digest of the files' contents, the options and the versions that decide the outcome.
 
-    Args:
-        path: As in `import_sb3`.
-        folder: Made if it is missing.
-        env: As in `import_sb3`.
-        options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Observation statistics of a VecNormalize."""
+
+    normalizer: Normalizer | None
+    """None if it normalizes rewards only."""
+    gamma: float
+    """Discount of the running return whose spread scaled the rewards."""
+
+
+def read_vecnormalize(path: Path) -> Statistics:
+    """Return the statistics that `VecNormalize.save` wrote to a file.
+
+    Raises:
+        PerdureError: If the file is damaged, is something else, asks for functions that a VecNormalize does not
+            need, or holds statistics that are not finite.
+        OSError: If it cannot be read.
     """
-    normalizer = options.get("normalizer")
-    identity: dict[str, Any] = {
-        **options,
-        "env": task_of_environment(env),
-        "model": file_digest(path),
-        "normalizer": None if normalizer in (None, NO_NORMALIZER) else file_digest(Path(normalizer)),
-        "no normalizer": normalizer == NO_NORMALIZER,
-        "versions": library_versions(),
-    }
-    source = source_digest(identity["env"])
-    identity |= {"source": source} if source else {}
-    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
-    try:
-        if target.exists():
-            load_policy(target)
-            return target
-    except PerdureError:
-        pass  # damaged: it is made again
-    policy = import_sb3(path, env, **options)
-    folder.mkdir(parents=True, exist_ok=True)
-    return save_policy(policy, target)
+    if path.stat().st_size > MAX_FILE:
+        raise PerdureError(f"{path} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
+    saved = read_pickle(path.read_bytes(), ALLOWED, str(path))
+    if not (isinstance(saved, Stub) and saved.function == VEC_NORMALIZE and isinstance(saved.state, dict)):
+        raise PerdureError(f"{path} is not a saved VecNormalize of Stable-Baselines3")
+    return _statistics(saved.state, str(path))
+
+
+def _statistics(state: dict[Any, Any], what: str) -> Statistics:
+    gamma = _single(state, "gamma", what)
+    if state.get("norm_obs") is False:
+        return Statistics(None, gamma)
+    statistics = state.get("obs_rms")
+    if isinstance(statistics, dict):
+        raise PerdureError(f"{what} is for observations that are a dictionary, which are not read")
+    if not (isinstance(statistics, Stub) and isinstance(statistics.state, dict)):
+        raise PerdureError(f"{what} holds no observation statistics")
+    mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
+    clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
+    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
+
+
+def checked_normalizer(
+    mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
+) -> Normalizer:
+    """Return a normalizer of these statistics.
+
+    Raises:
+        PerdureError: If they do not fit together, are not finite or have a negative variance.
+    """
+    fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
+    if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
+        raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
+    return Normalizer(mean, var, min(clip, LARGEST_OBSERVATION), max(epsilon, SMALLEST_EPSILON))
+
+
+def _single(state: dict[Any, Any], name: str, what: str) -> float:
+    found = _number(state, name, what)
+    if found.size != 1:
+        raise PerdureError(f"{what}: {name} must be one number, but there are {found.size}")
+    return float(found.item())
+
+
+def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:
+    if name not in state:
+        raise PerdureError(f"{what} has no {name}")
+    return read_numbers(state[name], f"{what}: {name}")

@@ -47,8 +47,14 @@ def solved(set_table):
     return run(Oracle(), [set_table[0]], lanes=1)[0]
 
 
-def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table):
-    log = run(Idle(), [set_table[5]], lanes=1)[5]
+@pytest.fixture(scope="module")
+def idle(set_table):
+    """An episode without clutter in which nobody does anything."""
+    return run(Idle(), [set_table[5]], lanes=1, settle_steps=5, scene=SceneOptions(clutter=False))[5]
+
+
+def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table, idle):
+    log = idle
     plan = set_table[5].home_task.skills
     assert log.runs[-1].ending == "task limit"
     for done, step in zip(log.runs[:-1], plan, strict=False):
@@ -59,10 +65,9 @@ def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table):
     assert not any(latched(log))
 
 
-def test_an_episode_ends_at_the_limit_of_its_task(set_table):
-    log = run(Idle(), [set_table[5]], lanes=1, settle_steps=5)[5]
-    assert log.steps == set_table[5].home_task.max_steps
-    assert len(log.active) == log.steps + 5
+def test_an_episode_ends_at_the_limit_of_its_task(set_table, idle):
+    assert idle.steps == set_table[5].home_task.max_steps
+    assert len(idle.active) == idle.steps + 5
 
 
 def test_what_is_written_down_agrees_with_the_tasks_own_counting(solved):
@@ -75,7 +80,7 @@ def test_what_is_written_down_agrees_with_the_tasks_own_counting(solved):
 
 
 def test_an_episode_does_not_depend_on_its_neighbors(set_table, solved):
-    together = run(Oracle(), [set_table[3], set_table[0], set_table[8]], lanes=2, threads=2)[0]
+    together = run(Oracle(), [set_table[3], set_table[0]], lanes=2, threads=2)[0]
     for name in ("base", "gripper", "up", "speed", "force"):
         assert np.array_equal(getattr(together.history, name), getattr(solved.history, name)), name
     assert np.array_equal(together.history.facts.object_positions, solved.history.facts.object_positions)
@@ -101,9 +106,8 @@ def test_an_execution_that_cannot_work_is_refused(options, message):
         ExecutorOptions(**options)
 
 
-def test_without_clutter_the_log_ends_with_the_targets_alone(set_table):
-    log = run(Idle(), [set_table[5]], lanes=1, settle_steps=1, scene=SceneOptions(clutter=False))[5]
-    assert [each.kind for each in log.final_objects] == [each.kind for each in set_table[5].objects[:2]]
+def test_without_clutter_the_log_ends_with_the_targets_alone(set_table, idle):
+    assert [each.kind for each in idle.final_objects] == [each.kind for each in set_table[5].objects[:2]]
 
 
 def test_skills_without_an_actor_are_refused():

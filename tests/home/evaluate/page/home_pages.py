@@ -41,8 +41,8 @@ def two_strategies():
     return records("rl", four()) + records("ik", [good(index) for index in range(4)])
 
 
-def page_of(logs, folder, command="perdure home analyze logs", assignment=None):
-    return write_page(analyze(logs), folder, command, assignment).read_text()
+def page_of(logs, folder, command="perdure home analyze logs", assignment=None, formats=()):
+    return write_page(analyze(logs), folder, command, assignment, formats).read_text()
 
 
 def table(page, title):

@@ -8,7 +8,7 @@ import pytest
 
 from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.files import read_logs, read_notes
+from perdure.home.evaluate.files import read_log_file, read_logs
 from perdure.home.evaluate.policies import SHIPPED, choose_policies, make_agents, read_release
 from perdure.home.evaluate.protocol import (
     EvaluationProtocol,
@@ -48,26 +48,34 @@ def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
         list(protocol_units(protocol, ""))
 
 
-def test_what_was_run_is_not_run_again(tmp_path):
-    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
-    seen = []
-    first = run_protocol(protocol, tmp_path, observe=seen.append, command="asked by a test")
+ONE = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """The folder of a run of `ONE`, its logs, and what its observer saw."""
+    folder, seen = tmp_path_factory.mktemp("ran"), []
+    logs = run_protocol(ONE, folder, observe=seen.append, command="asked by a test")
+    return folder, logs, seen
+
+
+def test_what_was_run_is_not_run_again(ran):
+    folder, first, seen = ran
     _say_other_source_made(first[0].parent)
     with pytest.warns(OtherSourceWarning, match="1 of 1"):
-        second = run_protocol(protocol, tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))
+        second = run_protocol(ONE, folder, observe=lambda status: pytest.fail("nothing is left to run"))
     assert first == second
     (progress,) = seen[-1].values()
     assert (progress.state, progress.done) == ("finished", 1)
     (record,) = read_logs(first[0])
     assert record.index == 0
-    notes = read_notes(first[0])
+    _, notes = read_log_file(first[0])
     assert json.loads(notes["policies"])["place"] == "oracle"
     assert (notes["command"], record.train_seed) == ("asked by a test", -1)
-    assert noted_protocol(notes, "it") == protocol
+    assert noted_protocol(notes, "it") == ONE
 
 
 def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
-    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
     calls, states, run = [], [], Executor.run
 
     def counted(self, episodes):
@@ -77,7 +85,7 @@ def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
     monkeypatch.setattr(Executor, "run", counted)
     see = states.append
     both = [
-        threading.Thread(target=run_protocol, args=(protocol, tmp_path), kwargs={"observe": lambda s: see(_states(s))})
+        threading.Thread(target=run_protocol, args=(ONE, tmp_path), kwargs={"observe": lambda s: see(_states(s))})
         for _ in range(2)
     ]
     for each in both:
@@ -92,10 +100,9 @@ def _states(status):
     return {each.state for each in status.values()}
 
 
-def test_logs_that_an_interrupted_attempt_left_are_not_run_again(tmp_path, monkeypatch):
-    protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
-    (logs,) = run_protocol(protocol, tmp_path / "first")
-    (unit,) = protocol_units(protocol, "")
+def test_logs_that_an_interrupted_attempt_left_are_not_run_again(ran, tmp_path, monkeypatch):
+    (logs,) = ran[1]
+    (unit,) = protocol_units(ONE, "asked by a test")
     monkeypatch.setattr(Executor, "run", lambda *ignored: pytest.fail("its result is there"))
     work = tmp_path / "work"
     work.mkdir()
@@ -144,7 +151,7 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
 
 
-@pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
+@pytest.mark.parametrize("policies", [pytest.param(ORACLES, marks=pytest.mark.verify), {}], ids=["oracle", "learned"])
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.evaluate.protocol.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)

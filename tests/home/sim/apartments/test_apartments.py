@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.home.sim import occupancy
 from perdure.home.sim.apartments import (
+    LAYOUTS,
     SPLITS,
-    THROWN_AWAY,
     build_apartment,
-    drafts,
+    draw_apartments,
+    invalid_because,
     make_apartment,
     split_apartments,
-    why_not,
 )
 from perdure.home.sim.occupancy import CELL
 from perdure.home.sim.pieces import Pose
@@ -191,7 +190,8 @@ def test_macro_layouts_differ_in_room_and_kitchen(apartments):
     first = apartments[::21]
     assert len({apartment.room for apartment in first}) == 5
     assert len({apartment.piece("kitchen_counter").pose for apartment in first}) == 5
-    assert all(occupancy.area(apartment.room) > 40.0 for apartment in first)
+    for x, y in (np.transpose(apartment.room) for apartment in first):
+        assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) > 40.0, "square meters, corners counter-clockwise"
 
 
 def test_splits_are_those_of_m3():
@@ -225,12 +225,12 @@ def test_wrong_names_and_numbers_are_refused_with_the_right_ones(call, words):
 def test_a_published_apartment_is_the_first_draw_that_passes_all_checks(macro):
     first = []
     for micro in range(21):
-        draws = enumerate(drafts(macro, micro, seed=0))
-        first.append(next(number for number, apartment in draws if why_not(apartment) is None))
-    assert tuple(first) == THROWN_AWAY[macro]
+        draws = enumerate(draw_apartments(macro, micro, seed=0))
+        first.append(next(number for number, apartment in draws if invalid_because(apartment) is None))
+    assert tuple(first) == LAYOUTS[macro].rejected_draws
 
 
 def test_an_apartment_of_another_seed_passes_the_checks_and_is_another_one():
     other = make_apartment(0, 0, seed=1)
-    assert why_not(other) is None
+    assert invalid_because(other) is None
     assert other.pieces != make_apartment(0, 0).pieces

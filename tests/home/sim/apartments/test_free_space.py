@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from perdure.errors import PerdureError
 from perdure.home.sim import occupancy
 from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.furniture import room_walls
 from perdure.home.sim.occupancy import FreeSpace, footprints, free_space, in_sight
-from perdure.home.sim.pieces import room_walls
 
 ROOM = ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0))
 OVERESTIMATE = 1.0 / math.cos(math.pi / 8.0)

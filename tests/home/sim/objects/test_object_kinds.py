@@ -8,7 +8,8 @@ import pytest
 from object_scene import colliding_corners, run, scene, turned
 
 from perdure.errors import PerdureError
-from perdure.home.sim.objects import KINDS, OBJECT_BIT, YcbObjects, cap_radius
+from perdure.home.sim.geoms import OBJECT_BIT
+from perdure.home.sim.objects import KINDS, YcbObjects, cap_radius
 from perdure.home.tasks.tasks import TASKS
 
 TABLE = {  # full sizes in millimeters (YCB models' bounding boxes; 008, 009 and 013 as measured), mass in grams
@@ -135,7 +136,7 @@ def test_the_same_kind_can_be_added_many_times():
 
 
 def test_an_unknown_kind_is_refused_with_the_known_ones():
-    with pytest.raises(PerdureError, match="no object '011_banana'; there are 002_master_chef_can, 003"):
+    with pytest.raises(PerdureError, match="no object is named '011_banana'; there are 002_master_chef_can, 003"):
         YcbObjects().box("011_banana")
     with pytest.raises(PerdureError, match="011_banana"):
         YcbObjects().add(None, "011_banana", "it", (0, 0, 0), (1, 0, 0, 0))

@@ -106,7 +106,7 @@ def test_answers_do_not_depend_on_earlier_questions_or_on_the_thread():
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(timeout=30.0)
+        thread.join()
     assert len(answers) == 4
     for answer in answers:
         assert np.array_equal(answer, first)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fetch_scenes import STEPS_PER_COMMAND, arm_angles, make_spec, set_pose
 
-from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, FINGER_JOINTS, REST_ARM, add_fetch
+from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, JOINTS, REST_ARM, add_fetch
 
 COMMAND = 0.025
 TIMESTEPS = sorted(STEPS_PER_COMMAND)
@@ -113,7 +113,7 @@ def test_fingers_open_and_close():
     data = mujoco.MjData(model)
     set_pose(data)
     for q in (0.04, 0.0):
-        for joint in FINGER_JOINTS:
+        for joint in JOINTS[-2:]:
             data.actuator(joint).ctrl = q
         mujoco.mj_step(model, data, 30)
-        assert [data.joint(joint).qpos[0] for joint in FINGER_JOINTS] == pytest.approx([q, q], abs=1e-3)
+        assert [data.joint(joint).qpos[0] for joint in JOINTS[-2:]] == pytest.approx([q, q], abs=1e-3)

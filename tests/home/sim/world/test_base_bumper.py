@@ -9,7 +9,8 @@ from perdure.home.sim import occupancy, scene
 from perdure.home.sim.furniture import table_01
 from perdure.home.sim.occupancy import footprints
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.scene import RADIUS, build_scene
+from perdure.home.sim.scene import BUMPER_RADIUS as RADIUS
+from perdure.home.sim.scene import build_scene
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import episode_scene, load_episodes
 

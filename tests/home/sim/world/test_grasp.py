@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.geoms import ROBOT_BIT
 from perdure.home.sim.kinematics import reach
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import REST_ARM, ROBOT_BIT
+from perdure.home.sim.robot import REST_ARM
 from perdure.home.sim.scene import SceneOptions, build_scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, GRIP

@@ -3,12 +3,13 @@
 from pathlib import Path
 from resource import getpagesize
 
+import gymnasium
 import numpy as np
 import pytest
 from lanes import make
 
 from perdure.home.skills import learned_skills
-from perdure.home.skills.environment import default_task
+from perdure.home.skills.gym import env_id
 
 LANES = 16
 STATUS = Path("/proc/self/statm")
@@ -21,7 +22,7 @@ def resident():
 
 def soak(skill, episodes, memory=lambda: 0.0):
     """Runs at least so many episodes with random actions; what `memory` says halfway and at the end."""
-    env = make(skill, default_task(skill), lanes=LANES, episodes=20)
+    env = make(skill, gymnasium.spec(env_id(skill)).kwargs["task"], lanes=LANES, episodes=20)
     rng = np.random.default_rng(0)
     observations, _ = env.reset(seed=0)
     ended, found = 0, []

@@ -17,17 +17,20 @@ from perdure.policy import TaskInfo, load_policy
 def policy(tmp_path_factory):
     """A place policy that has learned next to nothing."""
     out = tmp_path_factory.mktemp("runs")
-    (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=8192, split="val", episodes=2)
+    usual = train.skill_config
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train, "skill_config", lambda *about, **how: replace(usual(*about, **how), n_steps=32))
+        (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=2048, split="val", episodes=2)
     return load_policy(path)
 
 
 def test_a_score_counts_every_episode_once(policy):
-    score = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
-    assert len(score.success) == len(score.steps) == 24
-    assert score.failures.total() == 24 - score.success.sum()
+    score = evaluate_skill(policy, "place", 12, lanes=4, task="set_table", episodes=2)
+    assert len(score.success) == len(score.steps) == 12
+    assert score.failures.total() == 12 - score.success.sum()
     assert np.all((score.steps >= 1) & (score.steps <= get_skill("place").limit))
-    assert f"{score.rate:.3f} of 24" in score.summary()
-    again = evaluate_skill(policy, "place", 24, lanes=8, task="set_table", episodes=2)
+    assert f"{score.rate:.3f} of 12" in score.summary()
+    again = evaluate_skill(policy, "place", 12, lanes=4, task="set_table", episodes=2)
     assert again.success.tolist() == score.success.tolist()
     assert again.steps.tolist() == score.steps.tolist()
 
@@ -92,7 +95,7 @@ def test_a_task_may_need_another_recipe():
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
-        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=8192, split='val', "
+        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=2048, split='val', "
         "episodes=2)"
     )
     command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})

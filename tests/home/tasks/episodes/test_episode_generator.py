@@ -13,8 +13,9 @@ from perdure.errors import PerdureError
 from perdure.home.sim.apartments import build_apartment, make_apartment
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import free_space
-from perdure.home.tasks import episodes
-from perdure.home.tasks.episodes import generate_episode, generate_episodes, read_episodes, settle
+from perdure.home.tasks import generation
+from perdure.home.tasks.episodes import read_episodes
+from perdure.home.tasks.generation import generate_episode, generate_episodes, settle
 from perdure.home.tasks.tasks import TASKS
 
 CASES = [("tidy_house", (0, 16), 0), ("prepare_groceries", (4, 3), 17), ("set_table", (2, 18), 53)]
@@ -120,7 +121,7 @@ def quick(monkeypatch):
             moved = np.array([distance if p.kind == fragile else 0.0999 for p in placements])
             return tuple(placements), moved, np.zeros(len(placements))
 
-        monkeypatch.setattr("perdure.home.tasks.episodes.settle", fake)
+        monkeypatch.setattr("perdure.home.tasks.generation.settle", fake)
 
     return replace
 
@@ -138,8 +139,8 @@ def test_an_episode_in_which_an_object_moved_by_more_than_ten_centimeters_is_thr
 
 def test_a_task_whose_target_never_stays_is_given_up_with_a_sentence(quick, monkeypatch):
     quick("024_bowl", 1.0)
-    monkeypatch.setattr(episodes, "_EPISODES", 3)
-    with pytest.raises(PerdureError, match="no episode 0 of set_table in macro0_micro16: 3 draws were thrown away"):
+    monkeypatch.setattr(generation, "_EPISODES", 3)
+    with pytest.raises(PerdureError, match="no episode 0 of set_table in macro0_micro16: 3 draws were rejected"):
         generate_episode("set_table", "val", 0, (0, 16), BoxObjects())
 
 
@@ -171,7 +172,7 @@ def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
 
 def test_publishing_writes_val_and_eval_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
     quick("", 0.0)
-    monkeypatch.setattr(episodes, "PER_APARTMENT", {"val": 1, "eval": 1})
+    monkeypatch.setattr(generation, "PER_APARTMENT", {"val": 1, "eval": 1})
     refusals = publish(tmp_path / "data", BoxObjects())
     files = sorted(path.stem for path in (tmp_path / "data").iterdir())
     assert files == sorted(f"{task}_{split}" for task in TASKS for split in ("val", "eval"))

@@ -17,7 +17,6 @@ from perdure.home.tasks.planning import (
     make_plan,
     plan_problem,
     print_plan,
-    problem_pddl,
     read_strips,
     render_plan,
 )
@@ -33,6 +32,7 @@ from perdure.home.tasks.tasks import (
 )
 
 FRIDGE_OPEN = {"top_door": 2.356}
+SET_TABLE = plan_problem("set_table").pddl
 VARIANTS = {
     **TASKS,
     "table_set_from_an_open_fridge": replace(TASKS["set_table"], opened=FRIDGE_OPEN),
@@ -46,7 +46,7 @@ def skills(plan):
 
 
 def world_of(task):
-    return parse(domain_pddl(), problem_pddl(task))
+    return parse(domain_pddl(), plan_problem(task).pddl)
 
 
 def episode(drawer=DRAWERS[0], opened=None):
@@ -89,7 +89,7 @@ def test_there_is_exactly_one_shortest_plan_and_it_is_the_one_made(name):
 # SetTable: bring the bowl, close the drawer, among: open the fridge, bring the apple, close the fridge; 5! / (2! 3!).
 @pytest.mark.parametrize(("name", "orders"), [("tidy_house", 120), ("prepare_groceries", 6), ("set_table", 10)])
 def test_without_the_order_of_targets_every_other_order_is_a_shortest_plan_too(name, orders):
-    lines = problem_pddl(name).splitlines()
+    lines = plan_problem(name).pddl.splitlines()
     turns = [f"(turn target_{i})" for i in range(1, len(TASKS[name].targets))]
     free = [line for line in lines if "(next " not in line]
     free[free.index("    (hand_empty)") : 0] = turns
@@ -124,7 +124,7 @@ def test_doors_are_moved_with_an_empty_hand_only():
 
 
 def test_an_open_drawer_leaves_the_robot_at_the_bowl_and_an_open_fridge_does_not_leave_it_at_the_apple():
-    apple_first = problem_pddl("set_table").replace("(turn target_0)", "(turn target_1)")
+    apple_first = plan_problem("set_table").pddl.replace("(turn target_0)", "(turn target_1)")
     opened = [("navigate", "target_1", "elsewhere", "top_door"), ("open_fridge", "target_1", "top_door")]
     world = parse(domain_pddl(), apple_first)
     assert world.after([*opened, ("pick", "target_1", "top_door")]) is None
@@ -148,8 +148,8 @@ def test_groceries_in_a_closed_fridge_begin_with_opening_it_once():
 @pytest.mark.parametrize(("side", "link"), [("left", "drawer1_top"), ("middle", "drawer2_top"), ("right", "drawer3")])
 def test_an_episode_says_which_drawer_and_plans_what_its_task_does(side, link):
     (drawer,) = (name for name in DRAWERS if f"_{side}_" in name)
-    task = problem_pddl("set_table").replace("some_drawer", link)
-    assert problem_pddl(episode(drawer)).replace("plan_set_table_val_003", "plan_set_table") == task
+    task = plan_problem("set_table").pddl.replace("some_drawer", link)
+    assert plan_problem(episode(drawer)).pddl.replace("plan_set_table_val_003", "plan_set_table") == task
     assert make_plan(episode(drawer)) == TASKS["set_table"].skills
 
 
@@ -206,18 +206,23 @@ def test_any_name_will_do_for_a_task():
     assert make_plan(replace(TASKS["set_table"], name="2 für (den) Tisch")) == TASKS["set_table"].skills
 
 
-def test_every_published_episode_has_the_plan_of_its_task():
+@pytest.mark.parametrize("every", [20, pytest.param(1, marks=pytest.mark.verify)])
+def test_every_published_episode_has_the_plan_of_its_task(every):
     for name, task in TASKS.items():
         for split in ("val", "eval"):
-            assert {make_plan(each) for each in load_episodes(name, split).episodes} == {task.skills}
+            assert {make_plan(each) for each in load_episodes(name, split).episodes[::every]} == {task.skills}
 
 
 @pytest.mark.parametrize(
     ("domain", "problem", "said"),
     [
-        ("(define (domain home)", problem_pddl("set_table"), "matching parentheses"),
+        ("(define (domain home)", SET_TABLE, "matching parentheses"),
         (domain_pddl(), "(problem)", "matching parentheses"),
-        (domain_pddl().replace("(hand_empty))\n", "(not (hand_empty)))\n", 1), problem_pddl("set_table"), "negative"),
+        (
+            domain_pddl().replace("(hand_empty))\n", "(not (hand_empty)))\n", 1),
+            SET_TABLE,
+            "negative",
+        ),
     ],
 )
 def test_pddl_that_is_not_plain_strips_is_refused(domain, problem, said):
@@ -266,5 +271,5 @@ def test_planning_prints_nothing_and_is_light():
         "heavy = {'unified_planning', 'pyperplan', 'mujoco', 'scipy', 'altair', 'jax'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr

@@ -180,7 +180,7 @@ def test_unknown_conditions_are_refused_with_the_known_ones(text):
 def test_unknown_tasks_stages_and_targets_are_refused():
     with pytest.raises(PerdureError, match="tidy_house, prepare_groceries, set_table"):
         get_task("clean_up")
-    with pytest.raises(PerdureError, match="no stage 'open_0'"):
+    with pytest.raises(PerdureError, match="no stage of tidy_house is named 'open_0'"):
         get_task("tidy_house").stage("open_0")
     with pytest.raises(PerdureError, match="know 2 targets"):
         predicate("at(2)").holds(make(facts_that_meet((), 2)))

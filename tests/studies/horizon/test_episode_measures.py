@@ -1,7 +1,7 @@
 """Measures of episodes and training runs, against tables whose episodes were written down by hand."""
 
 import pytest
-from known_results import HORIZON, lanes, make_results, table
+from known_results import HORIZON, episodes, make_results, table
 
 from studies.horizon.results import VALIDATION, freeze_episodes, measure, name_clocks
 from studies.horizon.tables import failure_places
@@ -11,54 +11,66 @@ def measured(*parts, **changes):
     return measure(freeze_episodes(table(*parts, **changes), "Hopper-v3", "geometric", "test")).to_dicts()[0]
 
 
-def test_a_lane_that_holds():
-    found = measured(lanes("geometric", "constant:500", 0, 2000, 3000.0))
+def test_a_episode_that_holds():
+    found = measured(episodes("geometric", "constant:500", 0, 2000, 3000.0))
     assert found["return"] == found["return within"] == 3000.0
     assert found["reward late"] == pytest.approx(3.0)  # 300 in the last 100 steps
     assert (found["failed share"], found["ended share"], found["hold share"]) == (0.0, 0.0, 1.0)
-    assert (found["hold"], found["steps to failure"], found["verdict"]) == (1.0, HORIZON, "holds")
-    assert found["level"] == pytest.approx(0.5)  # 1.5 a step, idle 0, published policy 3
-    assert (found["gain"], found["failed within"]) == (pytest.approx(1.0), 0.0)
+    assert (found["end score vs training"], found["steps to failure"], found["verdict"]) == (1.0, HORIZON, "holds")
+    assert found["training score vs published"] == pytest.approx(0.5)  # 1.5 a step, idle 0, published policy 3
+    assert (found["score vs published"], found["failed within"]) == (pytest.approx(1.0), 0.0)
 
 
 def test_the_gain_pays_nothing_for_standing_still_and_counts_the_steps_before_a_fall():
-    still = measured(lanes("geometric", "none", 0, 2000, 1000.0), idle_rate=1.0)
-    assert still["gain"] == pytest.approx(0.0)
-    falling = measured(lanes("geometric", "none", 0, 2000, 30.0, falls=True), idle_rate=1.0)
-    assert falling["gain"] == pytest.approx((30.0 - 10.0) / ((3.0 - 1.0) * HORIZON))
+    still = measured(episodes("geometric", "none", 0, 2000, 1000.0), idle_rate=1.0)
+    assert still["score vs published"] == pytest.approx(0.0)
+    falling = measured(episodes("geometric", "none", 0, 2000, 30.0, falls=True), idle_rate=1.0)
+    assert falling["score vs published"] == pytest.approx((30.0 - 10.0) / ((3.0 - 1.0) * HORIZON))
 
 
-def test_a_lane_that_falls():
-    found = measured(lanes("geometric", "constant:500", 0, 2000, 30.0, falls=True))
+def test_a_episode_that_falls():
+    found = measured(episodes("geometric", "constant:500", 0, 2000, 30.0, falls=True))
     assert (found["return"], found["reward late"]) == (30.0, 0.0)
-    assert (found["failed share"], found["ended share"], found["hold share"], found["hold"]) == (1.0, 1.0, 0.0, 0.0)
+    assert (found["failed share"], found["ended share"], found["hold share"], found["end score vs training"]) == (
+        1.0,
+        1.0,
+        0.0,
+        0.0,
+    )
     assert (found["steps to failure"], found["verdict"], found["failed within"]) == (10, "falls", 1.0)
 
 
 def test_a_policy_that_never_worked_has_failed_from_the_start():
-    found = measured(lanes("geometric", "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown")
+    found = measured(
+        episodes("geometric", "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown"
+    )
     assert (found["verdict"], found["failed share"], found["ended share"]) == ("never worked", 1.0, 0.0)
-    assert (found["hold"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
+    assert (found["end score vs training"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
 
 
 def test_where_it_cannot_be_told_nothing_is_called_a_failure_or_a_success():
-    surviving = measured(lanes("geometric", "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
-    fallen = measured(lanes("geometric", "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
+    surviving = measured(episodes("geometric", "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
+    fallen = measured(episodes("geometric", "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
     for found in (surviving, fallen):
         judged = ("failed share", "failed within", "hold share", "steps to failure")
         assert [found[name] for name in judged] == [None] * 4
     assert (surviving["ended share"], fallen["ended share"]) == (0.0, 1.0)
 
 
-def test_a_silent_failure_does_not_end_the_lane():
-    found = measured(lanes("geometric", "none", 0, 2000, 30.0), outcome="fails silently", failed_step=400, end_hold=0.1)
+def test_a_silent_failure_does_not_end_the_episode():
+    found = measured(
+        episodes("geometric", "none", 0, 2000, 30.0),
+        outcome="fails silently",
+        failed_step=400,
+        end_score_vs_training=0.1,
+    )
     assert (found["failed share"], found["ended share"], found["steps to failure"]) == (1.0, 0.0, 400)
-    assert found["hold"] == 0.1
+    assert found["end score vs training"] == 0.1
 
 
 def test_clocks_are_named_as_on_a_command_line():
     clocks = ("none", "constant:500", "periodic:300", "countdown", "countdown:200")
-    names = name_clocks(table(*(lanes("geometric", clock, 0, 2000, 1.0) for clock in clocks)))["clock"].unique(
+    names = name_clocks(table(*(episodes("geometric", clock, 0, 2000, 1.0) for clock in clocks)))["clock"].unique(
         maintain_order=True
     )
     assert names.to_list() == list(clocks)
@@ -77,7 +89,7 @@ def test_start_states_of_other_splits_are_left_out():
 
 
 def test_curves_hold_the_return_so_far():
-    frozen = freeze_episodes(table(lanes("ppo", "none", 0, 2000, 30.0, falls=True)), "Hopper-v3", "ppo", "test")
+    frozen = freeze_episodes(table(episodes("ppo", "none", 0, 2000, 30.0, falls=True)), "Hopper-v3", "ppo", "test")
     assert frozen["curve_steps"].to_list() == [[10, 900, 1000]]
     assert frozen["curve"].to_list() == [[30.0, 30.0, 30.0]]
 

@@ -1,0 +1,462 @@
+"""The commands of ``perdure home``, over the functions of `perdure.home`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from perdure.cli.parse import Cores, On, call, check_folder
+from perdure.errors import PerdureError
+from perdure.home.sim.scene import Rolling, SceneOptions, WorldOptions
+from perdure.report.charts import Format
+
+if TYPE_CHECKING:
+    from perdure.home.evaluate.log import EpisodeLog
+
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
+Logs = Annotated[
+    tuple[Path, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(help="Log files, or folders that hold some, of any tasks and release strategies."),
+]
+Split = Annotated[str, tyro.conf.arg(help="val (new arrangements of known apartments) or eval (new apartments).")]
+Index = Annotated[int, tyro.conf.arg(help="Number of the episode in its split.")]
+EvalSeed = Annotated[int, tyro.conf.arg(help="Draws the robot's start pose.")]
+Speed = Annotated[float, tyro.conf.arg(help="Playback speed relative to real time.")]
+Vary = Annotated[
+    Literal["all", "place"],
+    tyro.conf.arg(
+        help="Which skills' policies change with the training seed: all, or place alone (the others are those of seed "
+        "0)."
+    ),
+]
+Policies = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(
+        help="SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies (of logs: "
+        "those that they name), else the oracle."
+    ),
+]
+World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
+
+
+def main(command: str, args: list[str]) -> None:
+    """Run a command of ``perdure home``."""
+    call(COMMANDS[command], args, f"home {command}")
+
+
+def list_names() -> None:
+    """Show the tasks, their published episodes, the skills and the objects."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from perdure.home.sim.objects import KINDS
+    from perdure.home.skills import SKILLS
+    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.tasks.tasks import TASKS
+
+    tasks = Table("task", "targets", "objects", "val", "eval", "steps", "stages", title="Tasks")
+    for task in TASKS.values():
+        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval")]
+        objects = len(task.targets) + sum(number for number, _ in task.clutter)
+        stages = " ".join(stage.name for stage in task.stages)
+        tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
+    skills = Table("skill", "steps", "observation size", "success", title="Skills")
+    for name, kind in SKILLS.items():
+        skills.add_row(name, str(kind().limit), str(len(kind().elements)), kind.success_text)
+    kinds = Table("object", "size [mm]", "mass [g]", "shape", title="Objects")
+    for each in KINDS.values():
+        size = " x ".join(f"{1000 * side:.0f}" for side in each.size)
+        kinds.add_row(each.name, size, f"{1000 * each.mass:.0f}", each.shape)
+    for table in (tasks, skills, kinds):
+        for column in table.columns[:-1]:
+            column.no_wrap = True
+        Console().print(table)
+
+
+def episode(
+    task: Task,
+    split: Split = "val",
+    index: Index = 0,
+    eval_seed: EvalSeed = 0,
+    render: Path | None = None,
+    camera: str = "doll_house",
+    size: tuple[int, int] = (900, 600),
+) -> None:
+    """Show where the objects of an episode start, and the goals of its targets.
+
+    Args:
+        render: Also render it into this PNG file.
+        camera: doll_house, plan, follow, head or hand.
+        size: Width and height of the picture in pixels.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from perdure.home.tasks.episodes import episode_hash, load_episodes, start_pose
+
+    shown = load_episodes(task, split)[index]
+    apartment = shown.apartment()
+    pose = start_pose(apartment, shown, eval_seed)
+    print(f"{shown.name} in {apartment.name}, hash {episode_hash(shown)}")
+    print(f"robot at ({pose.x:.2f}, {pose.y:.2f}) m, heading {pose.yaw:.2f} rad (evaluation seed {eval_seed})")
+    opened = ", ".join(f"{link} {value:.2f}" for link, value in shown.opened.items())
+    print(f"open at the start: {opened or 'nothing'}")
+    table = Table("", "object", "lies on", "in", "at [m]", "belongs on", "at [m]", box=None, pad_edge=False)
+    for column in table.columns:
+        column.no_wrap = True
+    for number, placement in enumerate(shown.objects):
+        place, at = placement.receptacle.split("|")[0], _point(placement.position)
+        if number < len(shown.goals):
+            goal = shown.goals[number]
+            target = (shown.container(number) or "", at, goal.receptacle.split("|")[0], _point(goal.position))
+            table.add_row(str(number), placement.kind, place, *target)
+        else:
+            table.add_row("", placement.kind, place, "", at, "", "")
+    Console(width=140, markup=False).print(table)
+    if render is not None:
+        from perdure.film import save_picture
+        from perdure.home.pictures import Studio, goal_marks, render_scene
+
+        with Studio(render_scene(shown, eval_seed), size) as studio:
+            print(save_picture(studio.take(camera, goal_marks(shown)), render))
+
+
+def _point(position: tuple[float, float, float]) -> str:
+    return " ".join(f"{value:.2f}" for value in position)
+
+
+def plan(task: Task) -> None:
+    """Show a task's plan as a STRIPS planner finds it."""
+    from perdure.home.skills import SKILLS, get_skill
+    from perdure.home.tasks.planning import print_plan
+
+    print_plan(task, {name: get_skill(name).limit for name in SKILLS})
+
+
+def video(
+    task: Task,
+    split: Split = "val",
+    index: Index = 0,
+    out: Path = Path("home.mp4"),
+    camera: str = "follow",
+    size: tuple[int, int] = (720, 480),
+    speed: Speed = 4.0,
+    seconds: float = math.inf,
+    eval_seed: EvalSeed = 0,
+    place: tuple[str, ...] = (),
+    policies: Policies = (),
+    train_seed: int = 0,
+    vary: Vary = "all",
+    world: World = WorldOptions(),  # noqa: B008 - frozen
+) -> None:
+    """Film an episode: the oracle, or several release strategies side by side. Needs no screen.
+
+    Args:
+        out: The film: .mp4 or .gif; .png writes a sheet with one picture for each stage.
+        camera: follow, doll_house, plan, head or hand.
+        size: Width and height in pixels, even.
+        seconds: Simulated time after which it ends.
+        place: Release strategies, side by side in one film, as for `perdure home run`; the oracle alone when there is
+            none. --policies, --train-seed and --vary are for these.
+        train_seed: Training seed of the shipped policies.
+        world: The variant of the physics.
+    """
+    from perdure.film import check_film, save_picture
+    from perdure.home.evaluate.execute import ExecutorOptions
+    from perdure.home.film import FilmOptions, contact_sheet, film_episode, make_agent
+    from perdure.home.tasks.episodes import load_episodes
+
+    filmed = load_episodes(task, split)[index]
+    executor = ExecutorOptions(eval_seed=eval_seed, scene=SceneOptions(**vars(world)))
+    options = FilmOptions(camera, size, speed, seconds, executor)
+    if policies and not place:
+        raise PerdureError("--policies needs --place: without release strategies the oracle acts in every skill")
+    if out.suffix.lower() == ".png" and not place:
+        check_film(out, (".png",))
+        sheet, log = contact_sheet(filmed, options)
+        save_picture(sheet, out, colors=256)
+        _print_stages(log)
+    else:
+        chosen = parse_policies(policies)
+        agents = [make_agent(task, each, train_seed, chosen, vary) for each in place]
+        logs = film_episode(filmed, out, options, agents)
+        for who, log in zip([f"{each}: " for each in place] or [""], logs, strict=True):
+            _print_stages(log, who)
+    print(out)
+
+
+def _print_stages(log: EpisodeLog | None, who: str = "") -> None:
+    """Print the number of stages reached, unless the film ended before the episode."""
+    from perdure.home.evaluate.outcomes import latched
+
+    if log is not None:
+        stages = latched(log)
+        print(f"{who}{sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
+
+
+def view(
+    task: Task,
+    split: Split = "val",
+    index: Index = 0,
+    port: int = 8080,
+    speed: Speed = 1.0,
+    eval_seed: EvalSeed = 0,
+) -> None:
+    """Show the oracle in an episode live in a browser. Interrupt it to end.
+
+    Args:
+        port: Port of the server on this machine.
+    """
+    from perdure.home.film import serve_episode
+    from perdure.home.tasks.episodes import load_episodes
+
+    shown = load_episodes(task, split)[index]
+    try:
+        serve_episode(shown, port, speed, eval_seed, report=partial(print, flush=True))
+    except KeyboardInterrupt:
+        print()
+
+
+def train(
+    skill: tyro.conf.Positional[str],
+    task: str = "set_table",
+    delta: int = 1,
+    limited_to: int | None = None,
+    rolling: Rolling = "friction",
+    seeds: tuple[int, ...] = (0,),
+    steps: int | None = None,
+    test_episodes: int = 200,
+    out: Path = Path("runs"),
+    cores: Cores = None,
+    on: On = "local",
+) -> None:
+    """Train a skill with its recipe and print its success rate on val starts. Interrupt it any time.
+
+    Args:
+        skill: pick, place, open_drawer, close_drawer, open_fridge, close_fridge or navigate.
+        task: The task whose objects and receptacles it is trained on.
+        delta: For place: number of steps the object must stay.
+        limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
+        rolling: Rolling resistance, as for `perdure home run`.
+        seeds: Training seeds, such as 0 1 2, trained side by side.
+        steps: Environment steps; the recipe's by default.
+        test_episodes: Episodes on val starts after training.
+        out: Folder of the runs.
+    """
+    from perdure.home.skills.train import evaluate_skill, train_skill
+    from perdure.policy import load_policy
+    from perdure.runs.progress import show_progress
+
+    if test_episodes < 1:
+        raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
+    given = {"delta": (delta, 1), "limited_to": (limited_to, None), "rolling": (rolling, "friction")}
+    options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
+    with show_progress(f"{task} {skill}", "steps") as observe:
+        paths = train_skill(skill, task, seeds, out, steps, cores=cores, on=on, observe=observe, **options)
+    for path in paths:
+        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
+        print(f"{path}\n  {score.summary()}")
+
+
+def run(
+    task: Task,
+    place: str = "rl",
+    split: Split = "val",
+    episodes: int = 100,
+    train_seeds: int = 1,
+    vary: Vary = "all",
+    eval_seeds: int = 1,
+    policies: Policies = (),
+    world: World = WorldOptions(),  # noqa: B008 - frozen
+    max_lanes: int = 50,
+    cores: Cores = None,
+    on: On = "local",
+    out: Path = Path("home-runs"),
+    command: str = "",
+) -> None:
+    """Run the benchmark's protocol: episodes x training seeds x evaluation seeds. Interrupt it any time.
+
+    The report lies beside the logs. `perdure home analyze` compares several release strategies.
+
+    Args:
+        place: Release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
+            Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), ik+
+            (then lowers the object until contact). delta-N, delta-N-in-M: a policy trained to make objects stay for N
+            steps, within 200 + N or M.
+        episodes: Number of episodes of the split, from its first one.
+        train_seeds: Number of training seeds, from seed 0; each has its own policies.
+        eval_seeds: Number of evaluation seeds; each draws the robot's start poses.
+        world: The variant of the physics.
+        max_lanes: Episodes that share a process at a time. Results do not depend on it.
+        out: Folder of the logs.
+        command: The command line, stored with the logs.
+    """
+    from perdure.home.evaluate.analysis import analyze
+    from perdure.home.evaluate.execute import ExecutorOptions
+    from perdure.home.evaluate.page import read_all, summary_text, write_page
+    from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+    from perdure.runs.progress import show_progress
+
+    check_folder(out)
+    if max_lanes < 1:
+        raise PerdureError(f"--max-lanes must be 1 or more, not {max_lanes}")
+    options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)))
+    chosen = parse_policies(policies)
+    protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, vary, chosen, options)
+    for train_seed in range(train_seeds):  # missing files are reported before a progress bar appears
+        protocol.assignment(train_seed)
+    with show_progress(f"{task} {place}", "episodes") as observe:
+        paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
+    records, notes = read_all(paths)
+    analysis = analyze(records)
+    page = write_page(analysis, out / protocol.folder, command, notes)
+    print(summary_text(analysis, notes))
+    print(f"\nLogs: {out}\nReport: {page.resolve()}")
+
+
+def analyze_logs(
+    logs: Logs, out: Path | None = None, formats: tuple[Format, ...] = ("png",), command: str = ""
+) -> None:
+    """Print success per stage, failure causes and placements by kind of object, from logs.
+
+    Args:
+        out: Folder for report.html, which compares the release strategies, and its figures.
+        formats: File formats of the figures beside the page.
+        command: The command line, shown on the page.
+    """
+    from perdure.home.evaluate.analysis import analyze
+    from perdure.home.evaluate.page import read_all, summary_text, write_page
+
+    paths = log_files(logs)
+    if out is not None:
+        check_folder(out)
+    records, notes = read_all(paths)
+    analysis = analyze(records)
+    page = None if out is None else write_page(analysis, out, command, notes, formats)
+    print(summary_text(analysis, notes))
+    if page is not None:
+        print(f"\nReport: {page.resolve()}")
+
+
+def failures(
+    logs: Logs,
+    count: int = 10,
+    seed: int = 0,
+    counting: Literal["latched", "stabilizing"] = "stabilizing",
+    policies: Policies = (),
+    out: Path = Path("failures"),
+) -> None:
+    """Replay failed episodes, drawn at random, and show the cause of each failure in eight pictures.
+
+    The policies that the logs name act again. Where the replay gets another label (other code, other policies) the line
+    says "replayed: ..."; the command then ends with code 1.
+
+    Args:
+        count: Number of episodes; all when fewer have failed.
+        seed: Seed of the draw.
+        counting: Definition of failure: latched (the benchmark's), stabilizing (placements must also last).
+        out: Folder for the pictures.
+    """
+    from perdure.film import check_film, open_context, save_picture
+    from perdure.home.failures import failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
+
+    chosen = parse_policies(policies)
+    check_folder(out)
+    drawn = sample_failures(read_failures(log_files(logs), counting), count, seed)
+    if not drawn:
+        print(f"no episode of these logs failed ({counting})")
+        return
+    # Errors are found before anything runs: missing policies, changed episodes, a machine that cannot render.
+    assigned = {failure.assignment: failure for failure in drawn}
+    agents = {assignment: logged_agent(failure, chosen) for assignment, failure in assigned.items()}
+    _ = [failure.episode for failure in drawn]
+    check_film(out / drawn[0].file_name, (".png",))
+    open_context(16, 16).free()
+    others = 0
+    for failure in drawn:
+        replay = replay_failure(failure, agents[failure.assignment])
+        path = save_picture(failure_sheet(failure, replay), out / failure.file_name)
+        differs = replay.label != failure.label
+        others += differs
+        again = f", replayed: {failure.words(replay.label)}" if differs else ""
+        print(f"{failure.line}, {path}{again}", flush=True)
+    if others:
+        reason = "the code or the policies are not those of the logs"
+        sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: {reason}")
+
+
+def overlaps(logs: Logs, deeper_than: float = 0.005) -> None:
+    """List pairs of objects at rest that overlap after the last step of logged episodes; exit code 1 if there are any.
+
+    This checks the simulation: solid objects cannot lie inside each other. Depths are computed from the poses in the
+    logs.
+
+    Args:
+        deeper_than: Depth in [m] up to which an overlap is not listed: contacts are slightly soft.
+    """
+    from perdure.home.evaluate.files import read_log_file
+    from perdure.home.evaluate.outcomes import find_overlaps
+    from perdure.home.evaluate.protocol import noted_protocol
+
+    episodes = unknown = found = 0
+    for path in log_files(logs):
+        records, notes = read_log_file(path)
+        apple = noted_protocol(notes, path).options.scene.apple if "protocol" in notes else WorldOptions.apple
+        episodes += len(records)
+        unknown += sum(not record.final_objects for record in records)
+        for overlap in find_overlaps(records, deeper_than, apple):
+            found += 1
+            print(overlap.line, flush=True)
+    checked = f"{episodes - unknown:,} episodes checked" + (f", {unknown:,} have no final poses" if unknown else "")
+    print(f"{checked}: {found} pairs at rest overlap by more than {1000 * deeper_than:g} mm")
+    if found:
+        raise SystemExit(1)
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "list": list_names,
+    "episode": episode,
+    "plan": plan,
+    "video": video,
+    "view": view,
+    "train": train,
+    "run": run,
+    "analyze": analyze_logs,
+    "failures": failures,
+    "overlaps": overlaps,
+}
+
+
+def log_files(given: tuple[Path, ...]) -> list[Path]:
+    """Return the log files among files and folders; PerdureError when there are none."""
+    paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
+    if not paths:
+        raise PerdureError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
+    return paths
+
+
+def parse_policies(written: tuple[str, ...]) -> dict[str, str]:
+    """Return SKILL=FILE and SKILL=oracle as a mapping; "oracle" alone means the oracle in every skill.
+
+    Raises:
+        PerdureError: For anything else, or a skill that is named twice.
+    """
+    from perdure.home.skills import SKILLS
+
+    if written == ("oracle",):
+        return dict.fromkeys(SKILLS, "oracle")
+    names = [each.partition("=")[0] for each in written]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise PerdureError(f"policies must name each skill once; {twice} is named twice: {' '.join(written)}")
+    chosen = dict(each.partition("=")[::2] for each in written)
+    if not all(chosen.values()):
+        raise PerdureError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
+    return chosen

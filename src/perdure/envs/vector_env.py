@@ -1,0 +1,216 @@
+"""Any Gymnasium `VectorEnv` as a `World`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from perdure.envs.gymnasium import call, divergence_count, read_observation, read_tuple, shaped_actions, spec_of
+from perdure.envs.world import (
+    MAX_SEED,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LaneTracker,
+    Step,
+    TrackedWorld,
+    checked_actions,
+    checked_seeds,
+)
+from perdure.errors import PerdureError
+
+
+class VectorEnvWorld(TrackedWorld):
+    """Lanes of one `VectorEnv` (see `World`).
+
+    A `VectorEnv` moves all its environments at every step. So every running lane must be stepped together; lanes that
+    have ended get the action nearest to zero and what they do is ignored. Every episode is started with a seed made
+    from the lane's seed and the number of its episode, so ended episodes have no effect on later ones.
+
+    All three autoreset modes work: `AutoresetMode.DISABLED` is the plain one; with `NEXT_STEP` the self-made resets
+    happen in ended lanes only; with `SAME_STEP` the last observation is taken from `info["final_obs"]`. Resetting some
+    of the lanes needs a `VectorEnv` that follows Gymnasium's `options["reset_mask"]`; resetting all at once does not.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        seeds: Sequence[int],
+        name: str = "custom",
+        suite: str = "Gymnasium",
+        default_horizon: int | None = None,
+    ) -> None:
+        """Build a world from a `VectorEnv`.
+
+        Args:
+            env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
+                `truncated`.
+            seeds: One per environment, see `checked_seeds`.
+            name: Goes into the spec.
+            suite: Goes into the spec.
+            default_horizon: Goes into the spec; None means the environment's own limit.
+
+        Raises:
+            PerdureError: If seeds and environments do not match, the spaces do not fit the contract or the vector does
+                not say how it resets itself.
+        """
+        from gymnasium.vector import AutoresetMode
+
+        self._seeds = checked_seeds(seeds)
+        if env.num_envs != len(self._seeds):
+            raise PerdureError(f"{name}: {env.num_envs} environments need as many seeds, got {len(self._seeds)}.")
+        self._mode = env.metadata.get("autoreset_mode")
+        if not isinstance(self._mode, AutoresetMode):
+            modes = ", ".join(mode.name for mode in AutoresetMode)
+            raise PerdureError(f"{name}: metadata['autoreset_mode'] must be one of {modes}, got {self._mode!r}.")
+        self._env = env
+        self._space, self._action_space = env.single_observation_space, env.single_action_space
+        limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
+        engine = getattr(env, "envs", [env])[0]
+        self._spec = spec_of(name, suite, engine, (self._space, self._action_space), limit)
+        self._tracker = LaneTracker(len(self._seeds))
+        self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
+        self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
+        self._shown: FloatArray | None = None  # what the vector showed last, all lanes
+
+    def reset(self, lanes: IntArray | None = None) -> FloatArray:
+        """See `World.reset`."""
+        chosen = self._tracker.lanes_to_reset(lanes)
+        mask = np.zeros(self.num_lanes, dtype=np.bool_)
+        mask[chosen] = True
+        shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
+        self._episodes[chosen] += 1
+        self._tracker.begin(chosen)
+        return shown[chosen]
+
+    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
+        """See `World.step`; all running lanes must be stepped together."""
+        from gymnasium.vector import AutoresetMode
+
+        chosen = self._tracker.lanes_to_step(lanes)
+        self._refuse_leaving_lanes_behind(chosen)
+        clipped = checked_actions(actions, chosen, self._spec)
+        if self._mode is AutoresetMode.DISABLED and self._over.any():
+            self._reset_inside(self._over.copy(), [None] * self.num_lanes)
+        idle = np.clip(np.zeros(self._spec.action_size), self._spec.action_low, self._spec.action_high)
+        everyone = np.tile(idle, (self.num_lanes, 1))
+        everyone[chosen] = clipped
+        name = self._spec.name
+        returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
+        batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
+        rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
+        terminated, truncated = self._column("terminated", terminated, "b"), self._column("truncated", truncated, "b")
+        self._shown = self._rows("step", batch)
+        self._over = terminated | truncated
+        last = self._shown
+        if self._mode is AutoresetMode.SAME_STEP:
+            last = self._with_final_observations(last, info)
+        elapsed = self._tracker.advance(chosen, self._over[chosen])
+        return Step(
+            last[chosen],
+            rewards[chosen],
+            terminated[chosen],
+            truncated[chosen],
+            elapsed,
+            self._diverged(info)[chosen],
+        )
+
+    def close(self) -> None:
+        """See `World.close`."""
+        if not self._tracker.closed:
+            self._tracker.closed = True
+            self._env.close()
+
+    def _episode_seed(self, lane: int) -> int:
+        seed, episode = self._seeds[lane], int(self._episodes[lane])
+        if episode == 0:
+            return seed
+        return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0]) & MAX_SEED
+
+    def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
+        """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
+        if mask.all() or self._shown is None:
+            returned = call(self._spec.name, "reset", self._env.reset, seed=list(seeds))
+            observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+            self._shown, self._over = self._rows("reset", observations), np.zeros_like(mask)
+            return self._shown
+        only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
+        options = {"reset_mask": mask.copy()}
+        returned = call(self._spec.name, "reset", self._env.reset, seed=only_masked, options=options)
+        observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+        shown = self._rows("reset", observations)
+        kept = ~mask & self._tracker.running
+        if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
+            raise PerdureError(
+                f"{self._spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
+                "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
+                "GymnasiumWorld."
+            )
+        self._shown, self._over = shown, self._over & ~mask
+        return shown
+
+    def _refuse_leaving_lanes_behind(self, chosen: IntArray) -> None:
+        behind = self._tracker.running
+        behind[chosen] = False
+        if behind.any():
+            raise PerdureError(
+                f"{self._spec.name}: a VectorEnv moves all lanes at once, but lanes {np.flatnonzero(behind)} are "
+                "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
+            )
+
+    def _column(self, what: str, values: Any, kinds: str) -> Any:
+        """Return one value for each lane, of one of NumPy's kinds."""
+        array = np.asarray(values)
+        if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
+            raise PerdureError(
+                f"{self._spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
+                f"({self.num_lanes},), step returned {array.dtype} of shape {array.shape}"
+            )
+        return array
+
+    def _rows(self, method: str, batch: Any) -> FloatArray:
+        """Return a batch of observations as vectors, shape (num_lanes, observation_size), copied."""
+        from gymnasium.spaces import Box
+        from gymnasium.vector.utils import iterate
+
+        if not isinstance(self._space, Box):
+            lanes = iterate(self._env.observation_space, batch)
+            return np.stack([read_observation(self._spec.name, method, self._space, lane) for lane in lanes])
+        array = np.asarray(batch)
+        shape = (self.num_lanes, *self._space.shape)
+        if array.shape != shape or array.dtype.kind not in "fiub":
+            raise PerdureError(
+                f"{self._spec.name}: {method} must return observations of shape {shape} made of real numbers, it "
+                f"returned {array.dtype} of shape {array.shape}"
+            )
+        return array.astype(np.float64).reshape(self.num_lanes, -1)
+
+    def _diverged(self, info: dict[str, Any]) -> BoolArray:
+        """Return which lanes diverged: by their info or, if the environments are in this process, by their engine."""
+        found = np.asarray(info.get("diverged", np.zeros(self.num_lanes)), dtype=np.bool_)
+        final = info.get("final_info", {})
+        if isinstance(final, dict) and "diverged" in final:  # what a lane said before it was reset in the same step
+            found = np.where(self._over, np.asarray(final["diverged"], dtype=np.bool_), found)
+        here = [divergence_count(env) > 0 for env in getattr(self._env.unwrapped, "envs", ())]
+        return found | np.array(here) if here else found
+
+    def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
+        """Return observations, with the final one of lanes that the vector has already reset."""
+        last = shown.copy()
+        for lane in np.flatnonzero(self._over):
+            final = _lane_of(self._space, info["final_obs"], int(lane))
+            last[lane] = read_observation(self._spec.name, "step (final_obs)", self._space, final)
+        return last
+
+
+def _lane_of(space: Any, tree: Any, lane: int) -> Any:
+    """Return one lane of a batched info entry, which may be nested and contain Gymnasium's masks."""
+    from gymnasium.spaces import Dict, Tuple
+
+    if isinstance(space, Dict) and isinstance(tree, dict):
+        return {key: _lane_of(part, tree[key], lane) for key, part in space.items()}
+    if isinstance(space, Tuple) and isinstance(tree, tuple):
+        return tuple(_lane_of(part, branch, lane) for part, branch in zip(space, tree, strict=True))
+    return tree[lane]

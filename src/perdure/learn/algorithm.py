@@ -1,0 +1,41 @@
+"""What a training run asks of a learning algorithm. `PPO` is one; `run.py` and `checkpoint.py` know no other detail."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from perdure.envs.traced import WorldSlot
+    from perdure.policy import Policy
+
+
+class Metrics(NamedTuple):
+    """What one iteration reports for the learning curves."""
+
+    episodes: NDArray[np.float64]
+    """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
+    numbers: dict[str, float]
+    """The algorithm's own numbers, such as its losses."""
+
+
+class Algorithm(Protocol):
+    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Names of `Metrics.numbers`, in their order."""
+
+    def init(self, seed: int) -> Any:
+        """Return the state before training."""
+
+    def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
+        """Begin a segment: return the state and the running environments, which were reset to `observations`."""
+
+    def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
+        """Learn for one iteration; return both after it. The memory of `state` may be reused."""
+
+    def policy(self, state: Any) -> Policy:
+        """Return the policy learned so far, without provenance and reference."""
