@@ -11,7 +11,7 @@ endif
 
 # And at home: episodes of SetTable, release strategies, and what stops a rolling apple (drag, as in Habitat, where the
 # release strategies differ most; friction is the usual setting).
-DEMO_EPISODES ?= 6
+DEMO_EPISODES ?= 4
 DEMO_PLACES   ?= rl ik
 DEMO_ROLLING  ?= drag
 

@@ -106,12 +106,15 @@ def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(s
     assert len(policies) == 3, "seeds must differ, or their equality proves nothing"
 
 
-def test_a_seed_in_a_process_whose_run_is_killed_goes_on_from_where_it_was(solo, tmp_path):
+def test_a_seed_in_a_process_whose_run_is_killed_goes_on_from_where_it_was(tmp_path):
+    """Of many segments, so that it is not finished before the kill."""
+    longer = TrainRun(TASK, "geometric", replace(TINY, total_steps=10 * SEGMENT), (1,))
     with pytest.raises(Killed):
-        train(run(1), tmp_path, on="local", observe=die_at(SEGMENT, 1))
-    assert not (tmp_path / run(1).key(1)).exists()
-    train(run(1), tmp_path, on="local")
-    assert files(tmp_path, 1) == files(solo, 1)
+        train(longer, tmp_path / "killed", on="local", observe=die_at(SEGMENT, 1))
+    assert not (tmp_path / "killed" / longer.key(1)).exists()
+    train(longer, tmp_path / "killed", on="local")
+    train(longer, tmp_path / "whole")
+    assert files(tmp_path / "killed", 1) == files(tmp_path / "whole", 1)
 
 
 def test_a_process_that_fails_says_why_and_leaves_no_run(tmp_path):

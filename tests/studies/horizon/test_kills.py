@@ -1,6 +1,7 @@
 """A study that is killed, or carried out by two commands at once, gives the same files byte for byte."""
 
 import io
+import os
 import random
 import re
 import shutil
@@ -19,6 +20,7 @@ from studies.__main__ import main
 from studies.horizon.grid import GRIDS
 
 PROGRAM = Path(__file__).with_name("tiny_study.py")
+IN_A_CLONE = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
 
 
 def command(out, *options):
@@ -52,7 +54,9 @@ def kill_and_go_on(out, kills, seed, *options):
     rng, hits = random.Random(seed), 0
     write_training(out)
     while hits < kills:
-        process = subprocess.Popen(command(out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            command(out, *options), env=IN_A_CLONE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
         before, end = units(out), time.monotonic() + 120
         while process.poll() is None and units(out) <= before and time.monotonic() < end:
             time.sleep(0.02)
@@ -87,7 +91,10 @@ def test_two_commands_at_once_give_the_same_files(whole, tmp_path):
     out = tmp_path / "study"
     write_training(out)
     options = command(out, "--on", "here")
-    both = [subprocess.Popen(options, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    both = [
+        subprocess.Popen(options, env=IN_A_CLONE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
     errors = [each.communicate(timeout=600)[1] for each in both]
     assert [each.returncode for each in both] == [0, 0], errors
     assert files(out) == files(whole)
@@ -140,7 +147,7 @@ def test_a_cluster_that_loses_a_node_gives_the_same_files(whole, tmp_path, clust
     out = tmp_path / "study"
     write_training(out)
     options = command(out, "--on", f"ray:{cluster.address}")
-    process = subprocess.Popen(options, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(options, env=IN_A_CLONE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     before = units(out)
     while process.poll() is None and units(out) <= before:
         time.sleep(0.05)
