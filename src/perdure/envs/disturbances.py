@@ -103,8 +103,9 @@ class Strength(Disturbance):
 PUSH_STEPS = 200
 """Control steps between two pushes."""
 SIMULATED = {
-    **{f"{robot}-v3": f"gymnasium:{robot}-v4" for robot in ("HalfCheetah", "Swimmer", "Hopper", "Walker2d")},
-    **{f"{robot}-v4": f"gymnasium:{robot}-v4" for robot in ("HalfCheetah", "Swimmer", "Hopper", "Walker2d")},
+    f"{robot}-{version}": f"gymnasium:{robot}-v4"
+    for robot in ("HalfCheetah", "Swimmer", "Hopper", "Walker2d")
+    for version in ("v3", "v4")
 }
 """EnvPool's tasks to Gymnasium's with the same model and observation. Ant and Humanoid are missing: EnvPool leaves
 their contact forces at 0, Gymnasium fills them."""
