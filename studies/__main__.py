@@ -74,7 +74,9 @@ def run(flags: StudyFlags) -> None:
         check_on(flags.on)
         units = study.plan(flags.scale, flags.phases or study.PHASES, store)
         if flags.status:
-            print(f"study {flags.name}, scale {flags.scale}, in {out}\n{status_text(units, store)}")
+            kept = store.is_dir() or not out.is_dir()
+            text = status_text(units, store) if kept else "  finished: its tables are kept, its units are not"
+            print(f"study {flags.name}, scale {flags.scale}, in {out}\n{text}")
             return
         print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
         waiting = lambda: print("studies: another command is running the rest; waiting for it", file=sys.stderr)  # noqa: E731

@@ -6,13 +6,12 @@ import io
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
-from perdure.schema import Kind, Parquet, read_json
+from perdure.schema import Parquet
 
 DIGITS = 6
 
@@ -50,20 +49,6 @@ def write_csv(path: Path, frame: pl.DataFrame) -> Path:
     numbers = [name for name, kind in frame.schema.items() if kind in (pl.Float64, pl.Float32)]
     rounded = frame.with_columns(pl.col(name).fill_nan(None).round_sig_figs(DIGITS) for name in numbers)
     return write_atomic(path, rounded.write_csv())
-
-
-def read_json_file(path: Path, kind: Kind) -> Any:
-    """Return the value in a JSON file.
-
-    Raises:
-        PerdureError: The file is damaged, or holds something else than `kind`.
-    """
-    try:
-        value = read_json(path.read_bytes())
-        kind.check(value, "")
-    except PerdureError as error:
-        raise PerdureError(f"{path}: {error}") from None
-    return value
 
 
 def read_parquet_file(path: Path) -> pl.DataFrame:

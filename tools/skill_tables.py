@@ -12,13 +12,13 @@ import numpy as np
 
 from perdure.home.sim.robot import ARM_JOINTS
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
-from perdure.home.skills.environment import env_id
+from perdure.home.skills.registry import env_id
 from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
 
 PAGE = Path(__file__).parents[1] / "docs" / "home" / "skills.md"
 INTRODUCTION = """\
 What each skill's environment observes, what its actions do, what it rewards and when it ends. Written by
-`tools/skill_tables.py` from the skills' own declarations, which follow M3 except where OURS is written.
+`tools/skill_tables.py` from the skills' own declarations, which follow M3 except where "our choice" is written.
 
 - **Base frame**: x forward, y left, z up from the floor. **Rest**: where the gripper carries objects.
 - **Region**: the floor cells from which the next skill can begin; navigation drives there.

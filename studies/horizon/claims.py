@@ -145,7 +145,7 @@ class TaskDecision:
     @property
     def after_holm(self) -> Decision:
         """The decision after Holm's correction for all comparisons."""
-        return _survivor(self.decision, self.adjusted_p)
+        return _after_holm(self.decision, self.adjusted_p)
 
 
 @dataclass(frozen=True)
@@ -186,13 +186,13 @@ def p_values(each: ClaimDecision) -> list[float]:
 
 def _adjust(each: ClaimDecision, adjusted: Sequence[float]) -> ClaimDecision:
     if each.claim.over == "mean":
-        after = _survivor(each.decision, adjusted[0])
+        after = _after_holm(each.decision, adjusted[0])
         return replace(each, after_holm=after, adjusted_pooled_p=adjusted[0])
     tasks = tuple(replace(task, adjusted_p=p) for task, p in zip(each.tasks, adjusted, strict=True))
     return replace(each, tasks=tasks, after_holm=combine([task.after_holm for task in tasks]))
 
 
-def _survivor(decision: Decision, adjusted_p: float) -> Decision:
+def _after_holm(decision: Decision, adjusted_p: float) -> Decision:
     decided = decision in ("supported", "contradicted")
     return "undecided" if decided and not adjusted_p <= LEVEL else decision
 

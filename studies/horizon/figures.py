@@ -75,16 +75,16 @@ CONTROLS = (
     AVERAGE,
     PPO,
 )
-BY_RULE = tuple(Condition("geometric", rule) for rule in ("best", "chosen", "value", "bandit"))
-VERDICTS_OF = (
+CLOCK_RULES = tuple(Condition("geometric", rule) for rule in ("best", "chosen", "value", "bandit"))
+VERDICT_CONDITIONS = (
     *(PPO, UNDISCOUNTED, AVERAGE, Condition("random-horizon"), LINEAR, Condition("linear-random", "constant:500")),
     *(Condition("geometric", "constant:500"), CHOSEN, COUNTDOWN, Condition("geometric-fixed", "chosen")),
 )
 COLORS = {"holds": 2, "decays": 4, "fails silently": 3, "falls": 1, "diverges": 6, "never worked": 7, "cannot tell": 5}
 """Verdict to its place among the colors of `charts.style`."""
-MECHANISM_OF = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
+MECHANISM_METHODS = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
 SWEEPS = {"constant": "always C steps to go", "periodic": "countdown from C, repeated"}
-FEWEST = 5
+FEWEST_RUNS = 5
 """Runs of a task that get an interval of the score: that of three would be wider than the figure."""
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
 
@@ -364,16 +364,16 @@ def _score_figure(results: Results) -> Iterator[Figure]:
             shown[0] = means[each].estimate, means[each].lower, means[each].upper
         for row, name in enumerate(names, 1 if means else 0):
             if runs := values.get((name, each)):
-                few = len(runs) < FEWEST
+                few = len(runs) < FEWEST_RUNS
                 shown[row] = (fmean(runs.values()), np.nan, np.nan) if few else _bounds(_run_interval(runs))
                 rings[row] = list(runs.values())
         if shown:
             points.append(_points(condition_words(each), style(each), shown, rings))
-    intervals = [_run_interval(found) for found in values.values() if len(found) >= FEWEST]
+    intervals = [_run_interval(found) for found in values.values() if len(found) >= FEWEST_RUNS]
     note = (
         "Return minus that of an idle robot, as a share of that of a published policy that never fails. An early fall "
         "scores near 0 too. Hollow: training runs. "
-        f"{_interval_note(intervals, 'Bars')} None for fewer than {FEWEST} runs of a task. "
+        f"{_interval_note(intervals, 'Bars')} None for fewer than {FEWEST_RUNS} runs of a task. "
         f"{_start_states(results, list(values))}"
     )
     rows = [f"mean of {len(names)} tasks"] * bool(means) + [setting_words(name) for name in names]
@@ -388,7 +388,9 @@ def _return_figures(results: Results) -> Iterator[Figure]:
     about, label = "C is cross-validated.", lambda each: method_words(each.method)
     yield from _return_figure(results, "controls", f"{title}: the method and its controls", CONTROLS, label, about)
     about, label = "Geometric time-to-go.", lambda each: rule_words(each.clock)
-    yield from _return_figure(results, "rules", f"{title} by how C was chosen", BY_RULE, label, about, by_place=True)
+    yield from _return_figure(
+        results, "rules", f"{title} by how C was chosen", CLOCK_RULES, label, about, by_place=True
+    )
 
 
 def _return_figure(
@@ -459,7 +461,7 @@ def _critic_figure(results: Results, measure: str) -> Iterator[Figure]:
     found = {
         (setting, method): _run_interval(values)
         for setting in results.grid.settings
-        for method in MECHANISM_OF
+        for method in MECHANISM_METHODS
         if (values := results.values(setting, Condition(method), measure))
     }
     names = [setting for setting in results.grid.settings if any(setting == each for each, _ in found)]
@@ -490,7 +492,7 @@ def _mechanism_figure(
 ) -> Iterator[Figure]:
     curves, intervals = list[Curve](), list[Interval]()
     mine = results.mechanism.filter((pl.col("setting") == setting) & (pl.col("measure") == measure))
-    for method in MECHANISM_OF:
+    for method in MECHANISM_METHODS:
         part = mine.filter(pl.col("method") == method)
         if part.is_empty():
             continue
@@ -512,7 +514,7 @@ def _verdict_figure(results: Results, setting: str) -> Iterator[Figure]:
     """Draw what became of the episodes of each method, as stacked bars."""
     rows: list[dict[str, Any]] = []
     counts = set[int]()
-    for condition in VERDICTS_OF:
+    for condition in VERDICT_CONDITIONS:
         episodes = results.deployed(setting, condition)
         if episodes.is_empty():
             continue

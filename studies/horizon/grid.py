@@ -24,21 +24,21 @@ PHASES = {
 DEFAULT_PHASES = (1, 2, 3)
 GAMMAS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 
-FOUR = ("ppo", "ppo-undiscounted", "linear", "geometric")
+THESIS_METHODS = ("ppo", "ppo-undiscounted", "linear", "geometric")
 CONTROLS = ("random-horizon", "geometric-fixed", "linear-random", "ppo-average-reward")
 VARIANTS = ("geometric-5", "geometric-10", "geometric-film")
 SWEPT = ("geometric", "geometric-fixed", *VARIANTS)
 """Methods whose input depends on C."""
-LINEAR = ("linear", "linear-random", "linear-10-workers")
+LINEAR_METHODS = ("linear", "linear-random", "linear-10-workers")
 """Methods to which every constant C > 0 is the same input, phi = 1."""
 
 MAIN_SETTINGS = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3@cleanrl", "Swimmer-v3", "Walker2d-v3@cleanrl")
 """One setting of each task: RL Zoo's, but CleanRL's for Hopper, which stands still under RL Zoo's, and Walker2d."""
 
 CONSTANTS = tuple(f"constant:{c}" for c in range(0, 1001, 100))
-SLOW = ("Humanoid", "Hand")
+SLOW_ROBOTS = ("Humanoid", "Hand")
 """Robots that take long to simulate: fewer clocks."""
-COARSE = ("constant:100", "constant:300", "constant:500", "constant:1000")
+FEW_CONSTANTS = ("constant:100", "constant:300", "constant:500", "constant:1000")
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,12 @@ class Grid:
 
     def clocks(self, row: Row) -> tuple[str, ...]:
         """Return the clocks under which a row is evaluated; () for a method without time-to-go input."""
-        if row.method in LINEAR:
+        if row.method in LINEAR_METHODS:
             return ("countdown", "constant:500")
         if row.method not in SWEPT:
             return ()
-        if row.task.startswith(SLOW):
-            return (*COARSE, "countdown")
+        if row.task.startswith(SLOW_ROBOTS):
+            return (*FEW_CONSTANTS, "countdown")
         if row.method != "geometric" and self.swept == ("sweep",):
             return (*CONSTANTS, "countdown")
         return self.swept
@@ -128,12 +128,12 @@ def _gammas(task: str, preset: str) -> tuple[Row, ...]:
 
 
 THESIS_ROWS = (
-    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, FOUR, 10, 1),
-    *_rows(("HalfCheetah-v3",), ZOO, (*FOUR, "ppo-short"), 5, 1),
-    *_rows(("Swimmer-v3",), ZOO, FOUR, 5, 1),
-    *_rows(("Hopper-v3",), ZOO, FOUR, 5, 1, without=("ppo-undiscounted", "linear")),
-    *_rows(("Walker2d-v3",), ZOO, FOUR, 5, 1),
-    *_rows(("Ant-v3",), ZOO, FOUR, 5, 2),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, THESIS_METHODS, 10, 1),
+    *_rows(("HalfCheetah-v3",), ZOO, (*THESIS_METHODS, "ppo-short"), 5, 1),
+    *_rows(("Swimmer-v3",), ZOO, THESIS_METHODS, 5, 1),
+    *_rows(("Hopper-v3",), ZOO, THESIS_METHODS, 5, 1, without=("ppo-undiscounted", "linear")),
+    *_rows(("Walker2d-v3",), ZOO, THESIS_METHODS, 5, 1),
+    *_rows(("Ant-v3",), ZOO, THESIS_METHODS, 5, 2),
     *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, CONTROLS, 3, 3),
     *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, CONTROLS, 3, 3),
     *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, ("linear-10-workers",), 3, 4),
@@ -148,11 +148,13 @@ THESIS_ROWS = (
     *_rows(("WalkerWalk-v1", "HandReachDense-v3"), CLEANRL, ("ppo", "geometric"), 3, 6),
 )
 LAPTOP_ROWS = (
-    *_rows(("Hopper-v3",), CLEANRL, (*FOUR, "random-horizon", "geometric-fixed"), 5, 1),
+    *_rows(("Hopper-v3",), CLEANRL, (*THESIS_METHODS, "random-horizon", "geometric-fixed"), 5, 1),
     *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 5, 1),
     *_rows(("Walker2d-v3",), CLEANRL, ("ppo", "ppo-undiscounted", "geometric"), 3, 1),
 )
-SMOKE_ROWS = (*_rows(("InvertedPendulum-v4",), ZOO, (*FOUR, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),)
+SMOKE_ROWS = (
+    *_rows(("InvertedPendulum-v4",), ZOO, (*THESIS_METHODS, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),
+)
 
 GRIDS = {
     grid.name: grid

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,7 @@ VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never wor
 
 
 @dataclass(frozen=True)
-class Frozen:
+class FrozenTable:
     """A frozen table, declared once."""
 
     file: str
@@ -73,13 +73,11 @@ class Frozen:
         """Write the table with new rows in the place of old ones of their keys; the same rows give the same bytes."""
         new = rows.select(pl.col(name).cast(kind) for name, kind in self.columns.items())
         kept = self.read(out).join(new.select(self.key).unique(), on=self.key, how="anti", maintain_order="left")
-        order = [
-            name for name, kind in self.columns.items() if not pl.DataFrame(schema={"x": kind})["x"].dtype.is_nested()
-        ]
+        order = [name for name, kind in self.columns.items() if not isinstance(kind, pl.List)]
         return write_atomic(out / self.file, parquet_bytes(pl.concat([kept, new]).sort(order)))
 
 
-EPISODES = Frozen(
+EPISODES = FrozenTable(
     "episodes.parquet",
     (*RUN, "split"),
     {
@@ -111,7 +109,7 @@ EPISODES = Frozen(
         "curve": pl.List(pl.Float32),
     },
 )
-LEARNING = Frozen(
+LEARNING = FrozenTable(
     "learning.parquet",
     RUN,
     {
@@ -124,7 +122,7 @@ LEARNING = Frozen(
         "length": pl.Float64,
     },
 )
-MECHANISMS = Frozen(
+MECHANISMS = FrozenTable(
     "mechanism.parquet",
     RUN,
     {
@@ -136,7 +134,7 @@ MECHANISMS = Frozen(
         "result": pl.Float64,
     },
 )
-CLOCKS = Frozen(
+CLOCKS = FrozenTable(
     "clocks.parquet",
     (*RUN, "rule"),
     {
@@ -252,12 +250,9 @@ class Results:
     mechanism: pl.DataFrame
     rules: pl.DataFrame
 
-    def runs(self, split: str = TEST) -> pl.DataFrame:
-        """Return the means of each clock and training run on one split, number of episodes and shares of verdicts."""
-        return self._runs[split]
-
     @cached_property
-    def _runs(self) -> dict[str, pl.DataFrame]:
+    def runs(self) -> dict[str, pl.DataFrame]:
+        """The means of each clock and training run by split, number of episodes and shares of verdicts."""
         keys = ("setting", "method", "clock", "clock_kind", "clock_steps", "train_seed")
         shares = [(pl.col("verdict") == name).mean().alias(name) for name in VERDICTS if name != "holds"]
         means = [pl.col(name).mean() for name in MEASURED]
@@ -272,7 +267,7 @@ class Results:
     def _by_row(self) -> dict[tuple[str, str, str], pl.DataFrame]:
         return {
             (split, setting, method): part
-            for split, runs in self._runs.items()
+            for split, runs in self.runs.items()
             for (setting, method), part in runs.partition_by("setting", "method", as_dict=True).items()
         }
 
@@ -296,6 +291,7 @@ class Results:
         missing = [pl.lit(None, pl.Float64).alias(name) for name in MECHANISM if name not in wide.columns]
         return wide.with_columns(missing).select(*RUN, *MECHANISM)
 
+    @cache  # noqa: B019 - a process reads one set of results
     def values(self, setting: str, condition: Condition, measure: str = "return") -> dict[int, float]:
         """Return a measure of each training run under a condition, by training seed; {} where it is not there."""
         row = self.grid.row(setting, condition.method)
@@ -303,24 +299,25 @@ class Results:
             return {}
         if measure in MEASURED:
             test = self.of(row)
-            return {} if test.is_empty() else under(test, self.clocks(row, condition.clock), measure)
+            return {} if test.is_empty() else values_under(test, self.clocks(row, condition.clock), measure)
         table = self.training if measure == "training return" else self.run_measures
         found = table.filter((pl.col("setting") == setting) & (pl.col("method") == condition.method))
         return {seed: value for seed, value in found.select("train_seed", measure).iter_rows() if value is not None}
 
     def start_states(self, setting: str, method: str) -> int:
         """Return the number of test start states of each training run; 0 where none is evaluated."""
-        runs = self._by_row.get((TEST, setting, method), pl.DataFrame())
-        return 0 if runs.is_empty() else int(runs["episodes"].min())  # type: ignore[arg-type]
+        runs = self._by_row.get((TEST, setting, method))
+        return 0 if runs is None else int(runs["episodes"].min())  # type: ignore[arg-type]
 
     def swept(self, setting: str, method: str, kind: str) -> dict[float, str]:
         """Return C to clock, by rising C, of the test episodes under clocks of one kind."""
-        runs = self._by_row.get((TEST, setting, method), pl.DataFrame())
-        if runs.is_empty():
+        runs = self._by_row.get((TEST, setting, method))
+        if runs is None:
             return {}
         clocks = runs.filter(pl.col("clock_kind") == kind).select("clock_steps", "clock").unique().sort("clock_steps")
         return dict(clocks.iter_rows())
 
+    @cache  # noqa: B019 - as above
     def clocks(self, row: Row, rule: str) -> dict[int, str]:
         """Return the clock that a rule gives each training run of a row; {} if the results do not decide it."""
         test, validation = self.of(row), self.of(row, VALIDATION)
@@ -413,7 +410,7 @@ def optimistic(test: pl.DataFrame, kind: str = "constant", measure: str = "retur
     return _best(_kind(test, kind, TEST), measure)
 
 
-def under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
+def values_under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
     """Return the measure of each training run under its clock, by training seed.
 
     {} where a run is not evaluated under its clock: the others would be runs that selected themselves. A run whose

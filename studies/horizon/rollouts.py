@@ -40,12 +40,12 @@ WITHOUT_END = 1000.0
 """Steps that stand for a training horizon without an end."""
 BIN = 50
 """Steps to go that are counted together; the bin 50 holds 1 to 50."""
-MOST_TAIL = 1000
+LONGEST_TAIL = 1000
 """Steps after the horizon that a discounted return to go counts at most."""
-FORGOTTEN = 0.01
+NEGLIGIBLE_WEIGHT = 0.01
 """A reward this strongly discounted is left out."""
-ASKED = tuple(range(0, 1001, 100))
-OWN = 500
+ASKED_C = tuple(range(0, 1001, 100))
+REFERENCE_C = 500
 """The C that others are compared with."""
 MOST_STATES = 400
 HALVING_SEEDS, HALVING_STEPS = 2, 500
@@ -131,7 +131,7 @@ def measure(work: Work, *, path: str) -> None:
     if timed:
         changes = action_changes(policy, rollout)
         curves.append((changes, "C"))
-        whole["action dependence"] = float(changes.filter(pl.col("C") != OWN)["change"].to_numpy().mean())
+        whole["action dependence"] = float(changes.filter(pl.col("C") != REFERENCE_C)["change"].to_numpy().mean())
     rows = [
         [name, at, float(value)]
         for frame, place in curves
@@ -185,7 +185,7 @@ def has_target(policy: Policy) -> bool:
     With a gamma of 0.999 and a bootstrap, rewards of the next 4,603 steps count: more than are simulated.
     """
     protocol = policy.protocol
-    measurable = protocol.end == "terminated" or (protocol.gamma < 1.0 and tail_steps(policy) <= MOST_TAIL)
+    measurable = protocol.end == "terminated" or (protocol.gamma < 1.0 and tail_steps(policy) <= LONGEST_TAIL)
     return measurable and policy.has_critic and policy.return_scale is not None
 
 
@@ -194,7 +194,7 @@ def tail_steps(policy: Policy) -> int:
     protocol = policy.protocol
     if protocol.end == "terminated" or not 0.0 < protocol.gamma < 1.0:
         return 0
-    return math.ceil(math.log(FORGOTTEN) / math.log(protocol.gamma))
+    return math.ceil(math.log(NEGLIGIBLE_WEIGHT) / math.log(protocol.gamma))
 
 
 def returns_to_go(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]) -> FloatArray:
@@ -234,14 +234,14 @@ def action_changes(policy: Policy, rollout: Rollout) -> pl.DataFrame:
     """
     states = thinned(rollout, MOST_STATES)
     width = np.asarray(policy.task.action_high) - np.asarray(policy.task.action_low)
-    own = _actions(policy, states, OWN)
-    changes = [float((np.abs(_actions(policy, states, c) - own) / width).mean()) for c in ASKED]
-    return pl.DataFrame({"C": list(ASKED), "change": changes})
+    own = _actions(policy, states, REFERENCE_C)
+    changes = [float((np.abs(_actions(policy, states, c) - own) / width).mean()) for c in ASKED_C]
+    return pl.DataFrame({"C": list(ASKED_C), "change": changes})
 
 
 def _actions(policy: Policy, states: FloatArray, steps: int) -> FloatArray:
     # Not phi(0, C): the linear embedding is 1 there for every C.
-    horizons = np.full(len(states), float(ASKED[-1]))
+    horizons = np.full(len(states), float(ASKED_C[-1]))
     return policy.act_at(states, horizons - steps, horizons)
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from perdure.envs import task_spec
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.horizon import Constant
@@ -80,21 +81,17 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
         return Unit(f"{stage}/{row.key}/seed-{seed}", config, function, arguments, (training.key,), size)
 
     clocks = grid.clocks(row)
+    deployed = Extrapolation((Path("any"),), grid.steps, clocks).deployment_clocks(None) if clocks else (None,)
     for split in grid.splits:
         if split.name == TEST or row.method in SWEPT:
             settings = {"clocks": list(clocks), "steps": grid.steps, "first": split.first_seed, "seeds": split.seeds}
-            size = 0.3 * grid.steps * split.seeds * _count(clocks, grid.steps)
+            size = 0.3 * grid.steps * split.seeds * len(deployed)
             yield unit(f"{EVALUATION}/{split.name}", f"{__name__}:evaluate", settings, size)
     yield unit(MECHANISM, "studies.horizon.rollouts:measure", {}, 1500.0 * ROLLOUTS)
     if row.method in SWEPT:
-        known = Extrapolation((Path("any"),), grid.steps, clocks).deployment_clocks(None)
-        candidates = sorted(float(each.steps) for each in known if isinstance(each, Constant) and each.steps > 0)
+        candidates = sorted(float(each.steps) for each in deployed if isinstance(each, Constant) and each.steps > 0)
         settings = {"candidates": candidates, "most_steps": grid.steps}
         yield unit(RULES, "studies.horizon.rollouts:choose_clock", settings, 50_000.0)
-
-
-def _count(clocks: Sequence[str], steps: int) -> int:
-    return len(Extrapolation((Path("any"),), steps, tuple(clocks)).deployment_clocks(None)) if clocks else 1
 
 
 def train_run(grid: Grid, row: Row) -> TrainRun:
@@ -107,12 +104,8 @@ def train_run(grid: Grid, row: Row) -> TrainRun:
 
 def row_config(grid: Grid, row: Row) -> PPOConfig:
     """Return the learner's settings of a row."""
-    from perdure.envs import make_world
-
-    world = make_world(row.task, [0])
-    size = world.spec.observation_size
-    world.close()
-    config = method_config("ppo" if row.gamma is not None else row.method, row.task, size, row.preset)
+    method, size = "ppo" if row.gamma is not None else row.method, task_spec(row.task).observation_size
+    config = method_config(method, row.task, size, row.preset)
     if row.gamma is not None:
         config = replace(config, protocol=replace(config.protocol, gamma=row.gamma))
     return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)

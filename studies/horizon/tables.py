@@ -22,7 +22,7 @@ from perdure.stats import (
 )
 from studies.horizon.claims import SCORE, Condition, claims_frame, decide_claims, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
-from studies.horizon.results import MEASURED, TEST, VALIDATION, Results, optimistic, under
+from studies.horizon.results import MEASURED, TEST, VALIDATION, Results, optimistic, values_under
 
 KINDS = ("constant", "periodic")
 RULES = ("best", "chosen", "chosen periodic", "value", "bandit", "countdown")
@@ -63,7 +63,7 @@ RULE_WORDS = {
 }
 
 
-EFFECTS = (
+COMPARED = (
     (CHOSEN, PPO),
     (CHOSEN, Condition("random-horizon")),
     (CHOSEN, Condition("linear-random", "constant:500")),
@@ -84,8 +84,8 @@ def all_tables(results: Results) -> dict[str, pl.DataFrame]:
     claims = [claim for claim in read_claims() if settings & set(claim.tasks)]
     frames = {
         "training": results.training,
-        "runs": results.runs(),
-        "validation": results.runs(VALIDATION),
+        "runs": results.runs[TEST],
+        "validation": results.runs[VALIDATION],
         "conditions": condition_table(results),
         "score": score_table(results),
         "choice": choice_table(results),
@@ -157,8 +157,8 @@ def _choices(results: Results, row: Row) -> Iterator[dict[str, Any]]:
             continue
         clocks = results.clocks(row, "chosen" if kind == "constant" else "chosen periodic")
         best = optimistic(test, kind)
-        chosen = under(test, clocks)
-        always = under(test, dict.fromkeys(test["train_seed"].unique().sort().to_list(), best))
+        chosen = values_under(test, clocks)
+        always = values_under(test, dict.fromkeys(test["train_seed"].unique().sort().to_list(), best))
         if not (chosen and always):  # the chosen clock is not evaluated on test start states yet
             continue
         difference = compare_paired(always, chosen)
@@ -278,7 +278,7 @@ def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     scores = [{"method": method_words(each.method), "score": _mean_cell(results, each, 0.0, ".2f")} for each in SCORED]
     effects = [
         {"left": method_words(a.method), "right": method_words(b.method), "left minus right": _mean_cell(results, a, b)}
-        for a, b in EFFECTS
+        for a, b in COMPARED
     ]
     failures, clocks, ends = [], [], []
     for setting in main_settings(results):

@@ -36,7 +36,7 @@ TINY = PPOConfig(
     segment_steps=SEGMENT,
     total_steps=2 * SEGMENT,
 )
-LEFT_BEHIND = ("policy.safetensors", "episodes.parquet", "iterations.parquet", "run.json")
+LEFT_BEHIND = ("policy.safetensors", "episodes.parquet", "iterations.parquet")
 
 
 class Killed(BaseException):

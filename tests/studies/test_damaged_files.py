@@ -4,28 +4,8 @@ import polars as pl
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.schema import Real, Table
-from studies.files import include_tables, read_json_file, read_parquet_file, write_csv
+from studies.files import include_tables, read_parquet_file, write_csv
 from studies.horizon.results import CLOCKS
-
-KNOWN = Table({}, optional={"fall rate": Real()})
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('{"fall rate": 1.0', "readable JSON"),
-        ('{"fall rate": "often"}', "fall rate must be float, not str"),
-        ('{"fall rat": 1.0}', "must not have the field fall rat"),
-    ],
-)
-def test_json(tmp_path, text, message):
-    path = tmp_path / "left.json"
-    path.write_text(text)
-    with pytest.raises(PerdureError, match=rf"left\.json: .*{message}"):
-        read_json_file(path, KNOWN)
-    path.write_text('{"fall rate": 1.5}')
-    assert read_json_file(path, KNOWN) == {"fall rate": 1.5}
 
 
 def test_a_cut_parquet_file(tmp_path):

@@ -67,3 +67,12 @@ def test_status_counts_units_by_what_they_run(tmp_path):
         "whole 1 of 2 done, 0 failed (50% of the work)",
         "half 0 of 1 done, 0 failed (50% of the work)",
     ]
+
+
+def test_the_status_of_a_study_of_which_only_tables_are_kept_calls_it_finished(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["placement", "--status"])
+    assert "0 of 6 done" in capsys.readouterr().out
+    (tmp_path / "results" / "placement" / "tables").mkdir(parents=True)
+    main(["placement", "--scale", "thesis", "--status"])
+    assert "finished: its tables are kept" in capsys.readouterr().out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -69,9 +69,10 @@ def main(name: str, args: list[str]) -> None:
 
 def train_command(task: str | None, method: str = "geometric", preset: str = "zoo") -> Callable[..., None]:
     """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
+    from perdure.envs import task_spec
     from perdure.learn import PPOConfig, method_config
 
-    config = PPOConfig() if task is None else method_config(method, task, _observation_size(task), preset)
+    config = PPOConfig() if task is None else method_config(method, task, task_spec(task).observation_size, preset)
 
     def train(
         task: tyro.conf.Positional[str],
@@ -138,13 +139,6 @@ def _value(args: list[str], flag: str, default: str) -> str:
         if name == flag:
             return value if equals else after
     return default
-
-
-def _observation_size(task: str) -> int:
-    from perdure.envs import make_world
-
-    with closing(make_world(task, [0])) as world:
-        return world.spec.observation_size
 
 
 def extrapolate(

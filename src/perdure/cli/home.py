@@ -310,8 +310,6 @@ def run(
     options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)))
     chosen = parse_policies(policies)
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, vary, chosen, options)
-    for train_seed in range(train_seeds):  # missing files are reported before a progress bar appears
-        protocol.assignment(train_seed)
     with show_progress(f"{task} {place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     records, notes = read_all(paths)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 NAME = "README.md"
-OURS = "library_name: perdure"
+LIBRARY_LINE = "library_name: perdure"
 """Line of the front matter by which a card of ours is known."""
 _PLAIN = re.compile(r"(?!(true|false|null|yes|no|on|off)$)[a-z_]+(-[a-z_]+)*")
 """Text that YAML reads as text without quotes."""
@@ -104,7 +104,7 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
 
 
 def _is_ours(text: str) -> bool:
-    return text.startswith("---\n") and OURS in text.split("\n---", 1)[0].splitlines()
+    return text.startswith("---\n") and LIBRARY_LINE in text.split("\n---", 1)[0].splitlines()
 
 
 def _rows_of_file(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:

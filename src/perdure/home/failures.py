@@ -174,7 +174,7 @@ def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
     elsewhere = SKILLS.keys() - {step.skill for step in get_task(task).skills}
     named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
     protocol = replace(failure.protocol, policies={**failure.protocol.policies, **named})
-    chosen = protocol.assignment(train_seed)
+    chosen = protocol.policies_of(train_seed)
     for skill, name in noted:
         if skill not in named and (now := chosen[skill].name) != name:
             raise PerdureError(f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one")

@@ -20,7 +20,7 @@ from perdure.film import GRAY, GREEN, INK, PALE, Picture, Row, annotate, check_f
 from perdure.home.agents.learned import Scripted, SkillAgent
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.comparison import describe
-from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running, held_target, opened
+from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running, door_positions, held_target
 from perdure.home.evaluate.log import UNTRAINED, EpisodeLog
 from perdure.home.evaluate.policies import SkillPolicy, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol, Vary
@@ -102,7 +102,7 @@ def make_agent(
         PerdureError: If strategy, skill or file do not exist.
     """
     protocol = EvaluationProtocol(task, place, episodes=1, vary=vary, policies=policies or {})
-    chosen = protocol.assignment(train_seed)
+    chosen = protocol.policies_of(train_seed)
     skill_agents = make_agents(chosen, protocol.release.strategy)
     return Agent(f"{place}: {describe(place)}", acting(chosen), skill_agents, protocol.skills())
 
@@ -210,7 +210,7 @@ def record(
             world.objects(lane, targets)[0][0, :, :3],
             episode.goal_positions,
             held_target(state, targets)[0],
-            *opened(world, lane, [running[0].doors])[0],
+            *door_positions(world, lane, [running[0].doors])[0],
         )
         reached[:] = latch(task, reached, facts)
         stages = tuple((stage.name, bool(done)) for stage, done in zip(task.stages, reached, strict=True))

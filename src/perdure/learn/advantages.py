@@ -12,13 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 import jax
 import jax.numpy as jnp
 
-from perdure.errors import PerdureError, did_you_mean
+from perdure.errors import PerdureError, lookup
 
 if TYPE_CHECKING:
     from perdure.learn.config import PPOConfig
-
-__all__ = ["ESTIMATORS", "Ends", "Estimate", "Estimator", "State", "Transitions", "make_estimator"]
-
 
 State = Any
 """A tree of arrays, such as a named tuple; () for an estimator that remembers nothing."""
@@ -203,10 +200,8 @@ def make_estimator(config: PPOConfig) -> Estimator:
         PerdureError: If there is no such estimator, or it has no such number.
     """
     name, _, text = config.estimator.partition(":")
-    if name not in ESTIMATORS:
-        hint = did_you_mean(name, ESTIMATORS)
-        raise PerdureError(f"unknown estimator {name!r}; the estimators are {', '.join(ESTIMATORS)}{hint}")
-    valid = [each.name for each in fields(ESTIMATORS[name]) if each.default is not MISSING]
+    kind = lookup(ESTIMATORS, name, "estimator")
+    valid = [each.name for each in fields(kind) if each.default is not MISSING]
     numbers: dict[str, float] = {}
     for part in text.split(",") if text else []:
         key, _, value = part.partition("=")
@@ -217,7 +212,7 @@ def make_estimator(config: PPOConfig) -> Estimator:
             numbers[key] = float(value)
         except ValueError:
             raise PerdureError(f"{part!r} in estimator {config.estimator!r} must be written name=number") from None
-    estimator: Estimator = ESTIMATORS[name].of(config, **numbers)
+    estimator: Estimator = kind.of(config, **numbers)
     return estimator
 
 

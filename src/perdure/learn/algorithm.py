@@ -17,7 +17,7 @@ class Metrics(NamedTuple):
 
     episodes: NDArray[np.float64]
     """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
-    numbers: dict[str, float]
+    diagnostics: dict[str, float]
     """The algorithm's own numbers, such as its losses."""
 
 
@@ -25,8 +25,8 @@ class Algorithm(Protocol):
     """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
 
     @property
-    def numbers(self) -> tuple[str, ...]:
-        """Names of `Metrics.numbers`, in their order."""
+    def diagnostics(self) -> tuple[str, ...]:
+        """Names of `Metrics.diagnostics`, in their order."""
 
     def init(self, seed: int) -> Any:
         """Return the state before training."""

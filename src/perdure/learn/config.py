@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol
@@ -14,8 +14,8 @@ from perdure.learn.advantages import make_estimator
 Activation = Literal["relu", "tanh"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
-LATER = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning")
-"""Settings that are missing in older runs and policy files, which were made with their defaults."""
+OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning")
+"""Settings that stored runs and policy files name only where they differ from their default."""
 
 
 def _default_protocol() -> HorizonProtocol:
@@ -141,27 +141,10 @@ class PPOConfig:
         return math.ceil(self.iterations / self.segment_iterations)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the settings as plain JSON values; newer settings only where they differ from their default."""
+        """Return the settings as plain JSON values, without those of `OMITTED_DEFAULTS` that have their default."""
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        for name in LATER:
+        for name in OMITTED_DEFAULTS:
             if values[name] == getattr(PPOConfig, name):
                 del values[name]
         values["protocol"] = self.protocol.to_json()
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
-        """Return the settings that :meth:`to_json` described.
-
-        Raises:
-            PerdureError: If a field is unknown, missing or out of range.
-        """
-        known = {each.name for each in dataclasses.fields(cls)}
-        if unknown := sorted(set(values) - known):
-            raise PerdureError(f"unknown PPO setting {', '.join(unknown)}; the settings are {', '.join(sorted(known))}")
-        if missing := sorted(known - set(values) - set(LATER)):
-            raise PerdureError(f"missing PPO setting {', '.join(missing)}")
-        given: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
-        }
-        return cls(**(given | {"protocol": HorizonProtocol.from_json(values["protocol"])}))

@@ -89,8 +89,8 @@ class Running:
 class PPO:
     """Proximal policy optimization for one task and configuration; keeps its compiled programs."""
 
-    numbers = (*LOSSES, "explained_variance", "std")
-    """Names of `Metrics.numbers`, in their order."""
+    diagnostics = (*LOSSES, "explained_variance", "std")
+    """Names of `Metrics.diagnostics`, in their order."""
 
     def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
         """Keep the settings; compilation happens at first use.
@@ -159,14 +159,14 @@ class PPO:
         for order in prepared.orders:
             params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
             losses.append(reported)
-        numbers = _numbers(params, losses, prepared)
-        if not all(math.isfinite(numbers[name]) for name in LOSSES):
+        diagnostics = _diagnostics(params, losses, prepared)
+        if not all(math.isfinite(diagnostics[name]) for name in LOSSES):
             raise PerdureError(
                 f"training diverged in iteration {iteration + 1}: losses are not finite (learning rate "
                 f"{self._config.learning_rate:g})"
             )
         learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
-        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), numbers)
+        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics)
         return learned, Running(running.collect, handle, rollout.env_state), metrics
 
     def policy(self, state: PPOState) -> Policy:
@@ -347,11 +347,11 @@ def _ready(result: T) -> T:
     return result
 
 
-def _numbers(params: Params, losses: list[jax.Array], prepared: Prepared) -> dict[str, float]:
+def _diagnostics(params: Params, losses: list[jax.Array], prepared: Prepared) -> dict[str, float]:
     """Return mean losses, explained variance and standard deviation of the actions."""
     means = np.mean([np.asarray(each, np.float64) for each in losses], axis=0)
     std = float(np.exp(np.asarray(params["log_std"], np.float64)).mean())
-    return dict(zip(PPO.numbers, (*means.tolist(), float(prepared.explained_variance), std), strict=True))
+    return dict(zip(PPO.diagnostics, (*means.tolist(), float(prepared.explained_variance), std), strict=True))
 
 
 def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> NDArray[np.float64]:

@@ -58,7 +58,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from perdure.errors import PerdureError, did_you_mean
+from perdure.errors import lookup
 from perdure.horizon import (
     Clock,
     Constant,
@@ -120,10 +120,7 @@ def find_preset(task: str, name: str = ZOO) -> Preset:
     Raises:
         PerdureError: If there is no preset of that name.
     """
-    if name not in PRESETS:
-        hint = did_you_mean(name, PRESETS)
-        raise PerdureError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}{hint}")
-    return PRESETS[name](robot_of(task))
+    return lookup(PRESETS, name, "preset")(robot_of(task))
 
 
 EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(1000), Fixed(200), Uniform(200, 1000)
@@ -181,10 +178,7 @@ def find_method(name: str) -> Method:
     Raises:
         PerdureError: If there is no such method.
     """
-    if name not in METHODS:
-        hint = did_you_mean(name, METHODS)
-        raise PerdureError(f"unknown method {name!r}; the methods are {', '.join(METHODS)}{hint}")
-    return METHODS[name]
+    return lookup(METHODS, name, "method")
 
 
 def method_config(method: str, task: str, observation_size: int, preset: str = ZOO) -> PPOConfig:

@@ -3,15 +3,13 @@
 A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next. It
 builds its environments from (seed, segment) alone and cuts running episodes as the end of a rollout does, because an
 engine's inner state and random generator cannot be saved. So a run that was killed and a run that was not are the same
-run. A run knows no algorithm: it steps the `Algorithm` that `make_algorithm` returns.
+run. A run knows no detail of its algorithm, only the interface `Algorithm`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import io
-import json
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping
@@ -36,12 +34,11 @@ from perdure.learn.config import PPOConfig
 from perdure.learn.ppo import PPO
 from perdure.learn.presets import METHODS, ZOO, find_method, method_config
 from perdure.policy import Policy, measure_reference, save_policy
-from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, write_atomic
+from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
 
 POLICY = "policy.safetensors"
-CHECKPOINT = "checkpoint.safetensors"
-RECORD = "run.json"
 """Written last."""
+CHECKPOINT = "checkpoint.safetensors"
 EPISODE_COLUMNS = ("step", "return", "length")
 RECENT_EPISODES = 20
 """Training episodes whose mean return is reported."""
@@ -87,14 +84,12 @@ class TrainRun:
 
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
-        settings: dict[str, Any] = {"task": self.task, "method": self.method, "config": self.config.to_json()}
-        settings |= {"command": self.command, "preset": self.preset, "base_method": self.base_method, "seed": seed}
         steps = float(self.config.iterations * self.config.rollout_size)
         return Unit(
             self.key(seed),
             self.identity(seed),
             "perdure.learn.run:train_segment",
-            settings,
+            {"run": self, "seed": seed},
             size=steps,
             cores=self.config.n_envs,
         )
@@ -190,26 +185,15 @@ def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
         writer.close()
 
 
-def train_segment(
-    work: Work,
-    *,
-    task: str,
-    method: str,
-    config: Mapping[str, Any],
-    command: str | None,
-    preset: str,
-    seed: int,
-    base_method: str | None = None,
-) -> bool:
+def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     """Train one seed for one more segment; the function of `TrainRun.unit`.
 
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
     """
-    run = TrainRun(task, method, PPOConfig.from_json(dict(config)), (seed,), command, preset, base_method)
-    segments = _segments(task, run.config, work.threads)
+    segments = _segments(run.task, run.config, work.threads)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
-    if (work.folder / RECORD).exists():  # an attempt that was interrupted after its last file
+    if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
         return True
     state = segments.first(seed)
@@ -220,10 +204,9 @@ def train_segment(
         save_checkpoint(state, checkpoint)
     if state.segment < run.config.segments:
         return False
-    save_policy(export_policy(run, segments, state), work.folder / POLICY)
     _write_table(work.folder / "episodes.parquet", dict(zip(EPISODE_COLUMNS, state.episodes.T, strict=True)))
     _write_table(work.folder / "iterations.parquet", dict(zip(segments.columns, state.iterations.T, strict=True)))
-    write_atomic(work.folder / RECORD, json.dumps(run.identity(seed), indent=1, sort_keys=True) + "\n")
+    save_policy(export_policy(run, segments, state), work.folder / POLICY)
     checkpoint.unlink(missing_ok=True)
     return True
 
@@ -244,12 +227,13 @@ class Segments:
         """
         self.spec = task_spec(task)
         self._task, self._config, self._threads = task, config, threads
-        self.algorithm, self._slot = make_algorithm(config, self.spec), WorldSlot()
+        self.algorithm: Algorithm = PPO(config, self.spec)
+        self._slot = WorldSlot()
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of the curve with a row for each iteration."""
-        return ("step", *self.algorithm.numbers)
+        return ("step", *self.algorithm.diagnostics)
 
     def first(self, seed: int) -> RunState:
         """Return the state of a seed's run before its first segment."""
@@ -277,7 +261,7 @@ class Segments:
                 learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
                 step = (iteration + 1) * config.rollout_size
                 episodes.append(metrics.episodes)
-                iterations.append(np.array([[step, *metrics.numbers.values()]]))
+                iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
                 progress(step, _recent_return(episodes))
         except Exception as error:
             if self._slot.error is None or error is self._slot.error:
@@ -293,11 +277,6 @@ class Segments:
 def _segments(task: str, config: PPOConfig, threads: int) -> Segments:
     """Keep the compiled programs from segment to segment."""
     return Segments(task, config, threads)
-
-
-def make_algorithm(config: PPOConfig, spec: TaskSpec) -> Algorithm:
-    """Return the algorithm of a configuration."""
-    return PPO(config, spec)
 
 
 def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
@@ -326,7 +305,7 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
             "seed": state.seed,
             "config": run.config.to_json(),
             "engine": spec.engine,
-            "versions": {name: importlib.metadata.version(name) for name in ("perdure", "jax", "numpy", "mujoco")},
+            "versions": versions("jax", "numpy", "mujoco"),
             "command": command(run, spec, state.seed),
             **({} if run.preset == ZOO else {"preset": run.preset}),
         },

@@ -5,13 +5,13 @@
 | `store.py` | `Store`: one folder per finished unit, written atomically; `Unit`, and `attempt` to run one |
 | `run.py` | `run_units`: run a graph of units on workers; status, failures |
 | `workers.py` | worker processes on this machine, bound to idle cores; tasks on a Ray cluster |
-| `identity.py` | the SHA-256 of a config, and a unit's record |
+| `identity.py` | the SHA-256 of a config, a unit's record, versions of packages |
 | `files.py` | `write_atomic`: replace a file atomically; locks |
 | `progress.py` | show progress: a bar in a terminal, a line every half minute elsewhere |
 """
 
 from perdure.runs.files import write_atomic, write_result
-from perdure.runs.identity import config_digest, file_digest
+from perdure.runs.identity import config_digest, file_digest, versions
 from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing, run_units
 from perdure.runs.store import Store, Unit, Work, attempt
 from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
@@ -36,6 +36,7 @@ __all__ = [
     "read_unit_progress",
     "run_missing",
     "run_units",
+    "versions",
     "write_atomic",
     "write_result",
 ]

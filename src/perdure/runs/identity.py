@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,11 @@ def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Return the installed version of perdure and of each of these packages, by name."""
+    return {name: version(name) for name in ("perdure", *packages)}
 
 
 @cache

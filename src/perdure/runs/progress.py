@@ -33,14 +33,18 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         lines.close()
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"))
-    with Bar(*columns, TimeRemainingColumn(), console=console) as bar:
-        task, rate = bar.add_task(title, total=1.0, words=""), _Rate(measure)
+    bar, rate = Bar(*columns, TimeRemainingColumn(), console=console), _Rate(measure)
+    task = bar.add_task(title, total=1.0, words="")
 
-        def draw(status: Status) -> None:
-            share = total_share(status)
-            bar.update(task, completed=share, words=f"{share:4.0%}  {_words(status, rate)}")
+    def draw(status: Status) -> None:
+        bar.start()  # at the first report: an error before it leaves no bar
+        share = total_share(status)
+        bar.update(task, completed=share, words=f"{share:4.0%}  {_words(status, rate)}")
 
+    try:
         yield draw
+    finally:
+        bar.stop()
 
 
 class _Lines:

@@ -18,7 +18,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -40,7 +40,7 @@ REPORT_SECONDS = 0.5
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of work as plain data, so that any process can run it."""
+    """A unit of work. It can be pickled, so that any process can run it."""
 
     key: str
     """Readable identity and place in the store, such as "Hopper-v3/geometric/seed-0"."""
@@ -50,22 +50,13 @@ class Unit:
     """``"package.module:name"`` of a function (`Work`, **arguments) -> bool | None. It leaves its result in the work
     folder. To be stopped and resumed it returns False whenever it has saved a checkpoint there: it is called again."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    """Keyword arguments of the function; JSON. No result depends on what is not in the config too."""
+    """Keyword arguments of the function. No result depends on what is not in the config too."""
     after: tuple[str, ...] = ()
     """Keys of units that must be finished before this one begins."""
     size: float = 1.0
     """Amount of work relative to other units, for progress and remaining time."""
     cores: int = 1
     """Cores it can use."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the unit as plain JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Unit:
-        """Return the unit that `to_json` described."""
-        return cls(**{**values, "after": tuple(values["after"])})
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import pickle
 import re
 import selectors
 import signal
@@ -14,7 +15,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,7 +162,7 @@ class LocalWorkers:
         """See `Workers.start`."""
         process = self._idle.pop() if self._idle else _Process(self._places.pop(0), self._selector)
         self._busy[process] = unit.key
-        process.send({"root": str(root), "unit": unit.to_json(), "threads": self._cores})
+        process.send(str(root), unit, self._cores)
 
     def wait(self, seconds: float) -> list[Ended]:
         """See `Workers.wait`."""
@@ -209,10 +210,10 @@ class _Process:
         assert self._process.stdout is not None
         selector.register(self._process.stdout, selectors.EVENT_READ, self)
 
-    def send(self, job: Mapping[str, Any]) -> None:
+    def send(self, root: str, unit: Unit, threads: int) -> None:
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):  # it has ended: `receive` finds the end of its answers
-            self._process.stdin.write(json.dumps(job).encode() + b"\n")
+            self._process.stdin.write(pickle.dumps((root, unit, threads)))
             self._process.stdin.flush()
 
     def receive(self) -> dict[str, Any] | None:
@@ -245,7 +246,7 @@ class _Process:
 
 
 def serve() -> None:
-    """Run a worker process: read one job per line from stdin, write one answer per line to stdout.
+    """Run a worker process: read the arguments of `answer` from stdin, write one answer per line to stdout.
 
     What units print goes to standard error.
     """
@@ -256,10 +257,10 @@ def serve() -> None:
         os.sched_setaffinity(0, cores)
     # The parent is named by itself: it may have ended while this process was starting.
     threading.Thread(target=_end_with, args=(int(sys.argv[3]),), daemon=True).start()
-    for line in sys.stdin:
-        job = json.loads(line)
-        answers.write(json.dumps(answer(job["root"], Unit.from_json(job["unit"]), job["threads"])) + "\n")
-        answers.flush()
+    with suppress(EOFError):  # the parent has closed the pipe
+        while True:
+            answers.write(json.dumps(answer(*pickle.load(sys.stdin.buffer))) + "\n")
+            answers.flush()
 
 
 def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:

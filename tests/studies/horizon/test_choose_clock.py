@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from perdure.errors import PerdureError
-from studies.horizon.results import cross_validated, optimistic, under
+from studies.horizon.results import cross_validated, optimistic, values_under
 
 
 def runs(returns, kind="constant"):
@@ -38,7 +38,9 @@ def test_the_optimistic_choice_is_the_highest_mean():
 
 def choices(validation, test):
     """The returns of the cross-validated and of the optimistic choice on test start states."""
-    return under(test, cross_validated(validation)), under(test, dict.fromkeys(test["train_seed"], optimistic(test)))
+    return values_under(test, cross_validated(validation)), values_under(
+        test, dict.fromkeys(test["train_seed"], optimistic(test))
+    )
 
 
 def test_returns_are_those_of_the_test_start_states():
@@ -88,9 +90,9 @@ def test_without_noise_there_is_no_bias():
 
 
 def test_where_a_run_is_not_evaluated_under_its_clock_the_others_are_no_sample():
-    assert under(runs({100: [1, 2]}), {0: "constant:100", 7: "constant:100"}) == {}
+    assert values_under(runs({100: [1, 2]}), {0: "constant:100", 7: "constant:100"}) == {}
 
 
 def test_a_run_whose_measure_has_no_value_is_left_out():
     table = runs({100: [1, 2]}).with_columns(pl.when(pl.col("train_seed") == 1).then("return").alias("return"))
-    assert under(table, {0: "constant:100", 1: "constant:100"}) == {1: 2.0}
+    assert values_under(table, {0: "constant:100", 1: "constant:100"}) == {1: 2.0}

@@ -77,7 +77,7 @@ def test_clocks_are_named_as_on_a_command_line():
 
 
 def test_episodes_are_averaged_within_training_runs():
-    runs = make_results({("geometric", "constant:500"): {0: 1.5, 1: 101.5}}).runs()
+    runs = make_results({("geometric", "constant:500"): {0: 1.5, 1: 101.5}}).runs["test"]
     assert runs.select("train_seed", "episodes", "return").rows() == [(0, 2, 1.5), (1, 2, 101.5)]
 
 

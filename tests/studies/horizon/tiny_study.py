@@ -3,7 +3,6 @@
 As a program it is `python -m studies` whose scale "smoke" is this one:  python tiny_study.py horizon --out FOLDER
 """
 
-import json
 import sys
 from dataclasses import replace
 
@@ -72,7 +71,6 @@ def write_training(out, grid=GRID, push=(-10.0,)):
                 steps = np.linspace(100.0, 2048.0, 20)
                 frame = pl.DataFrame({"step": steps, "return": steps / 10.0 + seed, "length": steps / 10.0})
                 frame.write_parquet(work.folder / "episodes.parquet")
-                (work.folder / "run.json").write_text(json.dumps(run.identity(seed)))
 
 
 if __name__ == "__main__":

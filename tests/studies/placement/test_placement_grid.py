@@ -31,10 +31,10 @@ def test_the_command_of_a_row_asks_for_its_protocol(row, monkeypatch, tmp_path):
     class AskedError(Exception):
         pass
 
-    def assignment(protocol, train_seed):
+    def policies_of(protocol, train_seed):
         raise AskedError(protocol)
 
-    monkeypatch.setattr(EvaluationProtocol, "assignment", assignment)
+    monkeypatch.setattr(EvaluationProtocol, "policies_of", policies_of)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(AskedError) as asked:
         cli.run(row.command.split()[1:])

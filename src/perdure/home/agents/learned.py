@@ -15,7 +15,8 @@ from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills import Skill, SkillProgress
+from perdure.home.skills import ResetArm, Skill, SkillProgress
+from perdure.home.skills.registry import PREFIX, env_id
 from perdure.policy import Policy
 
 
@@ -26,7 +27,7 @@ class SkillAgent(Protocol):
     """
 
     @property
-    def sees(self) -> bool:
+    def needs_scan(self) -> bool:
         """Whether it needs the scan and the target's neighbors, where the skill has them."""
         return True
 
@@ -70,14 +71,12 @@ class LaneView:
 class Scripted(SkillAgent):
     """Acts in skills that bring their own motion (`reset_arm`)."""
 
-    sees = False
+    needs_scan = False
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`."""
-        from perdure.home.skills import ResetArm
-
         assert isinstance(skill, ResetArm)
         return skill.act(state)
 
@@ -101,8 +100,6 @@ class Learned(SkillAgent):
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
-        from perdure.home.skills.environment import PREFIX, env_id
-
         trained = self.policy.task.name.partition(",")[0]  # options follow; another maker's policy may have any name
         if trained.startswith(PREFIX) and trained != env_id(skill.name):
             raise PerdureError(f"the policy of {trained} was trained for another skill than {skill.name}")

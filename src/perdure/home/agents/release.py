@@ -31,9 +31,10 @@ from perdure.home.tasks.tasks import AT
 STILL = 0.02
 """Speed of the gripper point in [m/s] below which the hand is at rest."""
 BASE_TOLERANCE = 0.01
-"""Tolerance of the base pose after a stop in [m] and [rad] (OURS)."""
+"""Tolerance of the base pose after a stop in [m] and [rad] (our choice)."""
 RETURN_RATE, RETURN_SPEED = 10.0, 0.3
-"""The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (OURS)."""
+"""The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (our
+choice)."""
 STOP_STEPS = 45
 """Step limit of a stop; then the object is released even if base and hand still move."""
 NOT_ABOVE = "not above the goal"
@@ -45,7 +46,7 @@ CONTACT = 3.0
 
 
 @dataclass
-class Held(LaneView):
+class HandOverView(LaneView):
     """One lane during its hand-over."""
 
     outcome: str = "done"
@@ -89,15 +90,15 @@ class HandOver(ABC):
     outcomes: list[str] = field(default_factory=list)
     """Outcome of each hand-over, in the order in which they ended."""
     _motions: dict[int, Motion] = field(default_factory=dict)
-    _held: dict[int, Held] = field(default_factory=dict)
+    _views: dict[int, HandOverView] = field(default_factory=dict)
 
     @property
-    def sees(self) -> bool:
-        """See `SkillAgent.sees`."""
-        return self.inner.sees
+    def needs_scan(self) -> bool:
+        """See `SkillAgent.needs_scan`."""
+        return self.inner.needs_scan
 
     @abstractmethod
-    def motion(self, held: Held) -> Motion:
+    def motion(self, view: HandOverView) -> Motion:
         """Return actions until the hand may open; the opening itself is not one of them."""
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
@@ -117,8 +118,8 @@ class HandOver(ABC):
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
-                    held = self._held[int(lanes[row])] = Held(state[row : row + 1])
-                    self._motions[int(lanes[row])] = self.motion(held)
+                    view = self._views[int(lanes[row])] = HandOverView(state[row : row + 1])
+                    self._motions[int(lanes[row])] = self.motion(view)
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
@@ -132,50 +133,50 @@ class HandOver(ABC):
 
     def _continue(self, lane: int, state: PrivilegedState) -> FloatArray:
         """Return the next action of a lane's motion; the opening of the hand when it has ended."""
-        held = self._held[lane]
-        held.state = state
+        view = self._views[lane]
+        view.state = state
         if state.holds_target[0]:
             try:
                 return next(self._motions[lane])
             except StopIteration:
                 pass
         else:
-            held.outcome = "lost on the way"
+            view.outcome = "lost on the way"
         del self._motions[lane]
-        self.outcomes.append(held.outcome)
+        self.outcomes.append(view.outcome)
         action = np.zeros(ACTION_SIZE)
         action[GRIP] = RELEASE
         return action
 
 
-def hold_base(held: Held, arm: FloatArray | None = None) -> FloatArray:
+def hold_base(view: HandOverView, arm: FloatArray | None = None) -> FloatArray:
     """Return an action that holds the base at its pose of the freeze and moves the arm by joint steps in [rad].
 
     The base needs about 0.2 s to stop from full speed, in which it rolls up to 0.17 m; M3's stops at once. So it
     drives back.
     """
     action = np.zeros(ACTION_SIZE)
-    for part, error in zip((FORWARD, TURN), held.base_error, strict=True):
+    for part, error in zip((FORWARD, TURN), view.base_error, strict=True):
         action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
     if arm is not None:
         action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action
 
 
-def stop(held: Held) -> Motion:
+def stop(view: HandOverView) -> Motion:
     """Bring the base back to its pose of the freeze, the arm unmoved, until the hand is at rest."""
     for _ in range(STOP_STEPS):
-        yield hold_base(held)
-        if held.speed < STILL and max(map(abs, held.base_error)) < BASE_TOLERANCE:
+        yield hold_base(view)
+        if view.speed < STILL and max(map(abs, view.base_error)) < BASE_TOLERANCE:
             return
 
 
-def stop_above_goal(held: Held) -> Generator[FloatArray, None, bool]:
+def stop_above_goal(view: HandOverView) -> Generator[FloatArray, None, bool]:
     """Run `stop` and return whether a descent may begin; beside the goal region the outcome records why not."""
-    yield from stop(held)
-    if not held.above_goal:
-        held.outcome = NOT_ABOVE
-    return held.above_goal
+    yield from stop(view)
+    if not view.above_goal:
+        view.outcome = NOT_ABOVE
+    return view.above_goal
 
 
 @dataclass
@@ -184,9 +185,9 @@ class Stop(HandOver):
 
     name = "stop"
 
-    def motion(self, held: Held) -> Motion:
+    def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
-        yield from stop(held)
+        yield from stop(view)
 
 
 EPSILON = 0.05
@@ -210,25 +211,25 @@ class Ik(HandOver):
     epsilon: float = EPSILON
     speed: float = SPEED
 
-    def motion(self, held: Held) -> Motion:
+    def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
-        if not (yield from stop_above_goal(held)):
+        if not (yield from stop_above_goal(view)):
             return
-        start = held.state.gripper_in_base[0].copy()
-        rotation = held.state.gripper_rotation[0].copy()
+        start = view.state.gripper_in_base[0].copy()
+        rotation = view.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
-        if reach(end, held.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
-            held.outcome = "out of reach"
+        if reach(end, view.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
+            view.outcome = "out of reach"
             return
         step, steps = self.speed / CONTROL_HZ, int(np.ceil(self.epsilon * CONTROL_HZ / self.speed))
         wanted = start.copy()
         for _ in range(steps):
             wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
             # From where the servos' targets would put the gripper: what the arm lags behind is not made up for.
-            yield hold_base(held, toward(held.arm, wanted - gripper_pose(TORSO_HEIGHT, held.arm)[0], rotation=rotation))
-        yield from stop(held)
-        if np.linalg.norm(held.state.gripper_in_base[0] - end) > OUT_OF_REACH:
-            held.outcome = "blocked"
+            yield hold_base(view, toward(view.arm, wanted - gripper_pose(TORSO_HEIGHT, view.arm)[0], rotation=rotation))
+        yield from stop(view)
+        if np.linalg.norm(view.state.gripper_in_base[0] - end) > OUT_OF_REACH:
+            view.outcome = "blocked"
 
 
 DEEPEST = 0.25
@@ -243,7 +244,7 @@ BACK_TRACE = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
 
 @dataclass
 class IkPlus(HandOver):
-    """Descent until contact, with the object upright (OURS, not in the thesis).
+    """Descent until contact, with the object upright (our choice, not in the thesis).
 
     The object's own z axis is turned to the vertical. Where joint limits or a contact leave a tilt of more than 20
     degrees, it is turned back, because an object released at such a tilt would tip over or roll. Then it descends until
@@ -254,33 +255,33 @@ class IkPlus(HandOver):
     speed: float = SPEED
     deepest: float = DEEPEST
 
-    def motion(self, held: Held) -> Motion:
+    def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
-        if not (yield from stop_above_goal(held)):
+        if not (yield from stop_above_goal(view)):
             return
-        place, now = gripper_pose(TORSO_HEIGHT, held.arm)
-        yield from turn(held, place, upright(now), lambda r: r[2, 2] > 0.998 or held.touches)
-        if gripper_pose(TORSO_HEIGHT, held.arm)[1][2, 2] < UPRIGHT:
-            yield from turn(held, place, now, lambda r: bool(np.trace(r.T @ now) > BACK_TRACE))
-        held.outcome = "no contact"
-        wanted, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        place, now = gripper_pose(TORSO_HEIGHT, view.arm)
+        yield from turn(view, place, upright(now), lambda r: r[2, 2] > 0.998 or view.touches)
+        if gripper_pose(TORSO_HEIGHT, view.arm)[1][2, 2] < UPRIGHT:
+            yield from turn(view, place, now, lambda r: bool(np.trace(r.T @ now) > BACK_TRACE))
+        view.outcome = "no contact"
+        wanted, rotation = gripper_pose(TORSO_HEIGHT, view.arm)
         for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
-            if held.touches:
-                held.outcome = "done"
+            if view.touches:
+                view.outcome = "done"
                 break
             wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
-            position, _ = gripper_pose(TORSO_HEIGHT, held.arm)
-            yield hold_base(held, toward(held.arm, wanted - position, rotation=rotation))
-        yield from stop(held)
+            position, _ = gripper_pose(TORSO_HEIGHT, view.arm)
+            yield hold_base(view, toward(view.arm, wanted - position, rotation=rotation))
+        yield from stop(view)
 
 
-def turn(held: Held, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
+def turn(view: HandOverView, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
     """Turn the held object about a fixed gripper point until the rotation is reached or the steps are used up."""
     for _ in range(TURN_STEPS):
-        position, rotation = gripper_pose(TORSO_HEIGHT, held.arm)
+        position, rotation = gripper_pose(TORSO_HEIGHT, view.arm)
         if there(rotation):
             return
-        yield hold_base(held, toward(held.arm, place - position, rotation=wanted))
+        yield hold_base(view, toward(view.arm, place - position, rotation=wanted))
 
 
 def upright(rotation: FloatArray) -> FloatArray:

@@ -394,7 +394,7 @@ def navigate(view: View) -> Motion:
         plan = _plan(view, skill_goal, stands)
         stand = stands[0] if plan is None else plan.base
         cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
-        way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]), tight=False)
+        way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]))
         yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
         if _apart(view.base, stand) < STAND_DISTANCE:
             break
@@ -452,7 +452,7 @@ MOTIONS: dict[str, Callable[[View], Motion]] = {
 class Oracle(SkillAgent):
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
-    sees = False
+    needs_scan = False
 
     def __init__(self) -> None:
         """Start without plans; a plan is made when a skill begins."""

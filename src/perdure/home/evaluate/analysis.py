@@ -66,7 +66,7 @@ class Placed:
         return next((run for run in self.log.runs if run.begin <= self.release.step < run.end), None)
 
     @property
-    def way(self) -> FloatArray:
+    def displacement(self) -> FloatArray:
         """From the release to the end of its track in [m]. Shape (3,)."""
         return np.asarray(self.release.track.position[-1] - self.release.track.position[0])
 
@@ -138,8 +138,12 @@ PLACEMENTS: Columns = {
     "in_goal_end": (bool, "... at the last step of the episode", lambda at: at.inside(at.log.steps - 1)),
     "in_goal_settled": (bool, "... at the last step of the settling time", lambda at: at.inside(at.log.length - 1)),
     "stabilizing": (bool, "whether it is goal-stabilizing", lambda at: at.stays),
-    "displacement": (float, "way to the end of its track, in the plane [m]", lambda at: float(np.hypot(*at.way[:2]))),
-    "fall": (float, "the same, downwards [m]", lambda at: -float(at.way[2])),
+    "displacement": (
+        float,
+        "way to the end of its track, in the plane [m]",
+        lambda at: float(np.hypot(*at.displacement[:2])),
+    ),
+    "fall": (float, "the same, downwards [m]", lambda at: -float(at.displacement[2])),
     "cause": (str, "failure cause, or stayed", lambda at: STAYED if at.stays else placement_cause(at.log, at.target)),
 }
 

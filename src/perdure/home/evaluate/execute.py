@@ -109,7 +109,7 @@ class Recorder:
         return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
 
 
-def record_table(
+def record_rows(
     world: VectorSimulator, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
 ) -> FloatArray:
     """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
@@ -120,7 +120,7 @@ def record_table(
     up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
     speed = np.sqrt((velocities**2).sum(axis=2))
     columns = (
-        *(poses[:, :, :3], held_target(state, targets), opened(world, lanes, doors)),
+        *(poses[:, :, :3], held_target(state, targets), door_positions(world, lanes, doors)),
         *(state.base, state.gripper, up, speed, state.contact_force),
     )
     return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
@@ -152,7 +152,7 @@ def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
     return drawer, scene.links.index(FRIDGE_DOOR)
 
 
-def opened(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
+def door_positions(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
     """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
     rows = []
     for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
@@ -295,7 +295,7 @@ class Executor:
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
         scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
         for name in groups:
-            if self._agents[name].sees:
+            if self._agents[name].needs_scan:
                 skill = self._skills[name]
                 scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
         known = world.sense(lanes, scan_reach, neighbors)
@@ -366,7 +366,7 @@ class Executor:
     ) -> None:
         everyone = [running[lane] for lane in lanes.tolist()]
         doors = [each.doors for each in everyone]
-        table = record_table(world, lanes, state, len(everyone[0].episode.goals), doors)
+        table = record_rows(world, lanes, state, len(everyone[0].episode.goals), doors)
         for each, row, diverged in zip(everyone, table, state.diverged.tolist(), strict=True):
             if each.settling is None:
                 each.step += 1

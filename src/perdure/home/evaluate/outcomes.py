@@ -6,7 +6,7 @@ events no input of a condition changes, so conditions are evaluated only at even
 every run and of the settling time.
 
 A failed episode has one label: its first unmet stage and one failure cause. `docs/home/outcomes.md` lists the lines by
-which a cause is found; the first line that applies decides. "OURS" marks thresholds that this package chose.
+which a cause is found; the first line that applies decides. "Our choice" marks thresholds that this package chose.
 
 The depth comes from the poses in the logs and the objects' own shapes. Which pairs the simulation let collide plays no
 part, so the check also finds pairs that it wrongly left out.
@@ -61,27 +61,28 @@ FailureCause = Literal[
 FAILURE_CAUSES: tuple[FailureCause, ...] = get_args(FailureCause)
 
 COLLISION_FORCE = 2000.0
-"""In [N], OURS. The arm presses on a table with 413 N (`docs/home/world.md`), and hands that open the fridge meet its
-handle with up to 900 N: 2000 N is more than twice either. Contacts of the base do not count."""
+"""In [N], our choice. The arm presses on a table with 413 N (`docs/home/world.md`), and hands that open the fridge meet
+its handle with up to 900 N: 2000 N is more than twice either. Contacts of the base do not count."""
 THROWN_SPEED = 0.5
-"""In [m/s], OURS. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3): most of
-the goal's radius of 0.15 m."""
+"""In [m/s], our choice. Let go so fast 0.1 m above a table, an object flies 0.07 m and slides 0.04 m (friction 0.3):
+most of the goal's radius of 0.15 m."""
 AFTER_RELEASE = 1 / 30
 """Seconds in which its speed right after the release is measured, one control step at least."""
 GRAVITY = 9.81
 """In [m/s2]."""
 DROPPED_HEIGHT = 0.1
-"""In [m], OURS: two thirds of the goal's radius; it arrives with 1.4 m/s."""
+"""In [m], our choice: two thirds of the goal's radius; it arrives with 1.4 m/s."""
 FELL_OVER = 45.0
-"""Change of its tilt in [deg] after which an object fell over, OURS: all but the flattest are past their edge then."""
+"""Change of its tilt in [deg] after which an object fell over, our choice: all but the flattest are past their edge
+then."""
 OFF_SUPPORT = 0.1
-"""An object whose middle is so far in [m] below where it would rest is off its support, OURS: the middle of the tallest
-object is 0.07 m lower when it lies."""
+"""An object whose middle is so far in [m] below where it would rest is off its support, our choice: the middle of the
+tallest object is 0.07 m lower when it lies."""
 REST_SECONDS, REST_MOVE = 0.5, 0.005
-"""An object that moves by less than 5 mm within half a second has come to rest, OURS."""
+"""An object that moves by less than 5 mm within half a second has come to rest, our choice."""
 NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
 """The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
-or the base's middle within 0.5 m of it in the plane (base and half the largest object), OURS."""
+or the base's middle within 0.5 m of it in the plane (base and half the largest object), our choice."""
 NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0

@@ -75,7 +75,7 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         acting = read_note(notes, "policies", POLICIES)
-        acting = _beside(Path(path)) if acting is None else acting
+        acting = _policies_in_store(Path(path)) if acting is None else acting
         counts = read_note(notes, "hand_overs", HAND_OVERS) or {}
         for group in dict.fromkeys((record.task, record.split, record.strategy) for record in read):
             policies |= {(*group, printable(skill), printable(name)): None for skill, name in acting.items()}
@@ -83,7 +83,7 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
     return records, LogNotes(tuple(policies), tuple(commands), hand_overs)
 
 
-def _beside(path: Path) -> dict[str, str]:
+def _policies_in_store(path: Path) -> dict[str, str]:
     """Return the policies in the store's record of a unit; nothing where there is none."""
     folder = path.resolve().parent
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.policy import Policy, files, load_policy
+from perdure.runs import file_digest
 
 SHIPPED = files.SHIPPED / "home"
 """Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `ReleaseChoice.policy`."""
@@ -86,7 +86,7 @@ class SkillPolicy:
 
     @property
     def policy(self) -> Policy | None:
-        """The policy, loaded once in a process; None for the oracle."""
+        """The policy, loaded once in a process; None for the oracle. PerdureError if its file has changed."""
         return _load(self.source, self.sha256) if self.learned else None
 
     @property
@@ -105,6 +105,8 @@ _SHIPPED_AS = "shipped "
 
 @lru_cache(maxsize=64)
 def _load(source: str, sha256: str) -> Policy:
+    if file_digest(Path(source)) != sha256:
+        raise PerdureError(f"{source} has changed since this run began")
     return load_policy(source)
 
 
@@ -116,7 +118,7 @@ def shipped_seeds(task: str, policy: str) -> dict[int, Path]:
 
 
 def choose_policies(
-    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, how: ReleaseChoice | None = None
+    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, release: ReleaseChoice | None = None
 ) -> dict[SkillName, SkillPolicy]:
     """Return the policy of each skill of a task.
 
@@ -126,15 +128,15 @@ def choose_policies(
             k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
             stands for it. UNTRAINED where no skill is learned.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
-        how: The release choice, which decides the place policy; the benchmark's when None.
+        release: The release choice, which decides the place policy; the benchmark's when None.
 
     Raises:
         PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
             missing, there is no policy of this training seed though there is one of another, or none was trained for
-            what `how` asks: the oracle does not stand in for one that should be there, for it would pass for a result
-            of that training.
+            what `release` asks: the oracle does not stand in for one that should be there, for it would pass for a
+            result of that training.
     """
-    chosen, how = dict(chosen or {}), how or read_release("rl")
+    chosen, release = dict(chosen or {}), release or read_release("rl")
     unknown = chosen.keys() - SKILLS.keys()
     if unknown:
         raise PerdureError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
@@ -148,7 +150,7 @@ def choose_policies(
         named = chosen.get(skill)
         path: Path | None
         if named is None:
-            policy = how.policy if skill == "place" else skill
+            policy = release.policy if skill == "place" else skill
             seeds = shipped_seeds(task, policy)
             path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
             if path is None and seeds and train_seed != UNTRAINED:
@@ -157,16 +159,16 @@ def choose_policies(
                     f"{len(seeds)}): train one (perdure home train {skill} --task {task} --seeds "
                     f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
                 )
-            if path is None and skill == "place" and how.policy != "place":
+            if path is None and skill == "place" and release.policy != "place":
                 raise PerdureError(
-                    f"no policy is shipped for {how.name} on {task} (training seed {train_seed}): "
+                    f"no policy is shipped for {release.name} on {task} (training seed {train_seed}): "
                     f"train one (perdure home train place) and name it: --policies place=FILE"
                 )
         else:
             path = None if named == ORACLE else Path(named.replace("{seed}", str(train_seed)))
         if path is not None and not path.exists():
             raise PerdureError(f"there is no policy {path} for {skill}")
-        result[skill] = read_policy(ORACLE if path is None else str(path))
+        result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(str(path), file_digest(path))
         if path is not None and not path.is_relative_to(SHIPPED):
             _ = result[skill].policy  # a file that is no policy is refused before anything runs
     return result
@@ -180,8 +182,3 @@ def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dic
         agent: SkillAgent = oracle if (policy := chosen.policy) is None else Learned(policy)
         agents[skill] = make_strategy(strategy, Oracle() if agent is oracle else agent) if skill == "place" else agent
     return agents
-
-
-def read_policy(source: str) -> SkillPolicy:
-    """Return a policy's file with its hash, or "oracle"."""
-    return SkillPolicy(source, "" if source == ORACLE else hashlib.sha256(Path(source).read_bytes()).hexdigest())

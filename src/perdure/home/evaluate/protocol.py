@@ -7,7 +7,6 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
@@ -22,14 +21,13 @@ from perdure.home.evaluate.policies import (
     SkillPolicy,
     choose_policies,
     make_agents,
-    read_policy,
     read_release,
 )
 from perdure.home.sim.scene import SceneOptions, WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.tasks import SkillName, get_task
-from perdure.runs import Observer, Store, Unit, Work, run_missing
+from perdure.runs import Observer, Store, Unit, Work, run_missing, versions
 
 BLOCK = 50
 """Episodes in a block: a killed run loses at most one block, about a minute; blocks run side by side."""
@@ -83,7 +81,7 @@ class EvaluationProtocol:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
         return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
 
-    def assignment(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
+    def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
         everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.release)
         if self.vary == "place" and train_seed > 0:
@@ -98,7 +96,7 @@ class EvaluationProtocol:
         return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain JSON values for another process, see `from_json`."""
+        """Return plain JSON values for the notes of logs, see `from_json`."""
         return asdict(self)
 
     @classmethod
@@ -140,7 +138,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
     Raises:
         PerdureError: If a policy is missing.
     """
-    policies = {seed: protocol.assignment(seed) for seed in range(protocol.train_seeds)}
+    policies = {seed: protocol.policies_of(seed) for seed in range(protocol.train_seeds)}
     seen: dict[str, int] = {}
     for seed, acting in policies.items():
         same = seen.setdefault(json.dumps(_digests(acting), sort_keys=True), seed)
@@ -151,12 +149,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
             )
     for block in episode_blocks(protocol):
         acting = policies[block.train_seed]
-        arguments = {
-            "protocol": protocol.to_json(),
-            "block": asdict(block),
-            "policies": {skill: asdict(each) for skill, each in acting.items()},
-            "command": command,
-        }
+        arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
         yield Unit(
             block.key(protocol),
             _config(protocol, block, acting),
@@ -182,9 +175,9 @@ def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol
 def run_block(
     work: Work,
     *,
-    protocol: Mapping[str, Any],
-    block: Mapping[str, int],
-    policies: Mapping[SkillName, Mapping[str, str]],
+    protocol: EvaluationProtocol,
+    block: EpisodeBlock,
+    policies: Policies,
     command: str,
 ) -> None:
     """Execute a block and write its logs into the work folder; the function of the units.
@@ -194,24 +187,19 @@ def run_block(
     """
     if _is_written(work.folder / LOGS):
         return
-    acting = {skill: SkillPolicy(**each) for skill, each in policies.items()}
-    for each in acting.values():
-        if read_policy(each.source) != each:
-            raise PerdureError(f"{each.source} has changed since this run began")
-    wanted, part = EvaluationProtocol.from_json(protocol), EpisodeBlock(**block)
-    options = replace(wanted.options, eval_seed=part.eval_seed, threads=work.threads)
-    train_seed = part.train_seed if any(each.learned for each in acting.values()) else UNTRAINED
-    agents = make_agents(acting, wanted.release.strategy)
-    executor = Executor(wanted.skills(), agents, options, strategy=wanted.name, train_seed=train_seed)
-    episodes = load_episodes(wanted.task, wanted.split).episodes[part.first : part.last + 1]
+    options = replace(protocol.options, eval_seed=block.eval_seed, threads=work.threads)
+    train_seed = block.train_seed if any(each.learned for each in policies.values()) else UNTRAINED
+    agents = make_agents(policies, protocol.release.strategy)
+    executor = Executor(protocol.skills(), agents, options, strategy=protocol.name, train_seed=train_seed)
+    episodes = load_episodes(protocol.task, protocol.split).episodes[block.first : block.last + 1]
     logs = []
     for log in executor.run(episodes):
         logs.append(replace(log, history=None))
         work.report(len(logs), len(episodes))
     logs.sort(key=lambda log: log.index)
     notes = {
-        "protocol": json.dumps(protocol),
-        "policies": json.dumps({skill: each.name for skill, each in acting.items()}),
+        "protocol": json.dumps(protocol.to_json()),
+        "policies": json.dumps({skill: each.name for skill, each in policies.items()}),
         "command": command,
     }
     if isinstance(place := agents["place"], HandOver):
@@ -241,8 +229,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
-        "mujoco": version("mujoco"),
-        "perdure": version("perdure"),
+        **versions("mujoco"),
     }
 
 

@@ -243,16 +243,13 @@ GROUPS = {"solid": COLLIDES_AND_SEEN, "wall": WALL, "look": ONLY_SEEN, "hull": O
 """Geom groups by role."""
 
 
-def build_apartment(
-    apartment: Apartment, spec: mujoco.MjSpec | None = None, *, visuals: bool = True, damping_scale: float = 1.0
-) -> mujoco.MjSpec:
+def build_apartment(apartment: Apartment, spec: mujoco.MjSpec | None = None, *, visuals: bool = True) -> mujoco.MjSpec:
     """Add an apartment to a MuJoCo specification.
 
     Args:
         apartment: What to build.
         spec: Where to add it; a new one when None. Options such as the timestep are left alone.
         visuals: Whether visual geometry is built (False makes a smaller model for training).
-        damping_scale: Factor on the damping of drawers and doors.
 
     Returns:
         The specification, not compiled.
@@ -262,7 +259,7 @@ def build_apartment(
     spec = mujoco.MjSpec() if spec is None else spec
     _add_floor(spec, apartment)
     for piece in (*apartment.walls, *apartment.pieces):
-        _add_piece(spec, piece, visuals, damping_scale)
+        _add_piece(spec, piece, visuals)
     if visuals:
         _add_light(spec, apartment)
         _add_cameras(spec, apartment)
@@ -294,7 +291,7 @@ def _add_floor(spec: Any, apartment: Apartment) -> None:
     )
 
 
-def _add_piece(spec: Any, piece: Piece, visuals: bool, damping_scale: float) -> None:
+def _add_piece(spec: Any, piece: Piece, visuals: bool) -> None:
     half_yaw = 0.5 * piece.pose.yaw
     body = spec.worldbody.add_body(
         name=piece.name, pos=(piece.pose.x, piece.pose.y, 0.0), quat=(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
@@ -302,7 +299,7 @@ def _add_piece(spec: Any, piece: Piece, visuals: bool, damping_scale: float) -> 
     for solid in piece.solids:
         _add_solid(body, f"{piece.name}/{solid.name}", solid, visuals, "wall" if piece.kind == "wall" else None)
     for moving in piece.articulations:
-        _add_articulation(spec, body, piece, moving, visuals, damping_scale)
+        _add_articulation(spec, body, piece, moving, visuals)
 
 
 def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | None = None) -> None:
@@ -323,15 +320,13 @@ def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | N
     )
 
 
-def _add_articulation(
-    spec: Any, parent: Any, piece: Piece, moving: Articulation, visuals: bool, damping_scale: float
-) -> None:
+def _add_articulation(spec: Any, parent: Any, piece: Piece, moving: Articulation, visuals: bool) -> None:
     body = parent.add_body(name=moving.link, pos=moving.origin)
     center, inertia = _box_inertia(moving)
     body.mass, body.ipos, body.inertia, body.explicitinertial = moving.mass, center, inertia, True
     joint = add_joint(spec, body, moving.joint, moving.kind, moving.axis, moving.limit)
-    damping = moving.damping * damping_scale
-    joint.damping = damping if np.ndim(joint.damping) == 0 else [damping, 0.0, 0.0]  # a vector since MuJoCo 3.7
+    vector = np.ndim(joint.damping) > 0  # since MuJoCo 3.7
+    joint.damping = [moving.damping, 0.0, 0.0] if vector else moving.damping
     for solid in moving.solids:
         _add_solid(body, f"{piece.name}/{moving.link}/{solid.name}", solid, visuals)
     body.add_site(name=moving.handle_name, pos=moving.handle, size=(0.02, 0.02, 0.02), group=HIDDEN)

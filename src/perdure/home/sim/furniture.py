@@ -2,8 +2,8 @@
 
 Outer sizes of `table_01`, `chair_01` and `sofa` are those of ReplicaCAD's objects of that name (1.40 x 0.85 m and
 0.74 m high; 0.80 x 0.71 x 0.76; 2.14 x 0.96 x 0.80, as measured by users of the data set). Counter and fridge say where
-theirs come from. What is marked OURS, and the regions of all receptacles, was chosen here: `docs/home/benchmark.md`
-lists it.
+theirs come from. What is marked "our choice", and the regions of all receptacles, was chosen here:
+`docs/home/benchmark.md` lists it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def table_01(name: str, pose: Pose) -> Piece:
 
 
 def table_02(name: str, pose: Pose) -> Piece:
-    """Return the coffee table: 0.60 m along x, 1.10 m along y, 0.46 m high (OURS)."""
+    """Return the coffee table: 0.60 m along x, 1.10 m along y, 0.46 m high (our choice)."""
     top = Solid("top", (0.0, 0.0, 0.445), (0.300, 0.550, 0.015), "walnut")
     shelf = Solid("shelf", (0.0, 0.0, 0.150), (0.260, 0.510, 0.010), "walnut")
     region = Receptacle("receptacle_aabb_Tbl2_Top1_frl_apartment_table_02", name, (0.0, 0.0, 0.460), (0.215, 0.460))
@@ -48,7 +48,7 @@ def table_02(name: str, pose: Pose) -> Piece:
 
 
 def tvstand(name: str, pose: Pose) -> Piece:
-    """Return the television stand: 0.45 m along x, 1.60 m along y, 0.50 m high (OURS); the screen hangs above it."""
+    """Return the television stand: 0.45 m along x, 1.60 m along y, 0.50 m high (our choice); a screen above it."""
     solids = (
         Solid("body", (0.0, 0.0, 0.275), (0.225, 0.800, 0.225), "walnut"),
         Solid("plinth", (-0.010, 0.0, 0.025), (0.195, 0.760, 0.025), "handle"),
@@ -63,7 +63,7 @@ def tvstand(name: str, pose: Pose) -> Piece:
 
 
 def chair_01(name: str, pose: Pose) -> Piece:
-    """Return an armchair: 0.71 m along x, 0.80 m along y, 0.76 m high, its seat at 0.42 m (OURS)."""
+    """Return an armchair: 0.71 m along x, 0.80 m along y, 0.76 m high, its seat at 0.42 m (our choice)."""
     solids = (
         Solid("seat", (0.045, 0.0, 0.260), (0.310, 0.300, 0.160), "ochre"),
         Solid("back", (-0.280, 0.0, 0.430), (0.075, 0.400, 0.330), "ochre"),
@@ -76,7 +76,7 @@ def chair_01(name: str, pose: Pose) -> Piece:
 
 
 def sofa(name: str, pose: Pose) -> Piece:
-    """Return the sofa: 0.96 m along x, 2.14 m along y, 0.80 m high, its seat at 0.42 m (OURS)."""
+    """Return the sofa: 0.96 m along x, 2.14 m along y, 0.80 m high, its seat at 0.42 m (our choice)."""
     solids = (
         Solid("seat", (0.110, 0.0, 0.260), (0.370, 0.890, 0.160), "fabric"),
         Solid("back", (-0.370, 0.0, 0.430), (0.110, 1.070, 0.370), "fabric"),
@@ -91,7 +91,7 @@ def sofa(name: str, pose: Pose) -> Piece:
 
 
 def plant(name: str, pose: Pose) -> Piece:
-    """Return a pot plant (OURS): a pot of 0.34 m diameter; the leaves are visual only."""
+    """Return a pot plant (our choice): a pot of 0.34 m diameter; the leaves are visual only."""
     solids = (
         Solid("pot", (0.0, 0.0, 0.190), (0.170, 0.170, 0.190), "terracotta", shape="cylinder"),
         Solid("stem", (0.0, 0.0, 0.560), (0.025, 0.025, 0.190), "walnut", "look", "cylinder"),
@@ -103,7 +103,7 @@ def plant(name: str, pose: Pose) -> Piece:
 
 
 def lamp(name: str, pose: Pose) -> Piece:
-    """Return a floor lamp (OURS): foot of 0.28 m diameter, 1.62 m high."""
+    """Return a floor lamp (our choice): foot of 0.28 m diameter, 1.62 m high."""
     solids = (
         Solid("foot", (0.0, 0.0, 0.015), (0.140, 0.140, 0.015), "handle", shape="cylinder"),
         Solid("pole", (0.0, 0.0, 0.690), (0.015, 0.015, 0.660), "handle", shape="cylinder"),
@@ -113,7 +113,7 @@ def lamp(name: str, pose: Pose) -> Piece:
 
 
 def bookcase(name: str, pose: Pose) -> Piece:
-    """Return a bookcase (OURS): 0.32 m along x, 0.90 m along y, 1.80 m high."""
+    """Return a bookcase (our choice): 0.32 m along x, 0.90 m along y, 1.80 m high."""
     heights = (0.02, 0.38, 0.74, 1.10, 1.46, 1.78)
     books = ("terracotta", "fabric", "ochre", "front", "cushion")
     solids = (
@@ -131,12 +131,12 @@ def bookcase(name: str, pose: Pose) -> Piece:
 
 
 def rug(name: str, pose: Pose) -> Piece:
-    """Return a rug (OURS): 1.70 m along x, 2.30 m along y, visual only."""
+    """Return a rug (our choice): 1.70 m along x, 2.30 m along y, visual only."""
     return Piece(name, "rug", pose, (Solid("pile", (0.0, 0.0, 0.002), (0.85, 1.15, 0.002), "rug", "look"),))
 
 
 def picture(name: str, pose: Pose) -> Piece:
-    """Return a picture on a wall (OURS), its back at local x = 0, visual only."""
+    """Return a picture on a wall (our choice), its back at local x = 0, visual only."""
     frame = Solid("frame", (0.010, 0.0, 1.60), (0.010, 0.45, 0.30), "walnut", "look")
     return Piece(
         name, "picture", pose, (frame, Solid("sheet", (0.021, 0.0, 1.60), (0.002, 0.41, 0.26), "picture", "look"))
@@ -230,13 +230,13 @@ def _counter_solids() -> tuple[Solid, ...]:
         Solid("side_right", (-0.175, 1.489, 0.418), (0.318, 0.014, 0.362), "white"),
         Solid("side_left", (-0.175, -1.538, 0.418), (0.318, 0.014, 0.362), "white"),
         Solid("tap", (-0.287, -0.306, 0.906), (0.055, 0.014, 0.055), "steel"),
-        Solid("panel_right", (0.120, 1.012, 0.703), (0.010, 0.415, 0.070), "stone"),  # OURS: closes the gap
-        Solid("panel_left", (0.120, -1.070, 0.406), (0.010, 0.444, 0.022), "stone"),  # OURS
+        Solid("panel_right", (0.120, 1.012, 0.703), (0.010, 0.415, 0.070), "stone"),  # Our choice: closes the gap
+        Solid("panel_left", (0.120, -1.070, 0.406), (0.010, 0.444, 0.022), "stone"),  # Our choice
     )
 
 
 def _counter_receptacles(name: str) -> tuple[Receptacle, ...]:
-    """OURS: the regions. Worktops without the last 10 cm at the wall; in drawers, what is clear of the top at 0.4 m."""
+    """Our choice: worktops without the last 10 cm at the wall; in drawers, what is clear of the top at 0.4 m."""
     return (
         Receptacle("receptacle_aabb_counter_left_kitchen_counter", name, (-0.150, -1.080, WORKTOP), (0.225, 0.430)),
         Receptacle("receptacle_aabb_counter_right_kitchen_counter", name, (-0.150, 0.750, WORKTOP), (0.225, 0.700)),
@@ -271,13 +271,14 @@ def kitchen_counter(name: str, pose: Pose) -> Piece:
         solids=_counter_solids(),
         receptacles=_counter_receptacles(name),
         articulations=tuple(_drawer(spec) for spec in _DRAWERS),
-        # OURS: a drawer out (0.5 m), the robot in front of it where M3 starts (0.95 m from the handle) and its radius
+        # Our choice: a drawer out (0.5 m), the robot in front of it where M3 starts (0.95 m from the handle) and its
+        # radius
         zones=(Zone((COUNTER_FRONT, COUNTER_LEFT), (HANDLE_AHEAD - 0.159 + 0.95 + 0.35, COUNTER_RIGHT)),),
     )
 
 
 DOOR_LIMIT = 2.36
-"""OURS: the end of the hinge's range in [rad]; the URDF copy says 2.3, the benchmark's data set needs 2.356."""
+"""Our choice: the end of the hinge's range in [rad]; the URDF copy says 2.3, the benchmark's data set needs 2.356."""
 FRIDGE_FRONT = 0.389
 """Outer face of the closed door in the fridge's frame in [m]."""
 MIDDLE_SHELF, TOP_SHELF = 1.203, 1.562
@@ -285,7 +286,7 @@ MIDDLE_SHELF, TOP_SHELF = 1.203, 1.562
 
 _DOOR_MASS, _DOOR_WIDTH, _DOOR_OFFSET = 8.0, 0.712, 0.330
 _HINGE = (0.340, -0.326, 1.338)
-# OURS: the URDF's shelves reach 0.03 m into the closed door (0.3215 m); ours end where the door begins.
+# Our choice: the URDF's shelves reach 0.03 m into the closed door (0.3215 m); ours end where the door begins.
 _SHELF_X, _SHELF_HALF_X = -0.016, 0.306
 
 
@@ -304,7 +305,7 @@ def _fridge_solids() -> tuple[Solid, ...]:
         Solid("side_left", (_SHELF_X, 0.335, 0.958), (_SHELF_HALF_X, 0.012, 0.945), "fridge"),
         Solid("side_right", (_SHELF_X, -0.335, 0.958), (_SHELF_HALF_X, 0.012, 0.945), "fridge"),
         Solid("back", (-0.3165, 0.0, 0.958), (0.0145, 0.345, 0.945), "fridge"),
-        # OURS: the lower door is fixed; no task opens it.
+        # Our choice: the lower door is fixed; no task opens it.
         Solid("bottom_door", (0.350, 0.004, 0.407), (0.040, 0.343, 0.394), "fridge"),
         Solid("bottom_bar", (0.405, 0.290, 0.640), (0.010, 0.010, 0.120), "handle", "look"),
     )
@@ -339,9 +340,9 @@ def fridge(name: str, pose: Pose) -> Piece:
     y to the fridge's own left, so (x, y, z) there is (x, -y, 0.963 - z) here. The handle is M3's `fridge_push_point`,
     0.62 m from the hinge.
 
-    OURS: the benchmark's middle receptacle is taken to be the second shelf from the top (its name says `middle_top`,
-    and of the upper compartment's shelves only the first two leave room for the tallest object), the region ends 9 cm
-    before the door so that the door closes past whatever stands there.
+    Our choice: the benchmark's middle receptacle is taken to be the second shelf from the top (its name says
+    `middle_top`, and of the upper compartment's shelves only the first two leave room for the tallest object), the
+    region ends 9 cm before the door so that the door closes past whatever stands there.
     """
     return Piece(
         name=name,
@@ -353,15 +354,15 @@ def fridge(name: str, pose: Pose) -> Piece:
             for shelf, z, headroom in (("top", TOP_SHELF, 0.329), ("middle_top", MIDDLE_SHELF, 0.332))
         ),
         articulations=(_fridge_door(),),
-        # OURS: the door's swing and the floor M3's fridge skills start on (0.93 to 1.83 m before the fridge).
+        # Our choice: the door's swing and the floor M3's fridge skills start on (0.93 to 1.83 m before the fridge).
         zones=(Zone((FRIDGE_FRONT, -0.86), (1.95, 0.62)),),
     )
 
 
 WALL_HEIGHT = 2.5
-"""Height of the walls in [m] (OURS)."""
+"""Height of the walls in [m] (our choice)."""
 WALL_THICKNESS = 0.1
-"""Thickness of the walls in [m] (OURS)."""
+"""Thickness of the walls in [m] (our choice)."""
 
 Corner = tuple[float, float]
 

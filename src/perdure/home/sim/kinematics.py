@@ -98,12 +98,12 @@ OTHER_STARTS = (
     (-0.8, -0.6, -1.2, 1.6, 0.8, 1.2, -1.0),
     (0.0, 0.9, 3.0, 1.2, 3.0, 1.2, 0.0),
 )
-"""Arm poses from which `reach` starts again (OURS): at rest; low and ahead; elbow left, right and down."""
+"""Arm poses from which `reach` starts again (our choice): at rest; low and ahead; elbow left, right and down."""
 
 
 @dataclass(frozen=True)
 class _Solver:
-    """Constants of one solver (OURS)."""
+    """Constants of one solver (our choice)."""
 
     damping: float
     """d, as an absolute value ..."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +20,9 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError, lookup
 from perdure.home.sim.arrays import FloatArray, Quaternion, Vec3
 from perdure.home.sim.geoms import COLLIDES_AND_SEEN, OBJECT_BIT, ONLY_COLLIDES, ONLY_SEEN, geom_type
+from perdure.schema import read_json
 
+VISUALS = Path(__file__).parents[1] / "data" / "ycb_visuals.json"
 Color = tuple[float, float, float]
 """Red, green and blue in [0, 1]."""
 Shape = Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
@@ -27,9 +31,9 @@ SLIDING = 0.3
 """Sliding friction of every object: MS-HAB's static and dynamic friction. Bullet multiplies an object's 0.5 by the
 world's 0.4, which is 0.2; MuJoCo takes the larger of a pair, and furniture has 0.2, so that the object decides."""
 CAN_ROLLING = 5e-4
-"""Rolling friction of the cans in [m], OURS: a tin on a table, 1.0 to 1.5 % of its weight."""
+"""Rolling friction of the cans in [m], our choice: a tin on a table, 1.0 to 1.5 % of its weight."""
 APPLE_ROLLING = 1.2e-3
-"""Rolling friction of the apple in [m], OURS: 3.2 % of its weight, as it is not round."""
+"""Rolling friction of the apple in [m], our choice: 3.2 % of its weight, as it is not round."""
 
 _SCAN = "size: scan, BOP's YCB-V model table; mass: Calli et al. 2015"
 _MEASURED = "size and mass: measured, Calli et al. 2015"
@@ -120,17 +124,18 @@ class Placement:
 AppleShape = Literal["sphere", "hull"]
 """What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""
 RELIEF = 3e-4
-"""How far in [m] the parts an object does not rest on stand back: more than a resting object sinks in (OURS)."""
+"""How far in [m] the parts an object does not rest on stand back: more than a resting object sinks in (our choice)."""
 CORNER = 0.018
-"""Radius in [m] of the upright edges of a rounded box (OURS)."""
+"""Radius in [m] of the upright edges of a rounded box (our choice)."""
 HULL_CORNERS = 2000
-"""Corners of the apple's convex hull, evenly spread (OURS; Habitat-sim collides the hull of a scan, which we lack)."""
+"""Corners of the apple's convex hull, evenly spread (our choice; Habitat-sim collides the hull of a scan, which we
+lack)."""
 BOWL_WEDGES = 8
 """Wedges in the wall of a bowl: the corners of its rim lie on the rim's circle, four of them on the axes."""
 BOWL_BASE, BOWL_FLOOR = 0.031, 0.006
-"""Bowl: half the side of the square plate it stands on, and its thickness, in [m] (OURS)."""
+"""Bowl: half the side of the square plate it stands on, and its thickness, in [m] (our choice)."""
 BOWL_BEND, BOWL_RIM, BOWL_LIFT = 0.020, 0.004, 0.002
-"""Bowl: height of the wall's bend, thickness of the rim, height at which the wall begins, in [m] (OURS)."""
+"""Bowl: height of the wall's bend, thickness of the rim, height at which the wall begins, in [m] (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -248,13 +253,9 @@ def _bowl_wall(kind: Kind) -> tuple[ConvexPart, ...]:
     return *wedges, *(ConvexPart("sphere", (bead,) * 3, (x, y, height / 2.0 - bead)) for x, y in ends)
 
 
-LABEL_HEIGHT = 3e-4
-"""How far labels stand out in [m]."""
-
-
 @dataclass(frozen=True)
 class Visual:
-    """A part of the visual geometry.
+    """A part of the visual geometry: a surface that the collision shape lacks, a label, the apple's stem or leaf.
 
     Attributes:
         part: Its shape; an `ellipsoid` too is a shape here.
@@ -267,159 +268,11 @@ class Visual:
     axis: Vec3 = (0.0, 0.0, 1.0)
 
 
-def band(kind: Kind, low: float, high: float, color: Color, out: float = 1.0) -> Visual:
-    """Return a band around a can between two heights, as shares of the can's height; `out` is its distance outward."""
-    radius, height = kind.half[0] + out * LABEL_HEIGHT, kind.size[2]
-    center = (0.0, 0.0, (0.5 * (low + high) - 0.5) * height)
-    return Visual(ConvexPart("cylinder", (radius, radius, 0.5 * (high - low) * height), center), color)
-
-
-def plate(
-    kind: Kind,
-    face: int,
-    middle: tuple[float, float],
-    half: tuple[float, float],
-    color: Color,
-    shape: str = "box",
-    turn: float = 0.0,
-    out: float = 1.0,
-) -> Visual:
-    """Return a label right through the object, so that it shows on both faces across an axis.
-
-    Args:
-        kind: The object.
-        face: Axis of the faces, 0, 1 or 2.
-        middle: Where on the face, in shares of its half sizes.
-        half: Half sizes of the label in the same shares.
-        color: Its color.
-        shape: `box`, or across the z axis `cylinder`: a disc as wide as the first half size.
-        turn: About the face's axis in [rad].
-        out: Lays one label over another.
-    """
-    across = [axis for axis in range(3) if axis != face]
-    size, center = [0.0] * 3, [0.0] * 3
-    size[face] = kind.half[face] + out * LABEL_HEIGHT
-    for axis, at, extent in zip(across, middle, half, strict=True):
-        center[axis], size[axis] = at * kind.half[axis], extent * kind.half[axis]
-    normal = (float(face == 0), float(face == 1), float(face == 2))
-    return Visual(
-        ConvexPart(shape, (size[0], size[1], size[2]), (center[0], center[1], center[2]), turn), color, normal
-    )
-
-
-def rounded(kind: Kind, name: str, share: float, out: float, color: Color) -> Visual:
-    """Return a prism over a share of a rounded box's outline that stands out of its ends by `out` in [m]."""
-    x, y, z = kind.half
-    outline = rounded_rectangle(share * x, share * y, share * CORNER)
-    corners = tuple((*corner, side * (z + out)) for side in (-1, 1) for corner in outline)
-    return Visual(ConvexPart("hull", name=f"{kind.name}/{name}", corners=corners), color)
-
-
-def rounded_rectangle(x: float, y: float, radius: float) -> tuple[tuple[float, float], ...]:
-    """Return the corners of a rectangle with half sizes x, y and rounded corners of three chords, counterclockwise."""
-    corners = []
-    for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
-        for step in range(4):
-            angle = (k + step / 3.0) * math.pi / 2.0
-            corners.append((sx * (x - radius) + radius * math.cos(angle), sy * (y - radius) + radius * math.sin(angle)))
-    return tuple(corners)
-
-
-_TIN: Color = (0.74, 0.75, 0.77)
-_WHITE: Color = (0.96, 0.95, 0.92)
-_YELLOW: Color = (0.98, 0.80, 0.16)
-_ORANGE: Color = (0.93, 0.56, 0.14)
-_NAVY: Color = (0.08, 0.12, 0.42)
-_RED: Color = (0.80, 0.07, 0.09)
-_GOLD: Color = (0.80, 0.62, 0.24)
-_CREAM: Color = (0.93, 0.84, 0.68)
-_BARK: Color = (0.30, 0.20, 0.11)
-_GREEN: Color = (0.25, 0.48, 0.14)
-
-
-def visuals(kind: Kind) -> list[Visual]:
-    """Return the visual geometry of a kind: its surface where the collision shape differs, its labels, parts outside.
-
-    The surfaces of bowl and apple are meshes, see `_add_shell`.
-    """
-    radius, _, half = kind.half
-    match kind.name:
-        case "002_master_chef_can":  # blue with a white band and a red stripe in it, a pale lid
-            lid = Visual(ConvexPart("cylinder", (0.96 * radius, 0.0, half + LABEL_HEIGHT)), _CREAM)
-            labels = [
-                band(kind, 0.34, 0.62, _WHITE),
-                band(kind, 0.44, 0.52, _RED, out=2.0),
-                band(kind, 0.93, 1.001, _CREAM),
-                lid,
-            ]
-        case "003_cracker_box":  # red, a white field with a yellow stripe above, crackers below
-            squares = [
-                plate(kind, 0, (y, z), (0.20, 0.20 * kind.half[1] / kind.half[2]), _ORANGE, turn=turn, out=2.0)
-                for y, z, turn in ((-0.45, -0.35, 0.3), (0.10, -0.55, -0.5), (0.50, -0.25, 0.9), (-0.35, -0.78, 0.1))
-            ]
-            labels = [
-                plate(kind, 0, (0.0, 0.52), (0.74, 0.22), _WHITE),
-                plate(kind, 0, (0.0, 0.52), (0.62, 0.09), _RED, out=2.0),
-                plate(kind, 0, (0.0, 0.16), (1.0, 0.05), _YELLOW),
-                plate(kind, 1, (0.0, 0.16), (1.0, 0.05), _YELLOW),
-                *squares,
-            ]
-        case "004_sugar_box":  # yellow, a navy name on white, white ends
-            labels = [
-                plate(kind, 0, (0.0, 0.30), (1.0, 0.26), _WHITE),
-                plate(kind, 1, (0.0, 0.30), (1.0, 0.26), _WHITE),
-                plate(kind, 0, (0.0, 0.30), (0.72, 0.12), _NAVY, out=2.0),
-                plate(kind, 0, (0.0, -0.45), (0.50, 0.07), _NAVY),
-                plate(kind, 0, (0.0, -0.66), (0.32, 0.04), _RED),
-                plate(kind, 2, (0.0, 0.0), (0.98, 0.98), _WHITE),
-            ]
-        case "005_tomato_soup_can":  # red above, white below, a gold medal where they meet
-            disc = ConvexPart("cylinder", (0.011, 0.0, radius + LABEL_HEIGHT), turn=math.pi / 2.0)
-            labels = [band(kind, 0.02, 0.50, _WHITE), Visual(disc, _GOLD, (0.0, 1.0, 0.0)), *_tin_ends(kind)]
-        case "007_tuna_fish_can":  # blue label, yellow stripe, bare ends
-            labels = [band(kind, 0.42, 0.56, _YELLOW), *_tin_ends(kind)]
-        case "008_pudding_box":  # brown, a white name, a cream pudding
-            labels = [
-                plate(kind, 2, (0.0, 0.50), (0.80, 0.22), _WHITE),
-                plate(kind, 2, (0.0, 0.50), (0.62, 0.10), _RED, out=2.0),
-                plate(kind, 2, (0.10, -0.40), (0.46, 0.36), _CREAM, "cylinder"),
-                plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
-            ]
-        case "009_gelatin_box":  # pink and red, a white name, a yellow spot
-            labels = [
-                plate(kind, 2, (0.0, -0.50), (1.005, 0.506), (0.95, 0.50, 0.58)),
-                plate(kind, 2, (0.0, 0.45), (0.80, 0.24), _WHITE),
-                plate(kind, 2, (0.0, 0.45), (0.60, 0.11), _RED, out=2.0),
-                plate(kind, 2, (-0.35, -0.45), (0.26, 0.30), _RED, "cylinder", out=2.0),
-                plate(kind, 1, (0.0, 0.0), (0.70, 0.40), _WHITE),
-            ]
-        case "010_potted_meat_can":  # blue, a yellow name, bare ends
-            flat = 1.0 - CORNER / radius
-            labels = [
-                rounded(kind, "ends", 0.94, LABEL_HEIGHT, _TIN),
-                plate(kind, 1, (0.0, 0.18), (flat, 0.34), _YELLOW),
-                plate(kind, 1, (0.0, 0.18), (0.8 * flat, 0.16), _NAVY, out=2.0),
-                plate(kind, 1, (0.0, -0.60), (0.6 * flat, 0.08), _WHITE),
-            ]
-        case "013_apple":  # a stem in the dent of the shell, and a leaf
-            leaf = ConvexPart("ellipsoid", (0.015, 0.007, 0.0012), (0.013, 0.0, radius + 0.007), -0.12 * math.pi)
-            stem = ConvexPart("cylinder", (0.0016, 0.0, 0.013), (0.0, 0.0, radius))
-            labels = [Visual(stem, _BARK), Visual(leaf, _GREEN, (0.0, 1.0, 0.0))]
-        case _:
-            labels = []
-    if kind.shape == "cylinder":
-        return [Visual(ConvexPart("cylinder", kind.half), kind.color), *labels]
-    if kind.shape == "rounded_box":
-        return [rounded(kind, "coat", 1.0, 0.0, kind.color), *labels]
-    return labels
-
-
-def _tin_ends(kind: Kind) -> list[Visual]:
-    """Return the bare ends of a tin, and its two rims."""
-    radius, half = kind.half[0], kind.half[2]
-    ends = Visual(ConvexPart("cylinder", (0.94 * radius, 0.0, half + LABEL_HEIGHT / 2.0)), _TIN)
-    rim, over = 0.0025 / kind.size[2], LABEL_HEIGHT / kind.size[2]
-    return [ends, band(kind, -over, rim, _TIN), band(kind, 1.0 - rim, 1.0 + over, _TIN)]
+@cache
+def visuals() -> dict[str, list[Visual]]:
+    """Return the visual geometry by kind, drawn by eye. The surfaces of bowl and apple are meshes, see `_add_shell`."""
+    drawn: dict[str, list[Visual]] = read_json(VISUALS.read_bytes(), dict[str, list[Visual]])
+    return drawn
 
 
 SHELL_CORNERS, PROFILE_CORNERS = 40, 8
@@ -538,7 +391,7 @@ class YcbObjects:
             geom.rgba = (*what.color, 1.0)
         if self.visuals:
             seen = [_add_shell(spec, body, what)] if shell else []
-            for look in visuals(what):
+            for look in visuals().get(what.name, ()):
                 seen.append(_add_part(spec, body, look.part, look.axis))
                 seen[-1].rgba = (*look.color, 1.0)
             for geom in seen:

@@ -10,9 +10,9 @@ distance, the grid gives
 
     d <= grid distance <= d / cos(pi / 8) = 1.0824 d,
 
-equal on the left along rows, columns and diagonals, on the right at 22.5 degrees. `Geodesic.path` pulls the grid path
-tight, which removes most of that. All footprints are convex, so a segment of length s between two points at clearance r
-keeps at least sqrt(r^2 - s^2 / 4): 0.298 m for r = 0.3 m and 0.05 m cells.
+equal on the left along rows, columns and diagonals, on the right at 22.5 degrees. All footprints are convex, so a
+segment of length s between two points at clearance r keeps at least sqrt(r^2 - s^2 / 4): 0.298 m for r = 0.3 m and
+0.05 m cells.
 """
 
 from __future__ import annotations
@@ -346,10 +346,10 @@ class Geodesic:
             self._kept[cells] = here
         return self._kept[cells]
 
-    def path(self, start: FloatArray, tight: bool = True) -> FloatArray:
-        """Return way points in [m] from the free cell nearest to `start` (2,) to a goal cell. Shape (k, 2).
+    def path(self, start: FloatArray) -> FloatArray:
+        """Return cell centers in [m] on the way from the free cell nearest to `start` (2,) to a goal cell. (k, 2).
 
-        `tight` cuts corners wherever the robot still fits. PerdureError when there is no way.
+        PerdureError when there is no way.
         """
         cell = int(self.space.nearest(np.asarray(start)[None])[0][0])
         if not np.isfinite(self.values[cell]):
@@ -357,28 +357,7 @@ class Geodesic:
         cells = [cell]
         while self.toward[cells[-1]] >= 0:
             cells.append(int(self.toward[cells[-1]]))
-        points = self.space.centers[cells]
-        return pull_tight(points, self.space) if tight else points
-
-
-def pull_tight(points: FloatArray, space: FreeSpace) -> FloatArray:
-    """Return a path without the waypoints that a straight line can skip. Shape (m, 2) -> (k, 2)."""
-    kept, here = [0], 0
-    while here < len(points) - 1:
-        low, high = here + 1, len(points) - 1  # the next point is always in sight
-        while low < high:  # sight need not be monotone: any point in sight will do, the farthest is not required
-            middle = (low + high + 1) // 2
-            low, high = (middle, high) if in_sight(points[here], points[middle], space) else (low, middle - 1)
-        kept.append(low)
-        here = low
-    return points[kept]
-
-
-def in_sight(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
-    """Return whether the robot can drive straight from one point to another, tested every half cell."""
-    count = max(2, int(np.ceil(np.linalg.norm(end - start) / (0.5 * CELL))) + 1)
-    along = np.linspace(0.0, 1.0, count)[:, None]
-    return bool(space.is_free(start + along * (end - start)).all())
+        return self.space.centers[cells]
 
 
 def free_space(apartment: Apartment, opened: Mapping[str, float] | None = None) -> FreeSpace:

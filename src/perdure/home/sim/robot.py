@@ -5,15 +5,15 @@ link frames are parallel when the joints are at 0: x forward, y left, z up. Left
 laser (0.35 kg together). Rigidly attached parts (wheels, fixed torso, head) are one body with what carries them.
 
 A position servo pulls with kp (target - q) - kv q', clipped at the motor's effort. Its gains come from the inertia I
-it was made for: kp = I w^2 and kv = 2 z I w, with w = 60 rad/s and z = 0.7 (OURS: the benchmark's own motors follow
-almost at once, and so must these). A target that moves at speed v is then followed 2 z v / w behind: 0.018 rad at the
-largest command, 0.025 rad per 1/30 s. Every joint gets rotor inertia (armature), as geared motors have, without which
-links of 0.002 kg m^2 could not be held stiffly at steps of 1/120 s.
+it was made for: kp = I w^2 and kv = 2 z I w, with w = 60 rad/s and z = 0.7 (our choice: the benchmark's own motors
+follow almost at once, and so must these). A target that moves at speed v is then followed 2 z v / w behind: 0.018 rad
+at the largest command, 0.025 rad per 1/30 s. Every joint gets rotor inertia (armature), as geared motors have, without
+which links of 0.002 kg m^2 could not be held stiffly at steps of 1/120 s.
 
 The robot meets furniture, floor and objects, but not itself, with one exception: the links after the elbow carry a
 second collision bit and meet base, torso and head, so that the hand cannot pass through the body.
 
-The visual geometry is drawn by eye to the sizes of the links (OURS); it is in `data/fetch_visuals.json`.
+The visual geometry is drawn by eye to the sizes of the links (our choice); it is in `data/fetch_visuals.json`.
 """
 
 from __future__ import annotations
@@ -205,16 +205,16 @@ INERTIA = {
     "l_gripper_finger_joint": (0.5, 0.4),
     "r_gripper_finger_joint": (0.5, 0.4),
 }
-"""OURS, in [kg m^2] or [kg]: the inertia I each servo is made for (the arm stretched out, rotor included), and that of
-the rotor alone (armature)."""
+"""Our choice, in [kg m^2] or [kg]: the inertia I each servo is made for (the arm stretched out, rotor included), and
+that of the rotor alone (armature)."""
 
 BASE_GAIN = {"base_x": 10_000.0, "base_y": 10_000.0, "base_yaw": 500.0}
-"""OURS: force per velocity error in [N s/m], [N m s/rad]: the base follows within 12 to 20 ms."""
+"""Our choice: force per velocity error in [N s/m], [N m s/rad]: the base follows within 12 to 20 ms."""
 BASE_FORCE = {"base_x": 800.0, "base_y": 800.0, "base_yaw": 150.0}
-"""OURS: what the wheels can pass to the floor, 0.67 of the robot's weight of 121 kg; as a torque at their 0.187 m."""
+"""Our choice: what the wheels can pass to the floor, 0.67 of the robot's weight of 121 kg; torque at 0.187 m."""
 EFFORT = {"shoulder_pan_joint": 200.0}
-"""OURS: the URDF's 33.82 N m cannot hold the arm when the base starts or stops within 0.2 s, as the benchmark's base
-does; its own motors push with up to 10 N m s in 1/120 s. All other joints keep the URDF's effort."""
+"""Our choice: the URDF's 33.82 N m cannot hold the arm when the base starts or stops within 0.2 s, as the benchmark's
+base does; its own motors push with up to 10 N m s in 1/120 s. All other joints keep the URDF's effort."""
 
 
 def add_servos(spec: Any) -> None:

@@ -312,9 +312,9 @@ class Readings:
 
 
 BEAMS = 24
-"""OURS: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
+"""Our choice: few enough for a small network; the Fetch's own laser has 662 over 220 degrees."""
 SCAN_RANGE = 5.0
-"""OURS: ranges beyond are cut, in [m]."""
+"""Our choice: ranges beyond are cut, in [m]."""
 SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
 """Of the beams, from straight ahead to the left."""
 NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)

@@ -21,8 +21,8 @@ ACTION_SIZE = 11
 FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
 """Parts of an action, eleven numbers from -1 to 1: base forward, base turn, seven arm joints, gripper, "stop"."""
 STOP_LEVEL = 0.9
-"""Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (OURS; M3
-has a discrete action for it)."""
+"""Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (our
+choice; M3 has a discrete action for it)."""
 
 BASE_SPEED = 1.5
 """Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3)."""

@@ -9,7 +9,8 @@ from perdure.home.skills.navigate import Navigate
 from perdure.home.skills.pick import Pick, ResetArm, rest_error
 from perdure.home.skills.place import Place
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
-from perdure.home.skills.skill import Aim, Element, ObservationTerm, Recipe, Skill, SkillProgress, region
+from perdure.home.skills.skill import Element, ObservationTerm, Recipe, Skill, SkillProgress
+from perdure.home.skills.starts import Aim, region
 
 SKILLS.update({kind.name: kind for kind in (Pick, Place, OpenDrawer, CloseDrawer)})
 SKILLS.update({kind.name: kind for kind in (OpenFridge, CloseFridge, Navigate, ResetArm)})

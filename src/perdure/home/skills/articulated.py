@@ -12,8 +12,17 @@ from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.sensors import PrivilegedState, norm, turn
 from perdure.home.skills import skill as obs
-from perdure.home.skills.skill import Aim, Recipe, Skill, SkillProgress
-from perdure.home.skills.starts import DRAWER_OPEN, Rectangle, Start, front_frame, handle, needed_container, stand_in
+from perdure.home.skills.skill import Recipe, Skill, SkillProgress
+from perdure.home.skills.starts import (
+    DRAWER_OPEN,
+    Aim,
+    Rectangle,
+    Start,
+    front_frame,
+    handle,
+    needed_container,
+    stand_in,
+)
 from perdure.home.tasks.episodes import Episode
 
 DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
@@ -165,10 +174,10 @@ def success_text(position: str) -> str:
 
 
 STOP_YIELD = 0.005
-"""Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (OURS)."""
+"""Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (our choice)."""
 OTHERS_OPEN = 0.1
-"""Largest initial opening of the other drawers, drawn uniformly, in [m] (OURS; in M3 they are closed here, and a random
-subset of them is open by up to this in `close_drawer`)."""
+"""Largest initial opening of the other drawers, drawn uniformly, in [m] (our choice; in M3 they are closed here, and a
+random subset of them is open by up to this in `close_drawer`)."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.scene import PHYSICS_HZ, SERVO_HZ, Rolling, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills.registry import SKILLS, get_skill, learned_skills
+from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress, put_rows
 from perdure.home.skills.starts import begin, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
@@ -489,14 +489,8 @@ def _first(info: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-PREFIX = "perdure/Home"
 SUITE = VectorSuite("Home", "perdure.home.skills.gym", PREFIX)
 """The suite of these environments, which `pyproject.toml` names as an entry point."""
-
-
-def env_id(skill: str) -> str:
-    """Return an id such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
-    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
 
 
 def register() -> None:

@@ -9,9 +9,9 @@ from perdure.home.skills.environment import (
     HomeSkillEnv,
     HomeSkillVectorEnv,
     SkillEnvOptions,
-    env_id,
     register,
 )
+from perdure.home.skills.registry import env_id
 
 if TYPE_CHECKING:
     from perdure.home.skills.depth import HeadDepth, VectorHeadDepth

@@ -22,8 +22,8 @@ from perdure.home.sim.simulator import ARM, FORWARD, GRIP, NAVIGATION_SPEED, STO
 from perdure.home.skills import skill as obs
 from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.registry import get_skill
-from perdure.home.skills.skill import Aim, Recipe, Skill, SkillProgress, region
-from perdure.home.skills.starts import Start, is_drawer, needed_container, stand_anywhere
+from perdure.home.skills.skill import Recipe, Skill, SkillProgress
+from perdure.home.skills.starts import Aim, Start, is_drawer, needed_container, region, stand_anywhere
 from perdure.home.tasks.episodes import Episode
 
 NEAR, FACING = 0.1, 0.25
@@ -34,8 +34,8 @@ DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Clip of the path length in [m]."""
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.45, 0.5), (1.5, 1.8, 2.1, 2.35)
-"""Positions of containers that were opened before, by the episode's number, in [m] and [rad] (OURS: few values, so that
-paths can be cached)."""
+"""Positions of containers that were opened before, by the episode's number, in [m] and [rad] (our choice: few values,
+so that paths can be cached)."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:

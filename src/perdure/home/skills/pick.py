@@ -67,11 +67,11 @@ CONFUSABLE = obs.ObservationTerm(
 
 @dataclass(frozen=True)
 class Pick(Skill):
-    """M3's reward. The observation of neighbors and contact is OURS.
+    """M3's reward. The observation of neighbors and contact is our choice.
 
-    Where the plan opens the fridge first, half the start states are as the previous skills leave them (OURS): the door
-    is at about 90 degrees, and the robot may stand in front of its edge. M3's door position is uniform up to wide open.
-    A policy trained on that alone did not get past the door in 10 of 100 task plans.
+    Where the plan opens the fridge first, half the start states are as the previous skills leave them (our choice): the
+    door is at about 90 degrees, and the robot may stand in front of its edge. M3's door position is uniform up to wide
+    open. A policy trained on that alone did not get past the door in 10 of 100 task plans.
     """
 
     name = "pick"
@@ -134,7 +134,7 @@ class Pick(Skill):
         return np.asarray((state.held >= 0) & (obs.rest_distance(state) < RETRACTED))
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
-        """Never let go (M3), and do not grasp anything but the target (OURS)."""
+        """Never let go (M3), and do not grasp anything but the target (our choice)."""
         masked = actions.copy()
         masked[:, GRIP] = np.where(state.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
         return masked

@@ -47,13 +47,13 @@ class Place(Skill):
     At time t: for each of the last Delta steps, t included, the object is within eps_g = 0.15 m of its goal and not
     held, and at t the gripper point is within eps_r = 0.05 m of its rest position. Delta = 1 is the benchmark's rule.
 
-    The reward is M3's, except that upward distance is counted apart (OURS, see `left_to_carry`).
+    The reward is M3's, except that upward distance is counted apart (our choice, see `left_to_carry`).
     """
 
     name = "place"
     observation = (obs.PROPRIOCEPTION, obs.CLOSENESS, obs.point("goal", "the goal", lambda state: state.goal), CARRIED)
     rewards: ClassVar = {
-        "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, except upward (OURS)",
+        "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, except upward (our choice)",
         "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region",
         "retract": f"{DISTANCE_REWARD:g} per meter nearer to rest after it",
     }
@@ -79,7 +79,7 @@ class Place(Skill):
     limited_to: int | None = None
     """Step limit; 200 + Delta (200 for Delta = 1) when None."""
     any_heading: bool = False
-    """Whether half the start states have a random heading (OURS); else, as in M3, every robot faces the goal."""
+    """Whether half the start states have a random heading (our choice); else, as in M3, every robot faces the goal."""
 
     def __post_init__(self) -> None:
         """Check the options; raise PerdureError for a delta below 1 or a limit shorter than delta."""
@@ -177,8 +177,8 @@ class Place(Skill):
 def left_to_carry(state: PrivilegedState) -> FloatArray:
     """Return the distance that the object must still be carried in [m]. Shape (n,).
 
-    With d = goal - object: |(d_x, d_y, min(d_z, 0))| + max(d_z, 0) (OURS, M3 has |d|). The upward part is apart, so
-    that the object is lifted at once instead of being pushed against the edge of a shelf.
+    With d = goal - object: |(d_x, d_y, min(d_z, 0))| + max(d_z, 0) (our choice, M3 has |d|). The upward part is apart,
+    so that the object is lifted at once instead of being pushed against the edge of a shelf.
     """
     to_goal = state.goal - state.object
     ahead = to_goal.copy()

@@ -14,6 +14,12 @@ from perdure.home.tasks.tasks import SkillStep
 
 SKILLS: dict[str, type[Skill]] = {}
 """All skills by name."""
+PREFIX = "perdure/Home"
+
+
+def env_id(skill: str) -> str:
+    """Return the id of a skill's environment, such as `perdure/HomeOpenDrawer-v0` for `open_drawer`."""
+    return f"{PREFIX}{''.join(word.capitalize() for word in skill.split('_'))}-v0"
 
 
 def get_skill(name: str, **options: Any) -> Skill:

@@ -13,22 +13,20 @@ from typing import Any, ClassVar, Literal, TypeVar, cast
 
 import numpy as np
 
-from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.occupancy import FreeSpace, free_space
-from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
 from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
 from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
 from perdure.home.skills import starts
-from perdure.home.skills.starts import Rectangle, front_frame, is_drawer
+from perdure.home.skills.starts import Aim
 from perdure.home.tasks.episodes import Episode
 
 Record = TypeVar("Record", bound=Any)
 
 FORCE_MARGIN = 20.0
-"""Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (OURS). M3's
+"""Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (our choice). M3's
 `RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
 HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 """Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
@@ -91,7 +89,7 @@ def counted_force(state: PrivilegedState) -> FloatArray:
 
 @dataclass(frozen=True)
 class Recipe:
-    """The settings that differ from skill to skill, named as in `PPOConfig` (OURS; M3 trains from images)."""
+    """The settings that differ from skill to skill, named as in `PPOConfig` (our choice; M3 trains from images)."""
 
     total_steps: int
     n_envs: int = 32
@@ -117,9 +115,9 @@ class Recipe:
 
 SECTORS = BEAMS // 2
 SECTOR_DEPTH = 1.0
-"""Range of the closeness term in [m], measured from the base's rim (OURS)."""
+"""Range of the closeness term in [m], measured from the base's rim (our choice)."""
 CONTACT_SCALE = 20.0
-"""Scale of the contact force in its logarithm in [N] (OURS)."""
+"""Scale of the contact force in its logarithm in [N] (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -270,60 +268,12 @@ SCAN = ObservationTerm(
 HOLDING = ObservationTerm((flag("holding", "something is held"),), lambda state, _: [(state.held >= 0).astype(float)])
 
 
-OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
-"""In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
-BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
-"""Regions for reaching into an open container, in the frame of `front_frame`.
-
-They are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (OURS): for pick
-and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our robot may
-stop in front of the door's edge.
-"""
-
-
-@dataclass(frozen=True)
-class Aim:
-    """What a skill acts on, as navigation needs it."""
-
-    point: tuple[float, float, float]
-    """The object, goal or handle that the robot should face, in the room in [m]."""
-    link: str | None = None
-    """The drawer or door that the skill moves, or that contains the object or goal."""
-    rectangle: Rectangle | None = None
-    """The region in front of `link`; the one for reaching into it when None."""
-
-
-def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple[FreeSpace, IntArray]:
-    """Return the cells from which a skill can begin, with drawers and doors at the positions `opened` by link name.
-
-    The free space, and indices into its `centers`, never empty: all on the largest island. PerdureError if there is no
-    cell within 2 m of a point in the open.
-    """
-    space = free_space(apartment, opened)
-    centers, main = space.centers, space.island == 0
-    if aim.link is None:
-        away = np.hypot(*(centers - np.asarray(aim.point)[:2]).T)
-        for radius in np.arange(OPEN_RADIUS, GROW_TO + 1e-9, GROW_BY):
-            inside = main & (away <= radius)
-            if inside.any():
-                return space, np.nonzero(inside)[0]
-        raise PerdureError(f"no free cell within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
-    box = aim.rectangle or (BEFORE_DRAWER if is_drawer(apartment, aim.link) else BEFORE_FRIDGE)
-    local = front_frame(apartment, aim.link, opened.get(aim.link, 0.0)).to_local(centers)
-    inside = main & box.contains(local)
-    if inside.any():
-        return space, np.nonzero(inside)[0]
-    # M3 would drop such an episode; use the cells nearest to the rectangle.
-    outside = np.maximum(np.maximum(box.x[0] - local[:, 0], local[:, 0] - box.x[1]), 0.0)
-    miss = np.where(main, outside + np.maximum(np.abs(local[:, 1]) - box.half_width, 0.0), np.inf)
-    return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
-
-
 SUCCESS_REWARD = 2.5
 SLACK = 0.002
 """Cost of every step (M3; 0 when a drawer or door is opened or closed)."""
 PENALTY = 1.0
-"""Cost of a failure (M3; OURS for letting go of a handle early and for leaving the goal, which cost nothing there)."""
+"""Cost of a failure (M3; our choice for letting go of a handle early and for leaving the goal, which cost nothing
+there)."""
 FORCE_COST, FORCE_CAP = 0.001, 0.2
 """Cost per newton of increase in contact force, and its cap per step (M3's numbers; see `FORCE_MARGIN`)."""
 RETRACTED = 0.05
@@ -476,7 +426,7 @@ class Skill(ABC):
         return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
 
     def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
-        """Draw where the robot stands; in front of the container if there is one (OURS)."""
+        """Draw where the robot stands; in front of the container if there is one (our choice)."""
         apartment, placement = episode.apartment(), self.placement(episode, target)
         inside = apartment.container(placement.receptacle) is not None
         return starts.stand_near(

@@ -1,4 +1,4 @@
-"""Start states of skills: where the robot stands, its arm, what is open, which episodes they are drawn from."""
+"""Start states of skills: where the robot can stand, its arm, what is open, which episodes they are drawn from."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import split_apartments
-from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.occupancy import free_space
+from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
 from perdure.home.sim.scene import Scene
@@ -52,7 +52,7 @@ Draw = Callable[[Episode, int, np.random.Generator], Start]
 TRIES = 1000
 """Largest number of draws for one start state; published episodes need a few dozen at most."""
 TOUCH = 0.001
-"""Largest penetration depth of the robot, or of what it holds, at the start in [m] (OURS)."""
+"""Largest penetration depth of the robot, or of what it holds, at the start in [m] (our choice)."""
 
 
 def begin(
@@ -92,24 +92,24 @@ def touching(lane: Simulator) -> float:
 
 SPREAD, FARTHEST = 0.025, 0.05
 """Noise of the gripper point per axis in [m]: standard deviation and clip (M3)."""
-BANK = 1024
-"""Number of poses that are solved once; start states draw from them (OURS)."""
+REST_POSES = 1024
+"""Number of poses that are solved once; start states draw from them (our choice)."""
 REACHED = 0.001
 """Largest error per axis of a solved pose in [m]."""
 
 
 def draw_arm(rng: np.random.Generator) -> FloatArray:
     """Draw joint angles with the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m. Shape (7,)."""
-    poses = bank()
+    poses = rest_poses()
     return np.asarray(poses[int(rng.integers(len(poses)))])
 
 
 @lru_cache(maxsize=1)
-def bank() -> FloatArray:
-    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. Shape (<= BANK, 7)."""
+def rest_poses() -> FloatArray:
+    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. (n, 7)."""
     rng = np.random.Generator(np.random.PCG64(0))
-    points = np.asarray(REST_POSITION) + np.clip(rng.normal(0.0, SPREAD, (BANK, 3)), -FARTHEST, FARTHEST)
-    arm = np.tile(REST_ARM, (BANK, 1))
+    points = np.asarray(REST_POSITION) + np.clip(rng.normal(0.0, SPREAD, (REST_POSES, 3)), -FARTHEST, FARTHEST)
+    arm = np.tile(REST_ARM, (REST_POSES, 1))
     upright = gripper_pose(TORSO_HEIGHT, np.asarray(REST_ARM))[1]
     for _ in range(30):
         arm = arm + toward(arm, points - gripper_pose(TORSO_HEIGHT, arm)[0], rotation=upright, largest=0.2)
@@ -122,7 +122,7 @@ def bank() -> FloatArray:
 NEAR = 2.0
 """Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
 IN_FRONT = 0.5
-"""Cosine of the largest angle from a container's open side at which the robot begins (OURS)."""
+"""Cosine of the largest angle from a container's open side at which the robot begins (our choice)."""
 POSITION_NOISE, POSITION_CLIP = 0.1, 0.2
 """Noise of the base position per axis in [m]: standard deviation and clip (M3)."""
 HEADING_NOISE, HEADING_CLIP = 0.25, 0.5
@@ -153,8 +153,8 @@ def stand_near(
     Cells are those that are free with all drawers and doors closed, also in `stand_in` (M3's navigation mesh is fixed,
     too). A robot that touches an open one is found by the contact check of `begin`.
 
-    `front` is the direction of a container's open side. The cell is within 60 degrees of it (OURS: beside our fridge
-    there is floor, which navigation never ends on).
+    `front` is the direction of a container's open side. The cell is within 60 degrees of it (our choice: beside our
+    fridge there is floor, which navigation never ends on).
     """
     return _draw(_cells_near(apartment, point[:2], front), point, rng)
 
@@ -212,6 +212,55 @@ def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
         raise PerdureError("the robot has no free cell to begin in")
     x, y = cells[int(rng.integers(len(cells)))]
     return float(x), float(y)
+
+
+OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
+"""In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
+BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
+"""Regions for reaching into an open container, in the frame of `front_frame`.
+
+They are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (our choice):
+for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our
+robot may stop in front of the door's edge.
+"""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a skill acts on, as navigation needs it."""
+
+    point: tuple[float, float, float]
+    """The object, goal or handle that the robot should face, in the room in [m]."""
+    link: str | None = None
+    """The drawer or door that the skill moves, or that contains the object or goal."""
+    rectangle: Rectangle | None = None
+    """The region in front of `link`; the one for reaching into it when None."""
+
+
+def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple[FreeSpace, IntArray]:
+    """Return the cells from which a skill can begin, with drawers and doors at the positions `opened` by link name.
+
+    The free space, and indices into its `centers`, never empty: all on the largest island. PerdureError if there is no
+    cell within 2 m of a point in the open.
+    """
+    space = free_space(apartment, opened)
+    centers, main = space.centers, space.island == 0
+    if aim.link is None:
+        away = np.hypot(*(centers - np.asarray(aim.point)[:2]).T)
+        for radius in np.arange(OPEN_RADIUS, GROW_TO + 1e-9, GROW_BY):
+            inside = main & (away <= radius)
+            if inside.any():
+                return space, np.nonzero(inside)[0]
+        raise PerdureError(f"no free cell within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
+    box = aim.rectangle or (BEFORE_DRAWER if is_drawer(apartment, aim.link) else BEFORE_FRIDGE)
+    local = front_frame(apartment, aim.link, opened.get(aim.link, 0.0)).to_local(centers)
+    inside = main & box.contains(local)
+    if inside.any():
+        return space, np.nonzero(inside)[0]
+    # M3 would drop such an episode; use the cells nearest to the rectangle.
+    outside = np.maximum(np.maximum(box.x[0] - local[:, 0], local[:, 0] - box.x[1]), 0.0)
+    miss = np.where(main, outside + np.maximum(np.abs(local[:, 1]) - box.half_width, 0.0), np.inf)
+    return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
 
 
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from perdure.envs import make_world
 from perdure.errors import lookup
 from perdure.home.sim.arrays import BoolArray, IntArray
-from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options, env_id
-from perdure.home.skills.registry import SKILLS
+from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options
+from perdure.home.skills.registry import SKILLS, env_id
 from perdure.home.skills.skill import Recipe
 from perdure.horizon import Fixed
 from perdure.learn import PPOConfig, method_config
@@ -76,13 +75,10 @@ def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
     A skill's time-out is no part of the task, because the plan continues. So the last observation is bootstrapped.
     """
     recipe = skill_recipe(skill, task)
-    world = make_world(skill_task(skill, task, **{**options, "split": "val", "episodes": 1}), [0])
-    size = world.spec.observation_size
-    world.close()
-    config = method_config("ppo", task, size)
-    limit = checked_options({"skill": skill, "task": task, **options}).make_skill().limit
+    made = checked_options({"skill": skill, "task": task, **options}).make_skill()
+    config = method_config("ppo", task, len(made.elements))
     protocol = replace(
-        config.protocol, horizon=Fixed(limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
+        config.protocol, horizon=Fixed(made.limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
     )
     settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
     settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}

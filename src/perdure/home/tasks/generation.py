@@ -7,7 +7,7 @@ uniform on a receptacle drawn uniformly among those allowed, upright with a rand
 and an episode with a goal closer than 0.5 m to its object's start is rejected. Targets and goals lie within 1.5 m of
 where the robot can stand.
 
-Two additions (OURS): in TidyHouse too the robot must be able to stand near, and no goal overlaps another.
+Two additions (our choice): in TidyHouse too the robot must be able to stand near, and no goal overlaps another.
 """
 
 from __future__ import annotations
@@ -154,9 +154,9 @@ TRIES = 50
 NAVIGABLE_WITHIN = 1.5
 """Largest horizontal distance in [m] from an object or goal to where the robot can stand (`nav_to_min_distance`)."""
 GAP = 0.005
-"""Smallest gap between two objects on a receptacle in [m] (OURS)."""
+"""Smallest gap between two objects on a receptacle in [m] (our choice)."""
 LIFT = 0.001
-"""Height above the surface at which an object is put before it settles in [m] (OURS)."""
+"""Height above the surface at which an object is put before it settles in [m] (our choice)."""
 
 
 @dataclass

@@ -24,7 +24,7 @@ after it. So it counts at the end only.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -372,58 +372,13 @@ def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
     return np.logical_and.accumulate(reached | met, axis=-1)
 
 
-def latched_stages(task: HomeTask, facts: WorldFacts) -> BoolArray:
-    """Return which stages are reached after each step of an episode, in latched counting. Shape (steps, *, stages).
-
-    The facts have leading axes (steps, *).
-    """
-    history = np.empty((*np.shape(facts.held), len(task.stages)), dtype=bool)
-    earlier: BoolArray = np.ones(np.shape(facts.held), dtype=bool)
-    for k, stage in enumerate(task.stages):
-        earlier = np.logical_or.accumulate(earlier & stage.met(facts), axis=0)
-        history[..., k] = earlier
-    return history
-
-
-@dataclass(frozen=True)
-class Stabilizing:
-    """Goal-stabilizing counting while it goes on; `start` makes the first one, `after` the next."""
-
-    handled: BoolArray
-    """Whether the plan has handled the object so far. Shape (*, targets)."""
-    released: BoolArray
-    """Whether a step has passed since it did. Shape (*, targets)."""
-    stayed: BoolArray
-    """Whether the object was in its goal and out of the hand at every step since. Shape (*, targets)."""
-
-    @staticmethod
-    def start(shape: Sequence[int]) -> Stabilizing:
-        """Return the state before the first step. `shape` is (*, targets)."""
-        return Stabilizing(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool))
-
-    def after(self, facts: WorldFacts, handling: BoolArray) -> Stabilizing:
-        """Return the counting after one more step with these facts.
-
-        `handling`: which objects the plan handles at this step, shape (*, targets).
-        """
-        handled = self.handled | handling
-        later = handled & ~handling
-        held = np.asarray(facts.held)[..., None] == np.arange(facts.targets)
-        return Stabilizing(handled, later, (handling | self.stayed) & (~later | (at(facts) & ~held)))
-
-    @property
-    def counts(self) -> BoolArray:
-        """Which placements are goal-stabilizing if nothing more happens. Shape (*, targets)."""
-        return self.released & self.stayed
-
-
 def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int = SETTLE_STEPS) -> BoolArray:
     """Goal-stabilizing counting over a whole episode and the settling time after it.
 
     Args:
         facts: The facts of all steps, steps first: leading axes (steps, *).
         handling: Which objects the plan handles at each step, nothing in the settling time: from the start of the
-            object's pick to the end of its place, see `handling_of`. Shape (steps, *, targets).
+            object's pick to the end of its place. Shape (steps, *, targets).
         settle_steps: How many steps at the end must be free of handling.
 
     Returns:
@@ -433,21 +388,10 @@ def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int =
         raise PerdureError(f"handling has {len(handling)} steps, the facts have {len(facts)}")
     if len(facts) < settle_steps or handling[len(facts) - settle_steps :].any():
         raise PerdureError(f"the last {settle_steps} steps must be a settling time in which the plan handles nothing")
-    state = Stabilizing.start(handling.shape[1:])
-    for step in range(len(facts)):
-        state = state.after(facts[step], handling[step])
-    return state.counts
-
-
-def handling_of(task: HomeTask, active: IntArray) -> BoolArray:
-    """Return which objects a plan handles: their pick has begun and their place has not ended. Shape (*, targets).
-
-    `active` is the number of the active skill in the task's sequence; its length or more in the settling time. Shape
-    (*).
-    """
-    number = {(step.skill, step.target): k for k, step in enumerate(task.skills)}
-    first, last = (np.array([number[skill, i] for i in range(len(task.targets))]) for skill in ("pick", "place"))
-    return (active[..., None] >= first) & (active[..., None] <= last)
+    over = ~np.logical_or.accumulate(handling[::-1], axis=0)[::-1]  # the plan has handled it for the last time
+    held = np.asarray(facts.held)[..., None] == np.arange(facts.targets)
+    stays = (~over | (at(facts) & ~held)).all(axis=0)
+    return np.asarray(stays & over[-1] & handling.any(axis=0))
 
 
 def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArray) -> BoolArray:

@@ -6,7 +6,6 @@ import hashlib
 import json
 import warnings
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normali
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
 from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
-from perdure.runs import file_digest
+from perdure.runs import file_digest, versions
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""
@@ -256,7 +255,7 @@ def _provenance(
 
 def library_versions() -> dict[str, str]:
     """Return the versions of the libraries that decide what an imported policy does in its reference episodes."""
-    return {name: version(name) for name in ("perdure", "envpool", "gymnasium", "mujoco", "numpy")}
+    return versions("envpool", "gymnasium", "mujoco", "numpy")
 
 
 # Observation statistics of a VecNormalize, without running its pickle

@@ -22,7 +22,7 @@ GRIP = 9
 class Hasty:
     """Swings the arm and drives, and wants to let go at a given step."""
 
-    sees = False
+    needs_scan = False
 
     def __init__(self, at=12, forward=0.3):
         self.at, self.forward = at, forward

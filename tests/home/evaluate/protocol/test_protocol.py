@@ -9,7 +9,7 @@ import pytest
 from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import read_log_file, read_logs
-from perdure.home.evaluate.policies import SHIPPED, choose_policies, make_agents, read_release
+from perdure.home.evaluate.policies import SHIPPED, _load, choose_policies, make_agents, read_release
 from perdure.home.evaluate.protocol import (
     EvaluationProtocol,
     episode_blocks,
@@ -42,7 +42,7 @@ def test_units_cover_every_episode_of_every_seed_once():
 @pytest.mark.parametrize("policies", [ORACLES, {**ORACLES, "place": "shipped"}])
 def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
     if policies["place"] == "shipped":
-        policies = {**policies, "place": EvaluationProtocol("set_table").assignment(0)["place"].source}
+        policies = {**policies, "place": EvaluationProtocol("set_table").policies_of(0)["place"].source}
     protocol = EvaluationProtocol("set_table", episodes=1, train_seeds=2, policies=policies)
     with pytest.raises(PerdureError, match=r"training seeds 0 and 1 have the same policies: name files with \{seed\}"):
         list(protocol_units(protocol, ""))
@@ -176,8 +176,9 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     protocol = EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
     unit = next(protocol_units(protocol, ""))
     path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
+    _load.cache_clear()  # as in another process
     with pytest.raises(PerdureError, match=r"place\.safetensors has changed"):
-        run_block(Work(tmp_path, 1, print), **json.loads(json.dumps(unit.to_json()["arguments"])))
+        run_block(Work(tmp_path, 1, print), **unit.arguments)
 
 
 @pytest.mark.parametrize(
@@ -222,7 +223,7 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     for seed in (0, 1):
         (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
     mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
-    first, second = (EvaluationProtocol("set_table", vary="place", policies=mine).assignment(seed) for seed in (0, 1))
+    first, second = (EvaluationProtocol("set_table", vary="place", policies=mine).policies_of(seed) for seed in (0, 1))
     assert (first.pop("place").source, second.pop("place").source) == tuple(
         str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
     )
@@ -231,9 +232,9 @@ def test_training_seeds_may_tell_place_alone_apart(tmp_path):
     }
     assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
     with pytest.raises(PerdureError, match="training seed 9999 is shipped for place"):
-        EvaluationProtocol("set_table", vary="place").assignment(9999)
+        EvaluationProtocol("set_table", vary="place").policies_of(9999)
     with pytest.raises(PerdureError, match="training seed 9999"):
-        EvaluationProtocol("set_table", policies=mine).assignment(9999)
+        EvaluationProtocol("set_table", policies=mine).policies_of(9999)
 
 
 @pytest.mark.verify

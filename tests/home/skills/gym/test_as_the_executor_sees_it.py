@@ -22,7 +22,7 @@ class EnoughError(Exception):
 class Waiting:
     """Stands still through the skills before the one that is looked at."""
 
-    sees = True
+    needs_scan = True
 
     def overtime(self, lane):
         return False

@@ -12,12 +12,9 @@ from perdure.home.tasks.tasks import (
     SET_TABLE,
     SOMETHING_ELSE,
     TIDY_HOUSE,
-    Stabilizing,
     WorldFacts,
     goal_stabilizing,
-    handling_of,
     latch,
-    latched_stages,
     stabilizing_stages,
 )
 
@@ -56,6 +53,15 @@ REACHED_AT = {
     "place_1": 8,
     "close_1": 9,
 }
+
+
+def latched_stages(task, facts):
+    """Which stages are reached after each step. Shape (steps, *, stages)."""
+    reached, history = np.zeros((*np.shape(facts.held)[1:], len(task.stages)), dtype=bool), []
+    for step in range(len(facts)):
+        reached = latch(task, reached, facts[step])
+        history.append(reached)
+    return np.array(history)
 
 
 def first_steps(task, facts):
@@ -123,23 +129,6 @@ def test_one_step_may_reach_several_stages_but_never_leaves_one_out():
     assert latch(TIDY_HOUSE, reached, both).tolist() == [True] * 3 + [False] * 7
     opened_and_held = story(((AWAY, AWAY), 0, 0.45, 0.0))[0]
     assert latch(SET_TABLE, np.zeros(8, dtype=bool), opened_and_held).tolist() == [True, True] + [False] * 6
-
-
-ROWS = st.tuples(
-    st.tuples(st.sampled_from([HOME, AWAY]), st.sampled_from([HOME, AWAY])),
-    st.sampled_from([NOTHING, HANDLE, 0, 1]),
-    st.sampled_from([0.05, 0.45]),
-    st.sampled_from([0.1, 1.5]),
-)
-
-
-@given(st.lists(ROWS, min_size=1, max_size=12), st.booleans())
-def test_a_whole_episode_counts_as_its_steps_one_by_one(rows, good_start):
-    facts = story(*([*SET_TABLE_STORY, *rows] if good_start else rows))
-    reached = np.zeros(len(SET_TABLE.stages), dtype=bool)
-    for step, now in enumerate(latched_stages(SET_TABLE, facts)):
-        reached = latch(SET_TABLE, reached, facts[step])
-        assert (now == reached).all()
 
 
 def test_many_lanes_at_once_count_as_each_by_itself():
@@ -226,25 +215,6 @@ def test_step_by_step_counting_agrees_with_the_definition_read_aloud(rows):
     last = max((k for k, h in enumerate(handled) if h), default=None)
     after = [] if last is None else list(range(last + 1, len(rows)))
     assert counted == (bool(after) and all(distance[k] <= 0.15 and not in_hand[k] for k in after))
-
-
-def test_incremental_counting_can_be_asked_at_any_time():
-    state = Stabilizing.start((1,))
-    asked = []
-    for step in range(6):
-        state = state.after(single(GOOD)[step], HANDLED[step])
-        asked.append(bool(state.counts[0]))
-    assert asked == [False, False, True, True, True, True]
-
-
-def test_an_object_is_handled_from_its_pick_to_the_end_of_its_place():
-    # set_table: pick_0 is skill 4, place_0 skill 8; pick_1 is skill 20, place_1 skill 24; 30 is the settling time
-    active = np.array([0, 3, 4, 6, 8, 9, 19, 20, 24, 25, 30])
-    assert handling_of(SET_TABLE, active).astype(int).T.tolist() == [
-        [0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0],
-        [0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0],
-    ]
-    assert [SET_TABLE.skills[k].skill for k in (4, 8, 20, 24)] == ["pick", "place", "pick", "place"]
 
 
 def test_a_stage_counts_while_every_placement_up_to_it_lasts():
