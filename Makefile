@@ -59,7 +59,7 @@ demo: setup ## Run the shipped policies for 20,000 steps and two home demonstrat
 		policies=$$(cd $(SHIPPED) && ls $$task/*.safetensors | grep -v zoo | sed 's/\.safetensors$$//'); \
 		set -x; \
 		$(BIN)/perdure extrapolate $$policies --steps $(DEMO_STEPS) --clocks $(DEMO_CLOCKS) \
-			--eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/$$task"; \
+			--disturb none --eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/$$task"; \
 		{ set +x; } 2>/dev/null; \
 	done; \
 	rm -rf "$(DEMO_OUT)/set_table/runs"; \

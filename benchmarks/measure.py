@@ -88,17 +88,17 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     from perdure.policy import load_policy
 
     policy = load_policy(f"{task}/geometric")
-    specs = [EpisodeSpec(0, policy.clock, seed) for seed in range(lanes)]
+    specs = [EpisodeSpec(0, policy.clock, seed, steps=steps) for seed in range(lanes)]
     seeds = [FIRST_EVAL_SEED + seed for seed in range(lanes)]
     recording = Recording(make_world(task, seeds))
-    evaluate_episodes([policy], specs, steps, world=recording)
+    evaluate_episodes([policy], specs, world=recording)
     recording.close()
     made = sum(len(ids) for _, ids in recording.log)
     ours, engine = [], []
     for _ in range(REPEATS):
         world = make_world(task, seeds)  # before the clock runs, as the engine's
         began = time.perf_counter()
-        evaluate_episodes([policy], specs, steps, world=world)
+        evaluate_episodes([policy], specs, world=world)
         ours.append(made / (time.perf_counter() - began))
         world.close()
         engine.append(made / engine_seconds(task, seeds, recording.log))

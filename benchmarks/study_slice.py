@@ -28,7 +28,8 @@ def study(config: dict[str, Any], out: Path) -> float:
     began = time.perf_counter()
     run = TrainRun(task, "geometric", settings, tuple(config["seeds"]))
     policies = tuple(train(run, out / "training", cores=config["cores"], on="local"))
-    evaluation = Extrapolation(policies, config["test_steps"], ("constant:500", "countdown"), config["start_states"])
+    clocks, states = ("constant:500", "countdown"), config["start_states"]
+    evaluation = Extrapolation(policies, config["test_steps"], clocks, states, disturb=("none",))
     result = evaluate_files(evaluation, out / "evaluation", cores=config["cores"])
     seconds = time.perf_counter() - began
     assert len(result.final()) == 2 * len(policies) * config["start_states"]

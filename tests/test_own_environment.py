@@ -43,7 +43,7 @@ def test_an_own_environment_is_learned_evaluated_and_reported(tmp_path):
         total_steps=512 * 14,
     )  # fmt: skip
     (path,) = train(TrainRun(TASK, "mine", config), tmp_path / "runs", cores=1)
-    options = {"steps": LONG, "eval_seeds": 4, "clocks": f"constant:{TRAINED}", "on": "here"}
+    options = {"steps": LONG, "eval_seeds": 4, "clocks": f"constant:{TRAINED}", "disturb": "none", "on": "here"}
     result = extrapolate(path, **options)
     assert result.final()["step"].to_list() == [LONG] * 4
     returns = np.array(result.final()["return"])

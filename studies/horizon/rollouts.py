@@ -260,8 +260,8 @@ def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps
     left = list(candidates)
     steps, seed, made = min(HALVING_STEPS, most_steps), HALVING_SEED, 0
     while len(left) > 1:
-        episodes = [EpisodeSpec(0, clock, seed + k) for clock in left for k in range(HALVING_SEEDS)]
-        records = evaluate_episodes([policy], episodes, steps)
+        episodes = [EpisodeSpec(0, clock, seed + k, steps=steps) for clock in left for k in range(HALVING_SEEDS)]
+        records = evaluate_episodes([policy], episodes)
         made += int(records.end_step.sum())
         earned = records.returns[:, -1].reshape(len(left), HALVING_SEEDS).mean(axis=1)
         keep = sorted(range(len(left)), key=lambda k: -earned[k])[: (len(left) + 1) // 2]

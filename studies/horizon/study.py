@@ -81,7 +81,8 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
         return Unit(f"{stage}/{row.key}/seed-{seed}", config, function, arguments, (training.key,), size)
 
     clocks = grid.clocks(row)
-    deployed = Extrapolation((Path("any"),), grid.steps, clocks).deployment_clocks(None) if clocks else (None,)
+    known = Extrapolation((Path("any"),), clocks=clocks or ("default",))
+    deployed = known.deployment_clocks(None, grid.steps) if clocks else (None,)
     for split in grid.splits:
         if split.name == TEST or row.method in SWEPT:
             settings = {"clocks": list(clocks), "steps": grid.steps, "first": split.first_seed, "seeds": split.seeds}
@@ -115,7 +116,8 @@ def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first:
     """Evaluate one policy in this process and leave its table; an interrupted attempt keeps its finished episodes."""
     store = work.folder / "episodes"
     if not (work.folder / TABLE).is_file():
-        evaluation = Extrapolation((Path(path),), steps, tuple(clocks) or ("default",), seeds, first_eval_seed=first)
+        clocks = tuple(clocks) or ("default",)
+        evaluation = Extrapolation((Path(path),), steps, clocks, seeds, first_eval_seed=first, disturb=("none",))
         evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
         (store / TABLE).replace(work.folder / TABLE)
     shutil.rmtree(store, ignore_errors=True)

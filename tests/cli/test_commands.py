@@ -132,7 +132,7 @@ def extrapolated(command, trained):
     """The same folder after an evaluation, and what that printed."""
     folder, printed = trained
     clocks = ("--clocks", "constant:0", "constant:500", "countdown")
-    arguments = (*clocks, "--steps", 50, "--eval-seeds", 2, "--on", "here", "--out", "carried")
+    arguments = (*clocks, "--steps", 50, "--eval-seeds", 2, "--disturb", "none", "--on", "here", "--out", "carried")
     return folder, succeeded(command("extrapolate", printed.strip(), *arguments, cwd=folder))
 
 
@@ -147,7 +147,7 @@ def test_extrapolate_writes_one_row_for_each_lane_and_recorded_step(extrapolated
 
 
 def test_clocks_of_a_policy_without_a_time_to_go_are_told_to_have_no_effect(command, extrapolated, tmp_path):
-    few = ("--steps", 20, "--eval-seeds", 1, "--on", "here", "--out", "few")
+    few = ("--steps", 20, "--eval-seeds", 1, "--disturb", "none", "--on", "here", "--out", "few")
     told = "no policy here has a time-to-go input, so --clocks has no effect"
     process = command("extrapolate", "Hopper-v3/ppo", "--clocks", "constant:500", *few, cwd=tmp_path)
     succeeded(process)

@@ -102,14 +102,15 @@ def test_a_fault_of_the_program_is_not_passed_off_as_the_users(command, monkeypa
 def test_a_folder_that_may_not_be_written_is_named(command, files, tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
-    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 10, "--eval-seeds", 1)
+    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 10, "--eval-seeds", 1, "--disturb", "none")
     line = failed(command(*arguments, "--out", locked / "out", cwd=tmp_path))
     assert "locked" in line
     assert "Permission denied" in line
 
 
 def test_a_full_disk_leaves_no_half_written_report(process, files, tmp_path):
-    arguments = ("extrapolate", files / "timeless.safetensors", "--steps", 200, "--eval-seeds", 2, "--on", "here")
+    few = ("--steps", 200, "--eval-seeds", 2, "--disturb", "none", "--on", "here")
+    arguments = ("extrapolate", files / "timeless.safetensors", *few)
     line = failed(process(*arguments, "--out", tmp_path / "out", cwd=tmp_path, longest_file_kb=2))
     assert "too large" in line or "No space" in line
     assert not (tmp_path / "out" / "report.html").exists()

@@ -40,7 +40,8 @@ def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp
     (actions,) = onnxruntime.InferenceSession(tmp_path / "p.onnx").run(None, {"observation": rows})
     expected = load_policy(file).act(rows, np.zeros(50), Constant(20.0))
     np.testing.assert_allclose(actions, expected, atol=1e-6)
-    flags = ("--env", "envpool:InvertedPendulum-v4", "--eval-seeds", 2, "--on", "here", "--out", "out")
+    few = ("--eval-seeds", 2, "--disturb", "none", "--on", "here", "--out", "out")
+    flags = ("--env", "envpool:InvertedPendulum-v4", *few)
     assert "Report: " in succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 30, cwd=tmp_path))
     frame, notes = read_table(tmp_path / "out" / "episodes.parquet")
     assert set(frame["policy"]) == {"p"}
@@ -92,7 +93,7 @@ def test_films_know_the_clocks_default_and_countdown(command, files, monkeypatch
 def test_a_card_lies_beside_the_policy(command, files, tmp_path):
     (tmp_path / "shared").mkdir()
     (tmp_path / "shared" / "policy.safetensors").write_bytes((files / "timed.safetensors").read_bytes())
-    flags = ("--steps", 30, "--eval-seeds", 2, "--on", "here", "--out", "out")
+    flags = ("--steps", 30, "--eval-seeds", 2, "--disturb", "none", "--on", "here", "--out", "out")
     succeeded(command("extrapolate", "shared", *flags, cwd=tmp_path))
     for table in ("out/episodes.parquet", "out"):
         path = succeeded(command("card", "shared", "--table", table, cwd=tmp_path)).strip()

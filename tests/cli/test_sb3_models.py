@@ -15,7 +15,7 @@ from perdure.policy import load_policy
 FIXTURES = Path(__file__).parents[1] / "policy" / "readers" / "fixtures"
 MODEL, STATISTICS = FIXTURES / "ppo.zip", FIXTURES / "ppo.pkl"
 FLAGS = ("--env", "Pendulum-v1", "--normalizer", STATISTICS)
-SHORT = ("--steps", 30, "--eval-seeds", 2, "--on", "here")
+SHORT = ("--steps", 30, "--eval-seeds", 2, "--disturb", "none", "--on", "here")
 
 
 @pytest.fixture(scope="module")

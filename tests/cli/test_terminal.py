@@ -23,7 +23,7 @@ def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(process, tm
 
     policy, out = (os.fsencode(tmp_path) + name for name in (b"/p\xff.safetensors", b"/out\xff"))
     os.symlink(os.fsencode(find_policy("Hopper-v3/geometric")), policy)
-    flags = ("--steps", "20", "--eval-seeds", "1", "--on", "here", "--out", out)
+    flags = ("--steps", "20", "--eval-seeds", "1", "--disturb", "none", "--on", "here", "--out", out)
     done = process("extrapolate", policy, *flags, cwd=tmp_path, **ASCII)
     assert (done.returncode, done.stderr) == (0, "")
     with open(out + b"/report.html", encoding="utf-8") as page:

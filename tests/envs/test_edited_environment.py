@@ -66,7 +66,7 @@ def policy(path):
 
 def test_lanes_of_an_edited_environment_are_run_again(package, tmp_path):
     path = policy(tmp_path / "policy.safetensors")
-    asked = Extrapolation((path,), steps=30, eval_seeds=2, modules=("edited_worlds.corridor",))
+    asked = Extrapolation((path,), steps=30, eval_seeds=2, disturb=("none",), modules=("edited_worlds.corridor",))
     first = evaluate_files(asked, tmp_path / "out", on="here").final()["return"].to_list()
     assert first == [30.0, 30.0]
     assert evaluate_files(asked, tmp_path / "out", on="here").final()["return"].to_list() == first

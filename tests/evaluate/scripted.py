@@ -73,5 +73,5 @@ SCRIPTED = TaskInfo("scripted", 3, (-1.0,), (1.0,))
 
 def evaluate(scripts: list[Script], steps: int, hides_divergence: bool = True) -> Any:
     """Records of one episode for each script."""
-    episodes = [EpisodeSpec(0, None, seed) for seed in range(len(scripts))]
-    return evaluate_episodes([policy_for(SCRIPTED)], episodes, steps, world=world_of(scripts, hides_divergence))
+    episodes = [EpisodeSpec(0, None, seed, steps=steps) for seed in range(len(scripts))]
+    return evaluate_episodes([policy_for(SCRIPTED)], episodes, world=world_of(scripts, hides_divergence))

@@ -26,7 +26,7 @@ def swing(observations):
 
 
 def evaluated(env):
-    options = {"steps": 200, "eval_seeds": EPISODES, "training_horizon": 50, "name": "swing"}
+    options = {"steps": 200, "eval_seeds": EPISODES, "training_horizon": 50, "name": "swing", "disturb": "none"}
     return perdure.extrapolate(swing, env, **options).frame.select(FACTS)
 
 
@@ -90,7 +90,8 @@ def test_the_reset_of_envpool_at_the_next_step_gives_the_returns_of_its_task():
         total += np.where(over, 0.0, rewards)
         lasts += ~over
         over |= terminated | truncated
-    found = perdure.extrapolate(swing, "envpool:Hopper-v4", steps=200, eval_seeds=EPISODES, training_horizon=50).final()
+    options = {"steps": 200, "eval_seeds": EPISODES, "training_horizon": 50, "disturb": "none"}
+    found = perdure.extrapolate(swing, "envpool:Hopper-v4", **options).final()
     assert found["end_step"].to_list() == lasts.tolist()
     np.testing.assert_allclose(found["return"], total, rtol=1e-12)
     assert (found["return"].to_numpy() != both).any(), "the control: without an eye on the reset they differ"

@@ -32,7 +32,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("card")
     policy = save_policy(policy_for(HOPPER, seed=2, phi=True, method="true"), folder / "policy.safetensors")
     other = save_policy(policy_for(HOPPER, seed=3, method="other"), folder / "elsewhere" / "other.safetensors")
-    asked = Extrapolation((policy, other), STEPS, ("constant:500", "constant:0"), eval_seeds=6)
+    asked = Extrapolation((policy, other), STEPS, ("constant:500", "constant:0"), eval_seeds=6, disturb=("none",))
     result = evaluate_files(asked, folder / "out", on="here", command="perdure extrapolate policy.safetensors")
     card = write_card(policy, result.path)
     return policy, result, card
@@ -120,7 +120,7 @@ def test_a_card_is_not_made_from_another_preset_s_episodes(made, tmp_path):
     path = save_policy(preset, tmp_path / "policy.safetensors")
     with pytest.raises(PerdureError, match="does not say which episodes are those of this policy"):
         write_card(path, write_table(tmp_path / "episodes.parquet", result.frame, {}))
-    asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "out": tmp_path / "own"}
+    asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "disturb": "none", "out": tmp_path / "own"}
     assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (cleanrl)"]
     assert write_card(path, tmp_path / "own" / "episodes.parquet").is_file()
 
@@ -141,7 +141,7 @@ def test_another_file_of_the_same_training_gets_no_card(made, tmp_path):
 def test_every_table_of_a_policy_file_says_which_file_it_is_of(made, tmp_path):
     policy, result, _ = made
     result.write(tmp_path / "copy")
-    perdure.extrapolate(policy, steps=STEPS, eval_seeds=1, out=tmp_path / "one", on="here")
+    perdure.extrapolate(policy, steps=STEPS, eval_seeds=1, disturb="none", out=tmp_path / "one", on="here")
     for folder in (result.path.parent, tmp_path / "copy", tmp_path / "one"):
         notes = read_table(folder / "episodes.parquet")[1]
         assert notes["sha256 of true, training seed 2"] == hashlib.sha256(policy.read_bytes()).hexdigest()

@@ -111,8 +111,8 @@ def task_of(name):
 
 @pytest.mark.parametrize("name", ["HalfCheetah-v3", "Swimmer-v3"])
 def test_two_thousand_steps_of_wild_actions_in_a_real_world_are_no_blow_up(name):
-    episodes = [EpisodeSpec(0, None, seed) for seed in range(3)]
-    records = evaluate_episodes([policy_for(task_of(name))], episodes, 2_000)
+    episodes = [EpisodeSpec(0, None, seed, steps=2_000) for seed in range(3)]
+    records = evaluate_episodes([policy_for(task_of(name))], episodes)
     assert records.end_reason.tolist() == [SURVIVED] * 3
 
 
@@ -145,9 +145,9 @@ def cheetahs(*when):
 @pytest.mark.filterwarnings("ignore")  # MuJoCo and Gymnasium warn, as they should
 def test_a_real_simulation_that_blows_up_ends_its_episode_and_no_other():
     policy = policy_for(task_of("gymnasium:HalfCheetah-v5"))
-    episodes = [EpisodeSpec(0, None, seed) for seed in range(3)]
-    never = evaluate_episodes([policy], episodes, 60, world=cheetahs(None, None, None))
-    thrown = evaluate_episodes([policy], episodes, 60, world=cheetahs(None, 30, None))
+    episodes = [EpisodeSpec(0, None, seed, steps=60) for seed in range(3)]
+    never = evaluate_episodes([policy], episodes, world=cheetahs(None, None, None))
+    thrown = evaluate_episodes([policy], episodes, world=cheetahs(None, 30, None))
     assert never.end_reason.tolist() == [SURVIVED] * 3
     assert thrown.end_reason.tolist() == [SURVIVED, DIVERGED, SURVIVED]
     assert thrown.end_step[1] == 30

@@ -20,15 +20,16 @@ from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.evaluate import EpisodeSpec, Extrapolation, ExtrapolationResult, evaluate_episodes, evaluate_files
 from perdure.evaluate.episodes import split
 from perdure.evaluate.reference import read_idle
-from perdure.evaluate.stored import _finished, _versions, evaluate_group
+from perdure.evaluate.stored import _finished, _setups, evaluate_group
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import TaskInfo, find_policy, save_policy
-from perdure.report import SCHEMA_VERSION, read_table
+from perdure.report import read_table
 from perdure.runs import Store, Work
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 FIVE_HUNDRED = Constant(500.0)
 EPISODE = ["policy", "clock", "eval_seed", "step"]
+calm = partial(Extrapolation, disturb=("none",))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def policies(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evaluation(policies):
-    return Extrapolation(policies, steps=60, clocks=("default", "periodic:20", "countdown"), eval_seeds=2)
+    return calm(policies, steps=60, clocks=("default", "periodic:20", "countdown"), eval_seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +102,7 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
     evaluation, whole, tmp_path, monkeypatch
 ):
     """Four groups; the evaluation is killed after one. What was finished is not computed again."""
-    small = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_episodes=2)
+    small = calm(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=2, max_episodes=2)
 
     def die(status):
         if any(key.startswith("groups") and each.state == "finished" for key, each in status.items()):
@@ -125,7 +126,7 @@ def test_finished_episodes_are_not_run_again_however_they_were_grouped(evaluatio
     started = []
 
     def extrapolated(eval_seeds, cores, **changes):
-        asked = Extrapolation(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
+        asked = calm(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
         observe = lambda status: started.append(set(status))  # noqa: E731
         return evaluate_files(asked, tmp_path, cores=cores, on="here", observe=observe)
 
@@ -161,7 +162,7 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
     copy = tmp_path / "copy.safetensors"
     copy.write_bytes(policies[0].read_bytes())
     with pytest.raises(PerdureError, match="hold the same policy"):
-        evaluate_files(Extrapolation((policies[0], copy), steps=5), tmp_path / "out", cores=1)
+        evaluate_files(calm((policies[0], copy), steps=5), tmp_path / "out", cores=1)
 
 
 @pytest.mark.parametrize(
@@ -169,11 +170,12 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
 )
 def test_a_group_of_episodes_that_cannot_be_read_is_named(tmp_path, episode):
     store = Store(tmp_path)
-    config = {"table": SCHEMA_VERSION, "steps": 5, "versions": _versions("InvertedPendulum-v4"), "episodes": [episode]}
-    with store.workspace("groups/a", config):
+    setups = _setups("InvertedPendulum-v4", [EpisodeSpec(0, None, 0, steps=5)])
+    (shared,) = setups.values()
+    with store.workspace("groups/a", {**shared, "episodes": [episode]}):
         pass
     with pytest.raises(PerdureError, match="groups/a"):
-        _finished(store, Extrapolation((Path("a"),), steps=5), config["versions"])
+        _finished(store, setups)
 
 
 @pytest.mark.parametrize("at", [0.6, 0.9])
@@ -195,7 +197,7 @@ def test_policies_of_one_run_in_two_folders_have_two_labels(tmp_path):
     paths = [tmp_path / name / "seed-0" / "policy.safetensors" for name in ("a", "b")]
     save_policy(policy, paths[0])
     save_policy(policy.without_critic(), paths[1])
-    result = evaluate_files(Extrapolation(tuple(paths), 5, eval_seeds=1), on="here")
+    result = evaluate_files(calm(tuple(paths), 5, eval_seeds=1), on="here")
     labels = result.frame["policy"].unique(maintain_order=True)
     assert [str(path) in label for path, label in zip(paths, labels, strict=True)] == [True, True]
 
@@ -213,7 +215,7 @@ def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_pa
     work = Work(tmp_path, 1, lambda *done, **facts: None)
     file = {"path": str(policies[0]), "digest": "0" * 64, "task": "Hopper-v3", "horizon": None}
     with pytest.raises(PerdureError, match="has changed"):
-        evaluate_group(work, files={"0" * 64: file}, episodes=[["0" * 64, None, 0]], steps=5, disturb=[])
+        evaluate_group(work, files={"0" * 64: file}, episodes=[["0" * 64, None, 0]], steps=5, disturb=[], label="none")
 
 
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
@@ -227,7 +229,7 @@ class TestStarts:
     def test_the_same_evaluation_seed_starts_from_the_same_state_under_every_policy_and_clock(self):
         plain, timed = policy_for(HOPPER, seed=1), policy_for(HOPPER, seed=2, phi=True)
         episodes = [
-            EpisodeSpec(policy, clock, seed)
+            EpisodeSpec(policy, clock, seed, steps=3)
             for policy, clock in ((0, None), (1, Constant(5.0)), (1, Periodic(5.0)))
             for seed in (3, 4)
         ]
@@ -247,7 +249,7 @@ class TestStarts:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("perdure.evaluate.episodes.make_world", Watched)
-            evaluate_episodes([plain, timed], episodes, 3)
+            evaluate_episodes([plain, timed], episodes)
         (starts,) = asked
         by_seed = {
             seed: {starts[i].tobytes() for i, episode in enumerate(episodes) if episode.eval_seed == seed}
@@ -258,15 +260,14 @@ class TestStarts:
 
     def test_an_evaluation_seed_does_not_depend_on_how_many_are_evaluated(self):
         policy = [policy_for(HOPPER)]
-        many = evaluate_episodes(policy, [EpisodeSpec(0, None, seed) for seed in range(4)], 30)
-        one = evaluate_episodes(policy, [EpisodeSpec(0, None, 2)], 30)
+        many = evaluate_episodes(policy, [EpisodeSpec(0, None, seed, steps=30) for seed in range(4)])
+        one = evaluate_episodes(policy, [EpisodeSpec(0, None, 2, steps=30)])
         assert one.returns[0].tobytes() == many.returns[2].tobytes()
 
 
 class TestClocks:
     def clocks(self, *texts, steps=700, default=FIVE_HUNDRED):
-        found = Extrapolation(("p",), steps=steps, clocks=texts)
-        return list(found.deployment_clocks(default))
+        return list(Extrapolation(("p",), clocks=texts).deployment_clocks(default, steps))
 
     def test_are_read_in_order_and_each_once(self):
         found = self.clocks("countdown", "constant:5", "default", "constant(500)", "periodic:0.0", "countdown:700")
@@ -315,10 +316,10 @@ def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policie
     """The episodes are those of the files: none is run again."""
     (tmp_path / "mine").mkdir()
     mine = shutil.copy(policies[0], tmp_path / "mine" / "policy.safetensors")
-    named = Extrapolation((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
+    named = calm((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
     first = evaluate_files(named, tmp_path / "out", on="here")
     started = []
-    files = Extrapolation((find_policy("Hopper-v3/ppo"), mine), 20, eval_seeds=1)
+    files = calm((find_policy("Hopper-v3/ppo"), mine), 20, eval_seeds=1)
     again = evaluate_files(files, tmp_path / "out", on="here", observe=started.append)
     assert again.frame.equals(first.frame)
     assert started == []
@@ -327,7 +328,7 @@ def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policie
 def test_policies_for_two_tasks_are_refused(policies, tmp_path):
     other = save_policy(policy_for(TaskInfo("Swimmer-v3", 8, (-1.0,) * 2, (1.0,) * 2)), tmp_path / "swimmer")
     with pytest.raises(PerdureError, match=r"Hopper-v3, Swimmer-v3"):
-        evaluate_files(Extrapolation((policies[0], other), steps=5), tmp_path / "out")
+        evaluate_files(calm((policies[0], other), steps=5), tmp_path / "out")
 
 
 @given(episodes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
@@ -349,22 +350,22 @@ def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, m
     task = TaskInfo(f"gymnasium:{name}:Id-v0", 11, (-1.0,) * 3, (1.0,) * 3)
     policy = save_policy(policy_for(task, seed=1), tmp_path / "policy.safetensors")
     with pytest.raises(ValueError, match=f"imports the Python module {name}; .* --modules {name}"):
-        evaluate_files(Extrapolation((policy,), 10), tmp_path / "out", cores=1)
+        evaluate_files(calm((policy,), 10), tmp_path / "out", cores=1)
     assert not trace.exists()
     with pytest.raises(ValueError, match="no task named"):
-        evaluate_files(Extrapolation((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
+        evaluate_files(calm((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
     assert trace.exists()
 
 
 def test_a_disturbed_evaluation_stands_beside_the_calm_one_and_resumes(tmp_path):
     """Calm episodes in one folder are not taken for disturbed ones; the same draws come whatever runs beside."""
     run = partial(Extrapolation, (Path("Hopper-v3/ppo"),), 300, eval_seeds=2)
-    calm = evaluate_files(run(), tmp_path, on="here").final()
+    quiet = evaluate_files(run(disturb=("none",)), tmp_path, on="here").final()
     both = ("push:0", "action_noise:0.2")
     noisy = evaluate_files(run(disturb=both), tmp_path, on="here").final()
-    assert calm["disturbance"].unique().to_list() == ["none"]
+    assert quiet["disturbance"].unique().to_list() == ["none"]
     assert noisy["disturbance"].unique().to_list() == ["action_noise:0.2 push:0"]
-    assert (noisy["return"] != calm["return"]).all()
+    assert (noisy["return"] != quiet["return"]).all()
     alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), tmp_path / "again", on="here").final()
     assert alone["return"].equals(noisy["return"])
     again = evaluate_files(run(disturb=both), tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import gymnasium
@@ -23,6 +24,7 @@ from perdure.report import read_table
 from perdure.runs import Store
 from perdure.wrappers import HorizonLimit, VectorHorizonLimit
 
+extrapolate = partial(perdure.extrapolate, disturb="none")
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 LARGEST = np.finfo(np.float64).max
 LIMITED = "test/Falling-v0"
@@ -48,7 +50,7 @@ def timed():
 def by_file(timed, tmp_path_factory):
     folder = tmp_path_factory.mktemp("file")
     path = save_policy(timed, folder / "timed.safetensors")
-    asked = Extrapolation((path,), 60, ("constant:500", "countdown"), eval_seeds=3)
+    asked = Extrapolation((path,), 60, ("constant:500", "countdown"), eval_seeds=3, disturb=("none",))
     return evaluate_files(asked, folder / "out", on="here")
 
 
@@ -57,9 +59,7 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
         def function(observations, *, elapsed, horizon):
             return timed.act_at(observations, elapsed, horizon)
 
-        found = perdure.extrapolate(
-            function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3
-        )
+        found = extrapolate(function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3)
         assert found.frame.select(FACTS).equals(by_file.frame.select(FACTS))
         same = ["idle_rate", "training_rate", "window", "policy_state", "policy_note", "outcome", "failed_step"]
         assert found.frame.select(same).equals(by_file.frame.select(same))
@@ -69,15 +69,13 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
         options = {"steps": 60, "clocks": ["constant:500", "countdown"], "eval_seeds": 3}
         path = save_policy(timed, tmp_path / "timed.safetensors")
         for policy in (timed, path, [str(path)]):
-            assert perdure.extrapolate(policy, **options, on="here").frame.equals(by_file.frame)
+            assert extrapolate(policy, **options, on="here").frame.equals(by_file.frame)
 
     def test_another_function_has_another_table(self, by_file):
         def function(observations, *, elapsed, horizon):
             return np.zeros((len(observations), 3))
 
-        found = perdure.extrapolate(
-            function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3
-        )
+        found = extrapolate(function, env="Hopper-v3", steps=60, clocks=("constant:500", "countdown"), eval_seeds=3)
         assert not found.frame.select("return").equals(by_file.frame.select("return"))
 
     def test_a_clock_is_read_to_it_step_by_step(self):
@@ -87,9 +85,7 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
             read.append((elapsed.tolist(), horizon.tolist()))
             return still(observations)
 
-        perdure.extrapolate(
-            function, Falling, steps=6, clocks=("constant:7", "countdown:4"), eval_seeds=1, training_horizon=3
-        )
+        extrapolate(function, Falling, steps=6, clocks=("constant:7", "countdown:4"), eval_seeds=1, training_horizon=3)
         assert read[0] == ([0.0] * 20, [3.0] * 20), "within the training horizon it is a countdown to its end"
         assert [row[0] for row in read[3:8]] == [[0.0, float(t)] for t in (0, 1, 2, 3, 4)]
         assert read[4][1] == [7.0, 4.0]
@@ -103,7 +99,7 @@ class TestWhatTheFunctionSees:
             seen.append(observations)
             return observations["pointer"]
 
-        result = perdure.extrapolate(follow, Dial, steps=40, eval_seeds=3, training_horizon=100)
+        result = extrapolate(follow, Dial, steps=40, eval_seeds=3, training_horizon=100)
         assert ends(result) == [40.0] * 3
         first = seen[-1]
         assert {name: (each.shape, each.dtype) for name, each in first.items()} == {
@@ -125,7 +121,7 @@ class TestWhatTheFunctionSees:
             state = np.where(episode_starts[None, :, None], observations[None], state)
             return state[0, :, 0].astype(int), state
 
-        result = perdure.extrapolate(remember, Cue, steps=50, eval_seeds=8, training_horizon=30, recurrent=True)
+        result = extrapolate(remember, Cue, steps=50, eval_seeds=8, training_horizon=30, recurrent=True)
         episodes = result.final()
         assert set(episodes["end_step"]) == {20, 50}
         assert episodes["return"].to_list() == episodes["end_step"].to_list()
@@ -133,7 +129,7 @@ class TestWhatTheFunctionSees:
         assert set(calls[31:]) == {(False, False, False, 8)}, "ended episodes are still there"
 
     def test_without_its_memory_it_earns_nothing_after_the_first_step(self):
-        result = perdure.extrapolate(
+        result = extrapolate(
             lambda seen: np.maximum(seen[:, 0], 0).astype(int), Cue, steps=50, eval_seeds=8, training_horizon=30
         )
         cue = result.final()["return"].to_numpy()
@@ -148,7 +144,7 @@ class TestEnvironments:
 
         vector = SyncVectorEnv([limited] * 3)
         tables = [
-            perdure.extrapolate(still, env, steps=70, eval_seeds=4)
+            extrapolate(still, env, steps=70, eval_seeds=4)
             for env in (LIMITED, f"gymnasium:{LIMITED}", limited, vector, AsyncVectorEnv([limited] * 2))
         ]
         lasts = tables[0].final()["end_step"].to_list()
@@ -165,7 +161,7 @@ class TestEnvironments:
 
     def test_the_training_horizon_is_the_environments_limit_unless_it_is_given(self):
         def longest(env, **options):
-            return perdure.extrapolate(still, env, steps=5, eval_seeds=1, **options).frame["train_horizon"][0]
+            return extrapolate(still, env, steps=5, eval_seeds=1, **options).frame["train_horizon"][0]
 
         assert longest(LIMITED) == longest(lambda: gymnasium.make(LIMITED)) == 10
         assert longest(LIMITED, training_horizon=30) == 30
@@ -184,13 +180,13 @@ class TestEnvironments:
     )
     def test_what_is_none_is_refused(self, env, error, message):
         with pytest.raises(error, match=message):
-            perdure.extrapolate(still, env, steps=10)
+            extrapolate(still, env, steps=10)
 
     def test_a_pool_of_envpool_is_refused_with_what_to_give(self):
         import envpool
 
         with pytest.raises(PerdureError, match="an EnvPool cannot be seeded again: give its task's name"):
-            perdure.extrapolate(still, envpool.make_gymnasium("Hopper-v4", num_envs=1), steps=10)
+            extrapolate(still, envpool.make_gymnasium("Hopper-v4", num_envs=1), steps=10)
 
 
 @pytest.mark.parametrize(
@@ -205,14 +201,14 @@ class TestEnvironments:
 )
 def test_what_is_no_action_is_refused(function, message):
     with pytest.raises(PerdureError, match=message):
-        perdure.extrapolate(function, Falling, steps=10)
+        extrapolate(function, Falling, steps=10)
 
 
 def test_a_discrete_action_out_of_range_is_refused():
     with pytest.raises(PerdureError, match="whole numbers from 3 to 5; lane 0 got 6"):
-        perdure.extrapolate(lambda seen: np.full(len(seen["pointer"]), 6), Dial, steps=10)
+        extrapolate(lambda seen: np.full(len(seen["pointer"]), 6), Dial, steps=10)
     with pytest.raises(PerdureError, match=r"whole numbers from 3 to 5; lane 0 got 3\.5"):
-        perdure.extrapolate(lambda seen: np.full(len(seen["pointer"]), 3.5), Dial, steps=10)
+        extrapolate(lambda seen: np.full(len(seen["pointer"]), 3.5), Dial, steps=10)
 
 
 @pytest.mark.parametrize(
@@ -230,11 +226,11 @@ def test_a_discrete_action_out_of_range_is_refused():
 )
 def test_numbers_that_make_no_sense_are_refused(options, message):
     with pytest.raises(PerdureError, match=message):
-        perdure.extrapolate(lambda seen, **time: still(seen), Falling, **{"steps": 10, **options})
+        extrapolate(lambda seen, **time: still(seen), Falling, **{"steps": 10, **options})
 
 
 def test_steps_may_be_a_whole_float():
-    assert perdure.extrapolate(still, Falling, steps=2e1, eval_seeds=1).frame["test_horizon"][0] == 20
+    assert extrapolate(still, Falling, steps=2e1, eval_seeds=1).frame["test_horizon"][0] == 20
 
 
 def test_every_environment_that_was_made_is_closed():
@@ -247,23 +243,23 @@ def test_every_environment_that_was_made_is_closed():
         def close(self):
             counts["closed"] += 1
 
-    perdure.extrapolate(still, Counted, steps=10, eval_seeds=3)
+    extrapolate(still, Counted, steps=10, eval_seeds=3)
     assert counts["made"] == counts["closed"] > 3
 
 
 def test_a_recurrent_function_must_return_its_state():
     with pytest.raises(PerdureError, match=r"must return \(actions, state\)"):
-        perdure.extrapolate(lambda seen, state, starts: still(seen), Falling, steps=10, recurrent=True)
+        extrapolate(lambda seen, state, starts: still(seen), Falling, steps=10, recurrent=True)
 
 
 def test_a_model_of_stable_baselines3_is_told_how_to_be_read():
     model = Path(__file__).parents[1] / "policy" / "readers" / "fixtures" / "ppo.zip"
     with pytest.raises(PerdureError, match=r"Policy\.from_sb3"):
-        perdure.extrapolate(model, env="Pendulum-v1")
+        extrapolate(model, env="Pendulum-v1")
 
 
 def test_the_folder_holds_the_table_and_the_page(tmp_path):
-    result = perdure.extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path / "new", command="my script")
+    result = extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path / "new", command="my script")
     frame, notes = read_table(result.path)
     assert frame.equals(result.frame.select(frame.columns))
     assert notes["command"] == "my script"
@@ -273,12 +269,12 @@ def test_the_folder_holds_the_table_and_the_page(tmp_path):
 
 def test_a_table_that_nothing_could_make_again_is_not_replaced(timed, tmp_path):
     """A function has no identity: whether the table is of the same function is not known."""
-    before = perdure.extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path).path.read_bytes()
+    before = extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path).path.read_bytes()
     path = save_policy(timed, tmp_path / "timed.safetensors")
     called = []
     for again in (
-        lambda: perdure.extrapolate(called.append, Falling, steps=30, out=tmp_path),
-        lambda: perdure.extrapolate(path, steps=20, eval_seeds=1, on="here", out=tmp_path),
+        lambda: extrapolate(called.append, Falling, steps=30, out=tmp_path),
+        lambda: extrapolate(path, steps=20, eval_seeds=1, on="here", out=tmp_path),
     ):
         with pytest.raises(PerdureError, match="another evaluation, which would be replaced: name another folder"):
             again()
@@ -294,15 +290,15 @@ def test_an_evaluation_of_a_function_waits_for_another_into_its_folder(tmp_path)
         raise OccupiedError
 
     with Store(tmp_path).exclusive("extrapolate"), pytest.raises(OccupiedError):
-        perdure.extrapolate(still, Falling, steps=20, out=tmp_path, waiting=refuse)
+        extrapolate(still, Falling, steps=20, out=tmp_path, waiting=refuse)
 
 
 def test_arguments_for_functions_are_refused_with_files(tmp_path):
     for options in ({"name": "mine"}, {"recurrent": True}):
         with pytest.raises(PerdureError, match="are for functions, not for files"):
-            perdure.extrapolate("Hopper-v3/geometric", steps=5, **options)
+            extrapolate("Hopper-v3/geometric", steps=5, **options)
     with pytest.raises(PerdureError, match="a policy file names its own"):
-        perdure.extrapolate("Hopper-v3/geometric", steps=5, training_horizon=10)
+        extrapolate("Hopper-v3/geometric", steps=5, training_horizon=10)
 
 
 class TestIdleWithDiscreteActions:
@@ -346,8 +342,8 @@ def test_an_idle_robot_acts_within_any_box(low, high):
 
 
 def test_episodes_of_many_start_states_are_independent_of_their_batch():
-    few = perdure.extrapolate(still, Falling, steps=70, eval_seeds=3)
-    many = perdure.extrapolate(still, Falling, steps=70, eval_seeds=60)
+    few = extrapolate(still, Falling, steps=70, eval_seeds=3)
+    many = extrapolate(still, Falling, steps=70, eval_seeds=60)
     assert ends(few) == ends(many)[:3]
     lasts = many.final().select(pl.col("end_step"))["end_step"].to_numpy()
     assert ends(many) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"
@@ -356,7 +352,7 @@ def test_episodes_of_many_start_states_are_independent_of_their_batch():
 def test_a_factory_that_hands_out_one_environment_is_refused():
     one = gymnasium.make("Pendulum-v1")
     with pytest.raises(PerdureError, match="returned the same environment again"):
-        perdure.extrapolate(lambda seen: np.zeros((len(seen), 1)), lambda: one, steps=5, eval_seeds=2)
+        extrapolate(lambda seen: np.zeros((len(seen), 1)), lambda: one, steps=5, eval_seeds=2)
 
 
 def test_an_environment_with_a_training_horizon_is_refused():
@@ -366,17 +362,15 @@ def test_an_environment_with_a_training_horizon_is_refused():
         return HorizonLimit(gymnasium.make("Pendulum-v1", max_episode_steps=-1), Fixed(50), "terminated")
 
     with pytest.raises(PerdureError, match="ends episodes at a training horizon"):
-        perdure.extrapolate(lambda seen: np.zeros((len(seen), 1)), limited, steps=5, eval_seeds=1)
+        extrapolate(lambda seen: np.zeros((len(seen), 1)), limited, steps=5, eval_seeds=1)
     vector = SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1", max_episode_steps=-1)] * 2)
     with pytest.raises(PerdureError, match="ends episodes at a training horizon"):
-        perdure.extrapolate(
-            lambda seen: np.zeros((len(seen), 1)), VectorHorizonLimit(vector, Fixed(50), "terminated"), steps=5
-        )
+        extrapolate(lambda seen: np.zeros((len(seen), 1)), VectorHorizonLimit(vector, Fixed(50), "terminated"), steps=5)
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_policy_is_called(tmp_path):
     (tmp_path / "blocked").write_text("")
     called = []
     with pytest.raises(NotADirectoryError):
-        perdure.extrapolate(called.append, "envpool:InvertedPendulum-v4", steps=5, out=tmp_path / "blocked" / "out")
+        extrapolate(called.append, "envpool:InvertedPendulum-v4", steps=5, out=tmp_path / "blocked" / "out")
     assert called == []

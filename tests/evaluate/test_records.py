@@ -99,7 +99,7 @@ def test_memory_does_not_grow_with_the_steps():
     assert long["returns"][1] < 1.05 * short["returns"][1], (
         "a hundred times the steps: two decades of recorded steps more"
     )
-    assert max(max(shape) for shape in long.values()) == long["returns"][1]
+    assert max(max(shape, default=0) for shape in long.values()) == long["returns"][1]
 
 
 class TestMovement:
@@ -122,8 +122,8 @@ class TestDetails:
         reference = Reference(10, np.zeros((1, 1)), np.array([10]), np.array([False]), low, high)
         policy = dataclasses.replace(policy_for(SCRIPTED), reference=reference)
         scripts = [Script(place=lambda step: 0.01 * step), Script()]
-        episodes = [EpisodeSpec(0, None, seed) for seed in range(2)]
-        records = evaluate_episodes([policy], episodes, 500, world=world_of(scripts))
+        episodes = [EpisodeSpec(0, None, seed, steps=500) for seed in range(2)]
+        records = evaluate_episodes([policy], episodes, world=world_of(scripts))
         # The range is [-1, 1]; half of it further out is 2, reached at step 200.
         assert records.end_detail == ["observation[1] left its training range at step 210", ""]
 
@@ -146,22 +146,23 @@ class TestDetails:
 
 def test_a_world_of_the_caller_stays_open():
     world = world_of([Script()])
-    evaluate_episodes([policy_for(SCRIPTED)], [EpisodeSpec(0, None, 0)], 5, world=world)
+    evaluate_episodes([policy_for(SCRIPTED)], [EpisodeSpec(0, None, 0, steps=5)], world=world)
     assert world.reset().shape == (1, 3)
 
 
 @pytest.mark.parametrize(
-    ("episodes", "steps", "message"),
+    ("episodes", "message"),
     [
-        ([], 5, "no episode to evaluate"),
-        ([EpisodeSpec(1, None, 0)], 5, "an index into 1 policies, from 0, got 1"),
-        ([EpisodeSpec(-1, None, 0)], 5, "an index into 1 policies, from 0, got -1"),
-        ([EpisodeSpec(0, None, 0)], 0, "steps must be at least 1, got 0"),
+        ([], "no episode to evaluate"),
+        ([EpisodeSpec(1, None, 0)], "an index into 1 policies, from 0, got 1"),
+        ([EpisodeSpec(-1, None, 0)], "an index into 1 policies, from 0, got -1"),
+        ([EpisodeSpec(0, None, 0, steps=0)], "steps must be at least 1, got 0"),
+        ([EpisodeSpec(0, None, 0, steps=steps) for steps in (5, 6)], "must have the same steps"),
     ],
 )
-def test_episodes_that_cannot_be_run_are_refused(episodes, steps, message):
+def test_episodes_that_cannot_be_run_are_refused(episodes, message):
     with pytest.raises(PerdureError, match=message):
-        evaluate_episodes([policy_for(SCRIPTED)], episodes, steps)
+        evaluate_episodes([policy_for(SCRIPTED)], episodes)
 
 
 SCALE = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
@@ -169,8 +170,8 @@ SCALE = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
 
 @pytest.fixture(scope="module")
 def frame(records):
-    episodes = [EpisodeSpec(0, None, seed) for seed in range(len(SCRIPTS))]
-    return judge_table(episode_table(["p"], [policy_for(SCRIPTED)], episodes, records, STEPS), [SCALE] * len(episodes))
+    episodes = [EpisodeSpec(0, None, seed, steps=STEPS) for seed in range(len(SCRIPTS))]
+    return judge_table(episode_table(["p"], [policy_for(SCRIPTED)], episodes, records), [SCALE] * len(episodes))
 
 
 class TestTable:

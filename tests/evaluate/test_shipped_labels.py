@@ -31,7 +31,8 @@ def test_every_label_is_checked():
 @pytest.mark.parametrize(("name", "clock"), EXPECTED)
 def test_a_label_is_true(tmp_path, name, clock):
     given = "default" if clock == "none" else f"constant:{clock[9:-1]}"
-    result = evaluate_files(Extrapolation((find_policy(name),), clocks=(given,), eval_seeds=10), tmp_path, cores=1)
+    asked = Extrapolation((find_policy(name),), clocks=(given,), eval_seeds=10, disturb=("none",))
+    result = evaluate_files(asked, tmp_path, cores=1)
     verdicts = Counter(
         row["policy_state"] if row["policy_state"] != "worked" else row["outcome"]
         for row in result.final().iter_rows(named=True)

@@ -162,7 +162,7 @@ class TestRealPhysics:
         score_scale = make_score_scale(reference, idle, published_rate(task))
         assert score_scale.policy_state == "worked"
         steps = 3000
-        records = evaluate_episodes([policy], [EpisodeSpec(0, None, seed) for seed in range(3)], steps)
+        records = evaluate_episodes([policy], [EpisodeSpec(0, None, seed, steps=steps) for seed in range(3)])
         at = np.isin(records.steps, window_steps(steps))
         for episode in range(3):
             reason = "survived" if records.end_reason[episode] == 0 else "terminated"
@@ -195,8 +195,8 @@ class TestRealPhysics:
         score_scale = make_score_scale(reference, Idle(0.0, -0.3), published_rate("HalfCheetah-v3"))
         from perdure.horizon import Constant
 
-        episodes = [EpisodeSpec(0, Constant(c), seed) for c in (500.0, 0.0) for seed in range(12)]
-        records = evaluate_episodes([policy], episodes, 6000)
+        episodes = [EpisodeSpec(0, Constant(c), seed, steps=6000) for c in (500.0, 0.0) for seed in range(12)]
+        records = evaluate_episodes([policy], episodes)
         at = np.isin(records.steps, window_steps(6000))
         outcomes = [
             judge_episode(records.steps[at], records.returns[episode, at], 6000, "survived", score_scale).outcome

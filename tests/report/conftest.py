@@ -86,7 +86,9 @@ def build(groups, episodes=8, train_seeds=(0,), recorded=RECORDED_STEPS, seed=0)
                     "policy": policy,
                     "train_seed": train_seed,
                     "eval_seed": episode,
-                    "disturbance": "none",
+                    "disturbance": group.get("disturbance", "none"),
+                    "not_applied": "",
+                    "step_seconds": math.nan,
                 }
                 own_rate = rng.normal(rate, spread) if spread else rate
                 rows += episode_rows(labels, end, own_rate, last_rate, recorded)

@@ -402,3 +402,19 @@ class TestInABrowser:
         page = tmp_path / "broken.html"
         page.write_text("<script>nothing.there()</script>")
         assert browse(page, tmp_path / "profile")[1]
+
+
+@pytest.mark.parametrize(
+    ("last", "words"), [(0.1, "up to 0.1"), (0.02, "up to 0.02"), (0.0, "at none of these levels")]
+)
+def test_a_sweep_says_up_to_which_level_nine_in_ten_episodes_hold(synthetic, last, words):
+    """Ten episodes each; of those above the last level two end early."""
+    table = synthetic(
+        [
+            {"disturbance": f"action_noise:{level}", "ends": [5000] * 2 * (level > last) + [math.inf] * 10}
+            for level in (0.1, 0.02, 0.05)
+        ],
+        episodes=10,
+    )
+    sentence = f"nine in ten episodes hold under action_noise {words} (tried: 0.02, 0.05, 0.1)"
+    assert f"geometric, always 500 steps to go: {sentence}" in summary_text(table)

@@ -20,7 +20,9 @@ GROUPS = [
 
 @pytest.fixture(scope="module")
 def frame(synthetic):
-    return synthetic(GROUPS, episodes=5, train_seeds=(3, 1))
+    """Disturbed episodes of one task are shorter."""
+    short = synthetic([{"disturbance": "standard-1", "ends": [200, 1001]}], 2, (3, 1), recorded=(100, 400, 1000))
+    return pl.concat([synthetic(GROUPS, episodes=5, train_seeds=(3, 1)), short])
 
 
 def check(tables, frame):
@@ -38,7 +40,8 @@ def check(tables, frame):
 def test_episodes_are_what_the_rows_say(frame):
     tables = table_episodes(frame, "t")
     check(tables, frame)
-    assert [episodes.facts["task"][0] for episodes in tables] == ["Hopper-v3", "Ant-v3"]
+    of = [(each.facts["task"][0], each.facts["disturbance"][0], each.steps[-1]) for each in tables]
+    assert of == [("Hopper-v3", "none", 100_000), ("Ant-v3", "none", 100_000), ("Hopper-v3", "standard-1", 1000)]
     assert not set(CURVES) & set(tables[0].facts.columns)
 
 

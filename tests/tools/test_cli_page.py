@@ -14,7 +14,7 @@ def test_a_section_has_a_row_for_every_flag(command):
 
 def test_a_row_has_value_default_and_meaning():
     text = cli_page.section("extrapolate")
-    assert "| `--eval-seeds INT` | Start states; the same ones for every policy and clock. Default: `20`. |" in text
+    assert "| `--first-eval-seed INT` | First start state" in text
     assert "| `--clocks STR ...` |" in text
     assert "| `POLICIES` |" in text
     assert "| `--ppo.total-steps INT` |" in cli_page.section("train")

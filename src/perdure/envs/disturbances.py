@@ -100,6 +100,22 @@ class Strength(Disturbance):
     needs_simulator: ClassVar[bool] = True
 
 
+CALM = "none"
+"""Name of no disturbance at all."""
+STANDARDS: dict[str, tuple[str, ...]] = {
+    "standard-1": (
+        "action_noise:0.05",
+        "observation_noise:0.02",
+        "push:0.25",
+        "mass:1.1",
+        "friction:0.9",
+        "strength:0.9",
+    )
+}
+"""Disturbances that act together under one name, which always means the same ones. Moderate levels: each lies within
+what the Real-World RL suite (Dulac-Arnold et al. 2020), RRLS and Robust-Gymnasium vary."""
+STANDARD = "standard-1"
+"""What an evaluation applies if nothing else is asked for."""
 PUSH_STEPS = 200
 """Control steps between two pushes."""
 SIMULATED = {
@@ -121,8 +137,30 @@ def parse_disturbance(text: str) -> Disturbance:
     try:
         number = float(level)
     except ValueError:
-        raise PerdureError(f"a disturbance is written name:level, for example push:0.5, got {text!r}") from None
+        raise PerdureError(
+            f"a disturbance is written name:level, for example push:0.5, or one of {', '.join(STANDARDS)}, or {CALM} "
+            f"alone; got {text!r}"
+        ) from None
     return Disturbance.from_json({"name": name, "level": number})
+
+
+def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
+    """Return disturbances that act together, in one order; none for "none", and all of a name in `STANDARDS`.
+
+    Raises:
+        PerdureError: If a text names none, or a kind is named twice.
+    """
+    if tuple(texts) == (CALM,):
+        return ()
+    found = [parse_disturbance(each) for text in texts for each in STANDARDS.get(text, (text,))]
+    if len({each.name for each in found}) < len(found):
+        raise PerdureError(f"one kind of disturbance is named twice: {', '.join(each.label for each in found)}")
+    return tuple(sorted(found, key=lambda each: each.name))
+
+
+def labels(disturbances: Sequence[Disturbance]) -> str:
+    """Return how tables name disturbances that act together: "action_noise:0.1 push:0.5"."""
+    return " ".join(each.label for each in disturbances) or CALM
 
 
 def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:

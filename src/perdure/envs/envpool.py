@@ -34,6 +34,14 @@ Int32Array = npt.NDArray[np.int32]
 Outcome = tuple[FloatArray, npt.NDArray[np.float32], BoolArray, BoolArray]
 OUT_OF_REACH = 10**9
 """EnvPool's own step limit, which must never be reached: lanes have no horizon."""
+STEP_SECONDS = {
+    **dict.fromkeys(("Hopper", "Walker2d"), 0.008),
+    **dict.fromkeys(("Humanoid", "HumanoidStandup"), 0.015),
+    **dict.fromkeys(("HalfCheetah", "Ant", "InvertedDoublePendulum", "Pusher"), 0.05),
+    **dict.fromkeys(("Swimmer", "InvertedPendulum"), 0.04),
+    "Reacher": 0.02,
+}
+"""Seconds of a control step of EnvPool's MuJoCo robots, which it does not tell itself."""
 
 
 class EnvPoolWorld(TrackedWorld):
@@ -121,6 +129,8 @@ def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
         action_high=pool.action_space.high,
         default_horizon=int(envpool.make_spec(name).config.max_episode_steps),
         hides_divergence=_mujoco_version(pool) is not None,
+        step_seconds=STEP_SECONDS.get(name.partition("-")[0], np.nan),
+        has_goal="obs:desired_goal" in pool._state_keys,
     )
 
 

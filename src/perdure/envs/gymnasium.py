@@ -221,6 +221,8 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
         default_horizon=UNLIMITED_TASK_HORIZON if limit is None else limit,
         discrete_actions=discrete,
         has_step_limit=limit is not None,
+        step_seconds=_step_seconds(env),
+        has_goal=isinstance(observations, gymnasium.spaces.Dict) and "desired_goal" in observations.spaces,
     )
 
 
@@ -255,6 +257,12 @@ def engine_of(env: Any) -> str:
 
         engine += f", MuJoCo {mujoco.__version__}"
     return engine
+
+
+def _step_seconds(env: Any) -> float:
+    """Return the control step of one of Gymnasium's MuJoCo environments; nan for any other."""
+    inner = getattr(env, "unwrapped", None)
+    return float(getattr(inner, "dt", math.nan)) if hasattr(inner, "mujoco_renderer") else math.nan
 
 
 def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:

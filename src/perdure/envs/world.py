@@ -47,6 +47,10 @@ class TaskSpec:
     """Whether `default_horizon` is the environment's own step limit, and not an assumption."""
     hides_divergence: bool = False
     """Whether a simulation that diverged may be put back to its start without a report, as MuJoCo does in EnvPool."""
+    step_seconds: float = np.nan
+    """Seconds of one control step; nan: unknown."""
+    has_goal: bool = False
+    """Its observation holds a desired goal: an episode may be over because the goal is reached."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies of the bounds, so that no caller can move the box of a running world."""

@@ -19,6 +19,7 @@ from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table
 from perdure.report.estimates import Estimate
+from perdure.report.schema import CALM
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import printable
 
@@ -170,6 +171,7 @@ def _front_matter(policy: Policy, estimates: Sequence[Estimate]) -> dict[str, An
 def _metrics(estimate: Estimate) -> list[dict[str, Any]]:
     group, share = estimate.group, estimate.verdict.share
     where = f"{group.test_horizon:,} steps, clock {group.clock}"
+    where += "" if (met := group["disturbance"][0]) == CALM else f", under {met}"
     holds = {"n": group.episodes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
     mean = estimate.returns
     returns = {"n": group.episodes, "interval": _bounds(mean.lower[-1], mean.upper[-1]), "interval_method": mean.method}
@@ -195,13 +197,25 @@ def _bounds(low: Any, high: Any) -> list[float] | None:
 
 
 def _verdicts(estimates: Sequence[Estimate]) -> str:
-    head = ["clock", "verdict", "episodes that hold", "95 % interval", "n", "mean return", "outcomes"]
+    head = [
+        "clock",
+        "disturbance",
+        "steps",
+        "verdict",
+        "episodes that hold",
+        "95 % interval",
+        "n",
+        "mean return",
+        "outcomes",
+    ]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for estimate in estimates:
         group, share = estimate.group, estimate.verdict.share
         outcomes = ", ".join(f"{name} {count}" for name, count in Counter(group.verdicts).most_common())
         cells = [
             group.clock,
+            group["disturbance"][0],
+            f"{group.test_horizon:,}",
             f"**{estimate.verdict.label}**",
             f"{float(share.estimate):.0%}",
             f"{float(share.lower):.0%} to {float(share.upper):.0%}",
@@ -211,9 +225,8 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
         ]
         lines.append(f"| {' | '.join(cells)} |")
     methods = sorted({estimate.verdict.share.method for estimate in estimates})
-    steps = estimates[0].group.test_horizon
     note = (
-        f"Each episode has {steps:,} steps, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
+        f"Steps: of each episode, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
         "seeds. An episode holds if its reward rate at the end, above that of an idle robot, is at least "
         f"{100 * HOLDS_FROM:.0f} % of the policy's own within its training horizon."
     )

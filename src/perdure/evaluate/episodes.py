@@ -1,23 +1,36 @@
 """Episodes far beyond the training horizon: which ones, how they run, and what is recorded of them.
 
-An episode is one deployed run: a policy under a clock from a start state. `Extrapolation` says which ones there are,
-`evaluate_episodes` runs them.
+An episode is one deployed run: a policy under a clock from a start state, calm or disturbed. `Extrapolation` says which
+ones there are, `evaluate_episodes` runs them.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import World, make_world
-from perdure.envs.disturbances import Disturbance, DisturbedWorld, disturbed_task, parse_disturbance
+from perdure.envs import TaskSpec, World, make_world
+from perdure.envs.disturbances import (
+    CALM,
+    STANDARD,
+    STANDARDS,
+    Disturbance,
+    DisturbedWorld,
+    disturbed_task,
+    labels,
+    parse_disturbances,
+)
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
 from perdure.policy import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
@@ -25,6 +38,26 @@ from perdure.policy.network import one_thread
 
 FIRST_EVAL_SEED = 1_000_000
 """Evaluation seed k starts a world from seed FIRST_EVAL_SEED + k."""
+CALM_STEPS, CALM_SEEDS, DISTURBED_STEPS, DISTURBED_SEEDS = 100_000, 3, 10_000, 36
+"""Steps and start states where none are asked for. Calm episodes of one policy hardly differ; 36 of 36 disturbed ones
+that hold show that at least 90 % do."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Episodes that meet the same disturbances and last equally long."""
+
+    label: str
+    """How tables name it: "none", "standard-1", or the disturbances."""
+    disturbances: tuple[Disturbance, ...]
+    steps: int
+    eval_seeds: int
+    not_applied: str = ""
+    """What the world cannot do, as text."""
+
+
+Make: TypeAlias = Callable[[Sequence[Disturbance]], World]
+"""Builds a world of a task that takes these disturbances, or raises PerdureError."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +71,17 @@ class Extrapolation:
 
     policies: tuple[Path, ...]
     """Policies for one task, each as `perdure.policy.find_policy` takes it, or ONNX models; texts become paths."""
-    steps: int = 100_000
-    """T_test: steps of each episode."""
+    steps: int | None = None
+    """T_test: steps of each episode; None: 100,000 calm ones, 10,000 disturbed ones."""
     clocks: tuple[str, ...] = ("default",)
     """Clocks of policies with a time-to-go input: "constant:500", "periodic:500", "countdown:100000", "countdown"
     (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C: constant 0 to 1000 and periodic 100 to
     1000 in steps of 100, and countdown). Policies without that input run once."""
-    eval_seeds: int = 20
-    """Start states. The same seed starts from the same state under every policy and clock."""
+    eval_seeds: int | None = None
+    """Start states; None: 3 calm ones, 36 disturbed ones. The same seed starts from the same state under every policy
+    and clock."""
+    hours: float | None = field(default=None, kw_only=True)
+    """In place of `steps`: hours of each episode, by the environment's own control rate."""
     first_eval_seed: int = field(default=0, kw_only=True)
     """The first of those seeds: choose a policy or a clock on some seeds, report on others."""
     modules: tuple[str, ...] = field(default=(), kw_only=True)
@@ -55,61 +91,128 @@ class Extrapolation:
     training_horizon: int | None = field(default=None, kw_only=True)
     """For ONNX models: steps of a training episode, within which the reference is measured. None: what an exported
     model says, or the step limit of the environment, 1,000 where it has none."""
-    disturb: tuple[str, ...] = field(default=(), kw_only=True)
-    """What disturbs every episode, all together, such as "action_noise:0.1" or "push:0.5"; see
-    `perdure.envs.disturbances`. The same start state meets the same draws under every policy and clock."""
+    disturb: tuple[str, ...] | None = field(default=None, kw_only=True)
+    """What disturbs the episodes, all together, such as "action_noise:0.1" or "push:0.5", or by name, "standard-1"; see
+    `perdure.envs.disturbances`. "push:0.2,0.4": episodes under each level. ("none",): nothing. None: both, calm
+    episodes and those under standard-1; `steps` and `eval_seeds` are then of the calm ones. The same start state meets
+    the same draws under every policy and clock."""
     max_episodes: int = field(default=48, kw_only=True)
     """Episodes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
 
     def __post_init__(self) -> None:
         """Refuse an evaluation of nothing."""
-        for name, least in (("steps", 1), ("eval_seeds", 1), ("max_episodes", 1), ("first_eval_seed", 0)):
-            object.__setattr__(self, name, whole(name, getattr(self, name), least))
-        if self.training_horizon is not None:
-            object.__setattr__(self, "training_horizon", whole("training_horizon", self.training_horizon, 1))
+        positive = dict.fromkeys(("steps", "eval_seeds", "max_episodes", "training_horizon"), 1)
+        for name, least in {**positive, "first_eval_seed": 0}.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        if self.hours is not None and self.steps is not None:
+            raise PerdureError(f"give steps or hours, not both: got {self.steps} steps and {self.hours} hours")
+        if self.hours is not None and not (isinstance(self.hours, int | float) and 0.0 < self.hours < math.inf):
+            raise PerdureError(f"hours must be a number above 0, got {self.hours!r}")
         seeds = MAX_SEED + 1 - FIRST_EVAL_SEED
-        if self.first_eval_seed + self.eval_seeds > seeds:
+        if self.first_eval_seed + (asked := self.eval_seeds or DISTURBED_SEEDS) > seeds:
             raise PerdureError(
-                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {self.eval_seeds}"
+                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {asked}"
             )
         object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
         for name in ("clocks", "modules", "disturb"):
-            object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
         if not self.policies:
             raise PerdureError("no policy to evaluate: name at least one policy file")
         if not self.clocks:
             raise PerdureError("no clock to evaluate under; leave the option out to use each policy's own")
-        self.deployment_clocks(None)
-        _ = self.disturbances
+        self.deployment_clocks(None, 1)
+        if self.disturb == ():
+            raise PerdureError(f'disturb must name something: ("{CALM}",) disturbs nothing')
+        _ = self._asked(1.0)
 
-    @property
-    def disturbances(self) -> tuple[Disturbance, ...]:
-        """What disturbs every episode, in one order."""
-        return tuple(sorted(map(parse_disturbance, self.disturb), key=lambda each: each.name))
+    def _asked(self, step_seconds: float) -> list[Condition]:
+        """Return the conditions, before it is known what the world can do."""
+        steps = self.steps if self.hours is None else max(1, round(3600.0 * self.hours / step_seconds))
+        calm = Condition(CALM, (), steps or CALM_STEPS, self.eval_seeds or CALM_SEEDS)
+        disturbed = replace(calm, steps=steps or DISTURBED_STEPS, eval_seeds=self.eval_seeds or DISTURBED_SEEDS)
+        if self.disturb is None:
+            standard = parse_disturbances([STANDARD])
+            return [calm, Condition(STANDARD, standard, DISTURBED_STEPS, DISTURBED_SEEDS)]
+        found = []
+        for texts in product(*map(_levels, self.disturb)):
+            each = parse_disturbances(texts)
+            label = texts[0] if len(texts) == 1 and texts[0] in STANDARDS else labels(each)
+            found.append(replace(disturbed, label=label, disturbances=each) if each else calm)
+        return list(dict.fromkeys(found))
 
-    @property
-    def seeds(self) -> range:
-        """The evaluation seeds."""
-        return range(self.first_eval_seed, self.first_eval_seed + self.eval_seeds)
+    def conditions(self, spec: TaskSpec, make: Make) -> list[Condition]:
+        """Return the conditions under which policies of a task are evaluated.
 
-    def deployment_clocks(self, default: Clock | None) -> tuple[Clock, ...]:
-        """Return the clocks of one policy with phi whose own clock is ``default``, each once, in the order given."""
+        A standard set of disturbances is applied as far as the world can; a task with discrete actions or a goal is
+        only then disturbed if that is asked for.
+
+        Args:
+            spec: Of the task.
+            make: Builds its worlds.
+
+        Raises:
+            PerdureError: If the world cannot do what `disturb` names, or does not tell how long a step is for `hours`.
+        """
+        if self.hours is not None and math.isnan(spec.step_seconds):
+            raise PerdureError(f"{spec.name} does not tell how long a control step is: give steps in place of hours")
+        asked, found = self._asked(spec.step_seconds), list[Condition]()
+        if self.disturb is None and (spec.discrete_actions or spec.has_goal):
+            why = f"{STANDARD}, because {spec.name} has " + ("discrete actions" if spec.discrete_actions else "a goal")
+            warnings.warn(f"not applied: {why}; name disturbances that it should meet", PerdureWarning, stacklevel=3)
+            return [replace(asked[0], not_applied=why)]
+        for each in asked:
+            if each.label in STANDARDS:
+                able = tuple(one for one in each.disturbances if _refusal(make, [one]) is None)
+                rest = ", ".join(one.name for one in each.disturbances if one not in able)
+                each = replace(each, disturbances=able, not_applied=rest)
+            elif each.disturbances and (error := _refusal(make, each.disturbances)) is not None:
+                raise error
+            found.append(each)
+        return found
+
+    def deployment_clocks(self, default: Clock | None, steps: int) -> tuple[Clock, ...]:
+        """Return the clocks of one policy with phi, each once, in the order given.
+
+        Args:
+            default: The policy's own clock.
+            steps: Of the episodes: where a countdown ends.
+        """
         clocks: list[Clock] = []
         for text in self.clocks:
             if text == "default":
                 clocks += [] if default is None else [default]
             elif text == "countdown":
-                clocks.append(Countdown(float(self.steps)))
+                clocks.append(Countdown(float(steps)))
             elif text == "sweep":
-                clocks += self._sweep()
+                clocks += _sweep(steps)
             else:
                 clocks.append(parse_clock(text))
         return tuple(dict.fromkeys(clocks))
 
-    def _sweep(self) -> list[Clock]:
-        constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
-        # Periodic(0) is Constant(0), which is there already.
-        return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(self.steps))]
+
+def _sweep(steps: int) -> list[Clock]:
+    constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
+    # Periodic(0) is Constant(0), which is there already.
+    return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(steps))]
+
+
+def _refusal(make: Make, disturbances: Sequence[Disturbance]) -> PerdureError | None:
+    """Return why a world does not take these disturbances together; None: it does."""
+    try:
+        with closing(make(disturbances)) as world:
+            std = np.zeros((world.num_lanes, world.spec.observation_size))
+            DisturbedWorld(world, disturbances, [0] * world.num_lanes, std)
+    except PerdureError as error:
+        return error
+    return None
+
+
+def _levels(text: str) -> list[str]:
+    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4"."""
+    name, colon, levels = text.partition(":")
+    return [f"{name}{colon}{level}" for level in levels.split(",")]
 
 
 def whole(name: str, value: Any, least: int) -> int:
@@ -136,7 +239,7 @@ def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class EpisodeSpec:
-    """One deployed run: a policy under a clock from a start state."""
+    """One deployed run: a policy under a clock from a start state, calm or disturbed."""
 
     policy: int
     """Index into the policies."""
@@ -144,6 +247,15 @@ class EpisodeSpec:
     """None for a policy without phi."""
     eval_seed: int
     disturbances: tuple[Disturbance, ...] = ()
+    steps: int = CALM_STEPS
+    """How long it lasts, unless it ends earlier."""
+    label: str = ""
+    """How tables name the disturbances; "": by their own labels."""
+
+    @property
+    def disturbance(self) -> str:
+        """The label of its condition, such as "none" or "standard-1"."""
+        return self.label or labels(self.disturbances)
 
 
 def split(episodes: Sequence[EpisodeSpec], size: int, parts: int) -> list[list[EpisodeSpec]]:
@@ -248,40 +360,40 @@ class EpisodeRecords:
     """Cause of the end, in words; "" if unknown. Length n."""
     movement: NDArray[np.float64]
     """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
+    step_seconds: float = math.nan
+    """Seconds of a control step; nan: unknown."""
 
 
 def evaluate_episodes(
     policies: Sequence[PolicyLike],
     episodes: Sequence[EpisodeSpec],
-    steps: int,
     progress: Callable[[int, int], None] = lambda step, running: None,
     world: World | None = None,
 ) -> EpisodeRecords:
-    """Run episodes for at most ``steps`` steps each, in this process, on one core.
+    """Run episodes that share their steps and disturbances, in this process, on one core.
 
     Args:
         policies: All for one task; `EpisodeSpec.policy` is an index into them.
         episodes: One or more.
-        steps: The test horizon.
         progress: Called every 500 steps with (step, running episodes).
         world: The world to run in, one lane for each of ``episodes``; it stays open. By default the policies' own task.
 
     Raises:
         PerdureError: If there is no episode or no step, or an episode names a policy that there is not.
+        PerdureError: If episodes differ in their steps or disturbances.
         PerdureError: If a policy does not fit its clock or the world, or the world has another number of lanes.
         PerdureError: If the task's world cannot be built.
     """
-    steps = whole("steps", steps, 1)
     if not episodes:
         raise PerdureError("there is no episode to evaluate: give at least one EpisodeSpec")
+    steps, disturbances = whole("steps", episodes[0].steps, 1), episodes[0].disturbances
     for episode in episodes:
         if not 0 <= episode.policy < len(policies):
             raise PerdureError(
                 f"EpisodeSpec.policy must be an index into {len(policies)} policies, from 0, got {episode.policy}"
             )
-    disturbances = episodes[0].disturbances
-    if any(episode.disturbances != disturbances for episode in episodes):
-        raise PerdureError("episodes that run together must have the same disturbances")
+    if any((episode.steps, episode.disturbances) != (steps, disturbances) for episode in episodes):
+        raise PerdureError("episodes that run together must have the same steps and disturbances")
     acting = [EpisodePolicy(policies[episode.policy], episode.clock) for episode in episodes]
     seeds = [FIRST_EVAL_SEED + episode.eval_seed for episode in episodes]
     opened = make_world(disturbed_task(acting[0].policy.task.name, disturbances), seeds) if world is None else world
@@ -307,7 +419,7 @@ def _run(
                 progress(step, len(loop.running))
             if not len(loop.running):
                 break
-    return recorder.records()
+    return replace(recorder.records(), step_seconds=world.spec.step_seconds)
 
 
 class _Recorder:

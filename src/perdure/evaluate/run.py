@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from perdure.envs import OpenEnv, open_env, refuse_import
+from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, task_of_environment
+from perdure.envs.disturbances import Disturbance, disturbed_task
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
 from perdure.evaluate.reference import idle_baseline, with_reference
@@ -27,11 +29,12 @@ def extrapolate(
     policy: Callable[..., Any] | Policy | str | Path | Sequence[str | Path],
     env: Any = None,
     *,
-    steps: int = 100_000,
+    steps: int | None = None,
+    hours: float | None = None,
     clocks: Sequence[str] | str | None = None,
-    eval_seeds: int = 20,
+    eval_seeds: int | None = None,
     first_eval_seed: int = 0,
-    disturb: Sequence[str] = (),
+    disturb: Sequence[str] | str | None = None,
     training_horizon: int | None = None,
     recurrent: bool = False,
     name: str | None = None,
@@ -55,12 +58,13 @@ def extrapolate(
         env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; for what runs in this process also a
             factory or a VectorEnv. Step limits of its own are lifted: see `perdure.envs.open_env`. None: the task of
             the policy.
-        steps: How long each episode is asked to last.
+        steps: How long each episode is asked to last; None: as in `Extrapolation`.
+        hours: In place of `steps`.
         clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
             ``elapsed`` and ``horizon``.
-        eval_seeds: Start states.
+        eval_seeds: Start states; None: as in `Extrapolation`.
         first_eval_seed: The first of them.
-        disturb: As in `Extrapolation`.
+        disturb: As in `Extrapolation`. None: calm episodes, and those under standard-1; "none": calm ones.
         training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
             the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
             that perdure exported.
@@ -93,7 +97,8 @@ def extrapolate(
         named,
         eval_seeds,
         first_eval_seed=first_eval_seed,
-        disturb=tuple(disturb),
+        hours=hours,
+        disturb=(disturb,) if isinstance(disturb, str) else None if disturb is None else tuple(disturb),
         modules=tuple(modules),
         env=env if isinstance(env, str) else None,
         training_horizon=training_horizon,
@@ -123,7 +128,8 @@ def extrapolate(
         elif recurrent or training_horizon is not None:
             raise PerdureError("recurrent and training_horizon are for functions; a Policy knows its own")
         label = method_label(subject, "policy") if name is None else name
-        result = ExtrapolationResult(_evaluate_here(evaluation, subject, source, label, observe), None)
+        task = task_of_environment(env) if isinstance(env, str) else None
+        result = ExtrapolationResult(_evaluate_here(evaluation, subject, source, task, label, observe), None)
         if out is None:
             return result
         result.write(out, command)
@@ -131,27 +137,39 @@ def extrapolate(
 
 
 def _evaluate_here(
-    evaluation: Extrapolation, policy: PolicyLike, source: OpenEnv, label: str, observe: Observer
+    evaluation: Extrapolation, policy: PolicyLike, source: OpenEnv, task: str | None, label: str, observe: Observer
 ) -> pl.DataFrame:
-    """Return the table of one policy, evaluated in this process."""
+    """Return the table of one policy, evaluated in this process; `task`: the name of the environment, if it has one."""
     import polars as pl
 
-    episodes, steps = plan(evaluation, [policy]), evaluation.steps
+    def make(disturbances: Sequence[Disturbance], seeds: Sequence[int]) -> World:
+        return source.make(seeds) if task is None else make_world(disturbed_task(task, disturbances), seeds)
+
+    first_seeds = [FIRST_EVAL_SEED] * (source.lanes or 1)
+    with closing(source.make(first_seeds)) as world:
+        spec = world.spec
+    conditions = evaluation.conditions(spec, lambda disturbances: make(disturbances, first_seeds))
+    episodes = plan(evaluation, [policy], conditions)
     policy, idle = with_reference(policy, source), idle_baseline(source)
     assert policy.reference is not None
-    frames = list[pl.DataFrame]()
-    for group in source.groups(len(episodes)):
-        specs, first = [episodes[k] for k in group], group[0] * steps
+    frames, finished = list[pl.DataFrame](), 0.0
+    total = sum(each.steps for each in episodes)
+    for _, same in groupby(episodes, key=lambda each: (each.disturbance, each.steps)):
+        mine = list(same)
+        for group in source.groups(len(mine)):
+            specs = [mine[k] for k in group]
 
-        def report(done: float, total: float, first: int = first) -> None:
-            observe({"episodes": UnitProgress("running", first + done, steps * len(episodes))})
+            def report(done: float, _: float, before: float = finished) -> None:
+                observe({"episodes": UnitProgress("running", before + done, total)})
 
-        world = source.make([FIRST_EVAL_SEED + episode.eval_seed for episode in specs])
-        try:
-            rows = run_episodes([label], [policy], specs, steps, report, world)
-        finally:
-            world.close()
-        # The last episode is repeated where a VectorEnv fixes their number.
-        frames.append(rows.head(len(rows) // len(group) * len(set(group))))
+            world = make(specs[0].disturbances, [FIRST_EVAL_SEED + episode.eval_seed for episode in specs])
+            try:
+                rows = run_episodes([label], [policy], specs, report, world)
+            finally:
+                world.close()
+            # The last episode is repeated where a VectorEnv fixes their number.
+            frames.append(rows.head(len(rows) // len(group) * len(set(group))))
+            finished += specs[0].steps * len(set(group))
     scale = make_score_scale(policy.reference, idle, published_rate(policy.task.name))
-    return judge_table(pl.concat(frames), [scale] * len(episodes))
+    not_applied = {each.label: each.not_applied for each in conditions}
+    return judge_table(pl.concat(frames), [scale] * len(episodes), not_applied)

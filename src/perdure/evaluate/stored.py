@@ -8,14 +8,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from perdure.envs import OpenEnv, make_world, refuse_import, task_of_environment
+from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, task_of_environment
 from perdure.envs.disturbances import disturbed_task, parse_disturbance
 from perdure.envs.suites import task_source_digest
 from perdure.errors import PerdureError
-from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, Extrapolation, evaluate_episodes, split
+from perdure.evaluate.episodes import (
+    FIRST_EVAL_SEED,
+    Condition,
+    EpisodeSpec,
+    Extrapolation,
+    evaluate_episodes,
+    split,
+)
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.score import make_score_scale, published_rate
 from perdure.evaluate.table import (
@@ -52,8 +60,8 @@ if TYPE_CHECKING:
 REFERENCES = "references"
 """Folder of the store that keeps reference episodes of policies whose files hold none."""
 GROUPS = "groups"
-"""Folder of the store that keeps finished groups of episodes. A group's config has of each episode the identity of its
-policy, a clock or null, and an evaluation seed."""
+"""Folder of the store that keeps finished groups of episodes. A group's config has its condition, and of each episode
+the identity of its policy, a clock or null, and an evaluation seed."""
 REPLACED = "{} holds another evaluation, which would be replaced: name another folder, or remove it"
 
 
@@ -97,27 +105,35 @@ def run_episodes(
     labels: Sequence[str],
     policies: Sequence[PolicyLike],
     episodes: Sequence[EpisodeSpec],
-    steps: int,
     report: Callable[[float, float], None],
     world: Any = None,
 ) -> pl.DataFrame:
-    """Return the table of a group of episodes, without verdicts."""
+    """Return the table of a group of episodes of one condition, without verdicts."""
+    steps = episodes[0].steps
 
     def progress(step: int, running: int) -> None:
         ended = len(episodes) - running  # these need no more steps
         report(step * running + steps * ended, steps * len(episodes))
 
-    records = evaluate_episodes(policies, episodes, steps, progress, world)
-    return episode_table(labels, policies, episodes, records, steps)
+    return episode_table(labels, policies, episodes, evaluate_episodes(policies, episodes, progress, world))
 
 
-def plan(evaluation: Extrapolation, policies: Sequence[PolicyLike]) -> list[EpisodeSpec]:
-    """Return the episodes of an evaluation; PerdureError if there is none."""
+def plan(
+    evaluation: Extrapolation, policies: Sequence[PolicyLike], conditions: Sequence[Condition]
+) -> list[EpisodeSpec]:
+    """Return the episodes of an evaluation, one condition after the other; PerdureError if there is none."""
+
+    def clocks(policy: PolicyLike, steps: int) -> tuple[Clock | None, ...]:
+        own = getattr(policy, "clock", None)
+        return evaluation.deployment_clocks(own, steps) if policy.has_clock else (None,)
+
+    first = evaluation.first_eval_seed
     episodes = [
-        EpisodeSpec(number, clock, seed, evaluation.disturbances)
+        EpisodeSpec(number, clock, seed, each.disturbances, each.steps, each.label)
+        for each in conditions
         for number, policy in enumerate(policies)
-        for clock in (evaluation.deployment_clocks(getattr(policy, "clock", None)) if policy.has_clock else (None,))
-        for seed in evaluation.seeds
+        for clock in clocks(policy, each.steps)
+        for seed in range(first, first + each.eval_seeds)
     ]
     if not episodes:
         raise PerdureError(
@@ -205,8 +221,8 @@ def _files(evaluation: Extrapolation) -> list[_PolicyFile]:
     return files
 
 
-def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str]) -> None:
-    """Refuse a task that a policy file alone would import, and policies that do not fit their task."""
+def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str]) -> TaskSpec:
+    """Return the task; refuse one that a policy file alone would import, and policies that do not fit it."""
     for file in files:
         if isinstance(file.policy, Policy):
             refuse_import(file.task, modules, str(file.path))
@@ -214,6 +230,7 @@ def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str]) -> None:
     try:
         for file in files:
             check_fit(file.policy, world)
+        return world.spec
     finally:
         world.close()
 
@@ -251,24 +268,31 @@ def evaluate_files(
     check_on(on)
     workers = core_count(cores)
     files = _files(evaluation)
-    _check_task(files, evaluation.modules)
-    episodes = plan(evaluation, [file.policy for file in files])
+    spec = _check_task(files, evaluation.modules)
+    conditions = evaluation.conditions(
+        spec, lambda disturbances: make_world(disturbed_task(spec.name, disturbances), [FIRST_EVAL_SEED])
+    )
+    episodes = plan(evaluation, [file.policy for file in files], conditions)
     with ExitStack() as stack:
         store = Store(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
         stack.enter_context(store.exclusive("extrapolate", waiting))
         if (store.root / TABLE).exists() and not store.keys(GROUPS):
             raise PerdureError(REPLACED.format(store.root))
-        versions = _versions(disturbed_task(files[0].task, evaluation.disturbances))
-        finished = _finished(store, evaluation, versions)
+        versions = _versions(files[0].task)
+        setups = _setups(files[0].task, episodes)
+        finished = _finished(store, setups)
         kept = {episode: finished[episode] for each in episodes if (episode := _identity(each, files)) in finished}
-        missing = [episode for episode in episodes if _identity(episode, files) not in kept]
         units = [idle_unit(files[0].task, versions)]
         units += [file.reference_unit(versions) for file in files if file.policy.reference is None]
         units = [unit for unit in units if not store.done(unit.key, unit.config)]
-        units += _units(missing, evaluation, files, workers, versions, store, units)
+        before = tuple(units)
+        missing = [episode for episode in episodes if _identity(episode, files) not in kept]
+        for setup, mine in groupby(missing, key=_setup):
+            group = split(list(mine), evaluation.max_episodes, workers)
+            units += _units(group, setups[setup], files, versions, store, before)
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         run_missing(units, store.root, on, cores, observe)
-        frame = _table(store, evaluation, files, episodes, versions)
+        frame = _table(store, setups, files, episodes, {each.label: each.not_applied for each in conditions})
         labels = _labels(files)
         notes = {
             file_note(label, train_seed(file.policy)): file.digest for label, file in zip(labels, files, strict=True)
@@ -282,16 +306,17 @@ def evaluate_files(
 
 def _table(
     store: Store,
-    evaluation: Extrapolation,
+    setups: Setups,
     files: Sequence[_PolicyFile],
     episodes: Sequence[EpisodeSpec],
-    versions: Versions,
+    not_applied: Mapping[str, str],
 ) -> pl.DataFrame:
-    finished = _finished(store, evaluation, versions)
+    task = files[0].task
+    finished, versions = _finished(store, setups), _versions(task)
     wanted = [_identity(episode, files) for episode in episodes]
     if missing := [episode for episode in wanted if episode not in finished]:
         raise PerdureError(f"{len(missing)} of {len(episodes)} episodes are not in {store.root}")
-    groups, task = list(dict.fromkeys(finished[episode] for episode in wanted)), files[0].task
+    groups = list(dict.fromkeys(finished[episode] for episode in wanted))
     labels = _labels(files)
     frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
     idle, scales = read_idle(store.get(idle_unit(task, versions).key)), []
@@ -301,7 +326,7 @@ def _table(
             policy = load_reference(policy, store.get(file.reference_unit(versions).key))
         assert policy.reference is not None
         scales.append(make_score_scale(policy.reference, idle, published_rate(task)))
-    return judge_table(frame, [scales[episode.policy] for episode in episodes])
+    return judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
 
 
 def _labels(files: Sequence[_PolicyFile]) -> list[str]:
@@ -314,12 +339,31 @@ def _labels(files: Sequence[_PolicyFile]) -> list[str]:
     return list(map(printable, next(distinct, whole)))
 
 
-Identity = tuple[str, str, int]
-"""What an episode's result depends on besides steps and versions: policy file, clock, evaluation seed."""
+Setup = tuple[str, int, tuple[str, ...]]
+"""What the episodes of a condition share: its label, their steps, the labels of the disturbances that are applied."""
+Setups = dict[Setup, dict[str, Any]]
+"""To each of them what a group of its episodes has in its config, beside its episodes."""
+Identity = tuple[str, str, int, Setup]
+"""What an episode's result depends on besides versions: policy file, clock, evaluation seed, condition."""
+
+
+def _setup(episode: EpisodeSpec) -> Setup:
+    return episode.disturbance, episode.steps, tuple(each.label for each in episode.disturbances)
 
 
 def _identity(episode: EpisodeSpec, files: Sequence[_PolicyFile]) -> Identity:
-    return files[episode.policy].identity, "none" if episode.clock is None else episode.clock.label, episode.eval_seed
+    clock = "none" if episode.clock is None else episode.clock.label
+    return files[episode.policy].identity, clock, episode.eval_seed, _setup(episode)
+
+
+def _setups(task: str, episodes: Sequence[EpisodeSpec]) -> Setups:
+    found = Setups()
+    for setup, (each, *_) in groupby(episodes, key=_setup):
+        label, steps, disturb = setup
+        versions = _versions(disturbed_task(task, each.disturbances))
+        shared = {"label": label, "steps": steps, "disturb": list(disturb)}
+        found[setup] = {"table": SCHEMA_VERSION, "versions": versions, **shared}
+    return found
 
 
 Versions = dict[str, str]
@@ -336,15 +380,14 @@ def _versions(task: str) -> Versions:
 
 
 def _units(
-    episodes: Sequence[EpisodeSpec],
-    evaluation: Extrapolation,
+    groups: Sequence[Sequence[EpisodeSpec]],
+    shared: Mapping[str, Any],
     files: Sequence[_PolicyFile],
-    workers: int,
     versions: Versions,
     store: Store,
     before: Sequence[Unit],
 ) -> Iterator[Unit]:
-    """Split episodes into groups, one unit each."""
+    """Yield one unit for each group of episodes of one condition."""
     arguments = {file.identity: file.arguments() for file in files}
     after = list[str]()
     for file in files:
@@ -353,40 +396,35 @@ def _units(
             unit = file.reference_unit(versions)
             arguments[file.identity]["reference"] = str(store.root / unit.key)
             after += [unit.key] if unit in before else []
-    for group in split(episodes, evaluation.max_episodes, workers) if episodes else ():
+    condition = {name: shared[name] for name in ("label", "steps", "disturb")}
+    for group in groups:
         written = [
             [files[each.policy].identity, None if each.clock is None else each.clock.to_json(), each.eval_seed]
             for each in group
         ]
-        config = {"table": SCHEMA_VERSION, "steps": evaluation.steps, "versions": versions, "episodes": written}
-        config |= {"disturb": _labels_of(evaluation)} if evaluation.disturb else {}
+        config = {**shared, "episodes": written}
         yield Unit(
             f"{GROUPS}/{config_digest(config)[:16]}",
             config,
             f"{__name__}:evaluate_group",
-            {"files": arguments, "episodes": written, "steps": evaluation.steps, "disturb": _labels_of(evaluation)},
+            {"files": arguments, "episodes": written, **condition},
             tuple(after),
-            size=float(len(group) * evaluation.steps),
+            size=float(len(group) * shared["steps"]),
         )
 
 
-def _labels_of(evaluation: Extrapolation) -> list[str]:
-    return [each.label for each in evaluation.disturbances]
-
-
-def _finished(store: Store, evaluation: Extrapolation, versions: Versions) -> dict[Identity, str]:
-    """Return every episode that is in the store already, and the key of its group."""
+def _finished(store: Store, setups: Setups) -> dict[Identity, str]:
+    """Return every episode of these conditions that is in the store already, and the key of its group."""
     found: dict[Identity, str] = {}
     for key in store.keys(GROUPS):
-        config = store.config(key)
-        found_with = [config.get(name) for name in ("table", "steps", "versions")] + [config.get("disturb", [])]
-        if found_with != [SCHEMA_VERSION, evaluation.steps, versions, _labels_of(evaluation)]:
-            continue
-        try:
-            for identity, clock, seed in checked(config.get("episodes"), list[tuple[str, Any, int]], "episodes"):
-                found[identity, "none" if clock is None else Clock.from_json(clock).label, seed] = key
-        except PerdureError as error:
-            raise PerdureError(f"the group of episodes {key} in {store.root} cannot be read: {error}") from error
+        config = dict(store.config(key))
+        episodes = config.pop("episodes", None)
+        for setup in [setup for setup, shared in setups.items() if shared == config]:
+            try:
+                for identity, clock, seed in checked(episodes, list[tuple[str, Any, int]], "episodes"):
+                    found[identity, "none" if clock is None else Clock.from_json(clock).label, seed, setup] = key
+            except PerdureError as error:
+                raise PerdureError(f"the group of episodes {key} in {store.root} cannot be read: {error}") from error
     return found
 
 
@@ -402,6 +440,7 @@ def evaluate_group(
     episodes: Sequence[Sequence[Any]],
     steps: int,
     disturb: Sequence[str],
+    label: str,
 ) -> None:
     """Evaluate a group of episodes and write its table to the work folder; the function of an evaluation's units."""
     if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
@@ -414,11 +453,13 @@ def evaluate_group(
         policies.append(policy if reference is None else load_reference(policy, Path(reference)))
     disturbances = tuple(map(parse_disturbance, disturb))
     specs = [
-        EpisodeSpec(used.index(identity), None if clock is None else Clock.from_json(clock), seed, disturbances)
+        EpisodeSpec(
+            used.index(identity), None if clock is None else Clock.from_json(clock), seed, disturbances, steps, label
+        )
         for identity, clock, seed in episodes
     ]
     buffer = io.BytesIO()
-    run_episodes(used, policies, specs, steps, work.report).write_parquet(buffer)
+    run_episodes(used, policies, specs, work.report).write_parquet(buffer)
     write_result(work.folder / TABLE, buffer.getvalue())
 
 
@@ -426,8 +467,9 @@ def _collect(store: Store, keys: Sequence[str], episodes: Sequence[Identity], la
     """Return the rows of these episodes in their order, policies by the label of each episode."""
     import polars as pl
 
-    identity = ("policy", "clock", "eval_seed")
-    wanted = pl.DataFrame(episodes, list(identity), orient="row").with_columns(label=pl.Series(labels))
+    identity = ("policy", "clock", "eval_seed", "disturbance", "test_horizon")
+    wanted = pl.DataFrame([(*each[:-1], *each[-1][:2]) for each in episodes], list(identity), orient="row")
+    wanted = wanted.with_columns(label=pl.Series(labels))
     wanted = wanted.with_row_index("episode")
     try:
         files = [Parquet((store.get(key) / TABLE).read_bytes()) for key in keys]

@@ -17,7 +17,6 @@ from perdure.evaluate.episodes import END_REASONS, SURVIVED, EpisodeRecords, Epi
 from perdure.evaluate.score import ScoreScale
 from perdure.evaluate.verdict import judge_episode
 from perdure.policy import PolicyLike
-from perdure.report.schema import CALM
 
 if TYPE_CHECKING:
     import polars as pl
@@ -70,7 +69,7 @@ class ExtrapolationResult:
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
     def summary(self, by_training_run: bool = False) -> pl.DataFrame:
-        """Return one row for each policy and clock: episodes, mean return, shares of outcomes, median time to failure.
+        """Return one row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
 
         The median is that of the Kaplan-Meier curve; null where less than half of the episodes failed. `policy_state`
         names every state of the policies in the row, such as "never worked, worked".
@@ -83,7 +82,7 @@ class ExtrapolationResult:
         from perdure.report.estimates import VERDICT, half_failed_by
 
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
-        keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock"]
+        keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock", "disturbance"]
         episodes = self.final().with_columns(verdict=VERDICT)
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
@@ -117,7 +116,6 @@ def episode_table(
     policies: Sequence[PolicyLike],
     episodes: Sequence[EpisodeSpec],
     records: EpisodeRecords,
-    steps: int,
 ) -> pl.DataFrame:
     """Return one row for each episode and recorded step.
 
@@ -126,7 +124,6 @@ def episode_table(
         policies: `EpisodeSpec.policy` is an index into them.
         episodes: The episodes of ``records``, in their order.
         records: Their results.
-        steps: The test horizon.
     """
     import polars as pl
 
@@ -136,7 +133,7 @@ def episode_table(
     survived = (records.end_reason == SURVIVED)[:, None]
     columns: dict[str, object] = {name: [row[name] for row in rows for _ in range(m)] for name in rows[0]}
     columns |= {
-        "test_horizon": np.full(n * m, steps),
+        "step_seconds": np.full(n * m, records.step_seconds),
         "step": np.tile(records.steps, n),
         "return": records.returns.ravel(),
         # An episode that ended with step s has completed s - 1 steps without ending.
@@ -162,30 +159,37 @@ def _episode_row(label: str, policy: PolicyLike, episode: EpisodeSpec) -> dict[s
         "clock_kind": "none" if clock is None else clock.name,
         "clock_steps": math.nan if clock is None else float(clock.steps),
         "eval_seed": episode.eval_seed,
-        "disturbance": " ".join(each.label for each in episode.disturbances) or CALM,
+        "disturbance": episode.disturbance,
+        "test_horizon": episode.steps,
     }
 
 
-def judge_table(frame: pl.DataFrame, score_scales: Sequence[ScoreScale]) -> pl.DataFrame:
-    """Add the score scale of each episode's policy, and the verdict on each episode.
+def judge_table(
+    frame: pl.DataFrame, score_scales: Sequence[ScoreScale], not_applied: Mapping[str, str] | None = None
+) -> pl.DataFrame:
+    """Add the score scale of each episode's policy, the verdict on each episode, and what the world could not apply.
 
     Args:
-        frame: As `episode_table` makes it, episode after episode.
+        frame: As `episode_table` makes it, episode after episode; they may differ in disturbances and steps.
         score_scales: The measure of each episode's policy, in the order of the episodes.
+        not_applied: By the label of the disturbances, what the world could not do.
     """
     import polars as pl
 
-    each = frame["step"].n_unique()
-    episodes = frame.select("end_step", "end_reason").gather_every(each, each - 1)
-    grid = frame["step"][:each].to_numpy()
-    steps = window_steps(int(frame["test_horizon"][0]))
-    returns = frame["return"].to_numpy().reshape(-1, each)[:, np.isin(grid, steps)]
+    last = np.flatnonzero(frame["step"] == frame["test_horizon"])
+    begins = np.concatenate([[0], last[:-1] + 1])
+    grid, returns = frame["step"].to_numpy(), frame["return"].to_numpy()
+    episodes = frame[last].select("test_horizon", "end_step", "end_reason", "disturbance").iter_rows()
     rows = []
-    for earned, (end_step, end_reason), scale in zip(returns, episodes.iter_rows(), score_scales, strict=True):
+    for begin, end, (horizon, end_step, end_reason, label), scale in zip(
+        begins, last + 1, episodes, score_scales, strict=True
+    ):
+        steps = window_steps(horizon)
+        earned = returns[begin:end][np.isin(grid[begin:end], steps)]
         verdict = judge_episode(steps, earned, end_step, end_reason, scale)
-        rows.append({name: getattr(scale, name) for name in RATES} | asdict(verdict))
-    added = pl.DataFrame(rows)
-    return frame.hstack(added[np.repeat(np.arange(len(rows)), each)])
+        named = {name: getattr(scale, name) for name in RATES} | {"not_applied": (not_applied or {}).get(label, "")}
+        rows.append(named | asdict(verdict))
+    return frame.hstack(pl.DataFrame(rows)[np.repeat(np.arange(len(rows)), last + 1 - begins)])
 
 
 RATES = ("idle_rate", "training_rate", "published_rate", "window", "policy_state", "policy_note")

@@ -259,15 +259,13 @@ class Judge:
 
     def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedEpisode]:
         """Run one episode from each start state."""
-        episodes = [EpisodeSpec(0, clock, seed) for seed in eval_seeds]
+        episodes = [EpisodeSpec(0, clock, seed, steps=self._steps) for seed in eval_seeds]
         world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
         try:
-            records = evaluate_episodes([self.policy], episodes, self._steps, world=world)
+            records = evaluate_episodes([self.policy], episodes, world=world)
         finally:
             world.close()
-        frame = judge_table(
-            episode_table(["policy"], [self.policy], episodes, records, self._steps), [self.scale] * len(episodes)
-        )
+        frame = judge_table(episode_table(["policy"], [self.policy], episodes, records), [self.scale] * len(episodes))
         return [
             JudgedEpisode(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
             for row in frame.filter(frame["step"] == self._steps).iter_rows(named=True)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, takewhile
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ EPISODE_FAILURES = ("falls", "fails silently", "decays", "diverges")
 FAILURES = (*EPISODE_FAILURES, "never worked", "cannot tell")
 """Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
 NO_CLOCK = "none"
+FACTORS = ("mass", "friction", "strength")
+"""Disturbances whose level 1 changes nothing; that of the others is 0."""
 ROUNDING = 1e-9
 """Shares that differ by less are equal."""
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
@@ -459,6 +461,24 @@ def _instead(episodes: pl.DataFrame) -> list[str]:
     worse = int((episodes["end_score_vs_training"].to_numpy() < -0.05).sum())
     parts = [(kind, number)] * bool(kind) + [("earning less than an idle robot", worse)] * bool(worse)
     return [what if count == len(last) else f"{what} in {count} of {len(last)}" for what, count in parts]
+
+
+def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
+    """Yield for each policy and clock under several levels of one disturbance the level up to which it holds."""
+    sweeps: dict[tuple[str, str], list[tuple[float, str, bool]]] = {}
+    for item in estimates:
+        disturbance = str(item.group["disturbance"][0])
+        kind, _, level = disturbance.partition(":")
+        if level and " " not in level:
+            who = item.group.label.replace(f" under {disturbance}", "")
+            amount = abs(float(level) - (kind in FACTORS))
+            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label == "holds"))
+    for (who, kind), found in sweeps.items():
+        levels = [level for _, level, _ in sorted(found)]
+        held = list(takewhile(lambda each: each[2], sorted(found)))
+        if len(found) > 1:
+            up_to = f"up to {held[-1][1]}" if held else "at none of these levels"
+            yield f"{who}: nine in ten episodes hold under {kind} {up_to} (tried: {', '.join(levels)})."
 
 
 # Clocks

@@ -77,12 +77,11 @@ def _sweeps(estimates: Sequence[Estimate]) -> Sweeps:
 def _over_steps(what: str, title: str, chosen: Sequence[Estimate], selected: str = "") -> Figure:
     """Draw a field of `Estimate` over the recorded steps."""
     name, shown, axis, note = _OVER_STEPS[what]
-    steps = chosen[0].steps.astype(np.float64)
-    low, high = float(steps[0]), float(steps[-1])
+    low, high = float(min(item.steps[0] for item in chosen)), float(max(item.steps[-1] for item in chosen))
     horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
     chart = curve_chart(
         _curves(chosen, what),
-        Axis("steps since the reset", log=len(steps) > 1, low=low, high=high),
+        Axis("steps since the reset", log=low < high, low=low, high=high),
         Axis(f"{axis} ({_episodes(chosen)})", percent=what != "returns"),
         markers=[Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons],
         steps=what != "returns",
@@ -154,6 +153,7 @@ def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
 
 def _against_c(estimates: Sequence[Estimate]) -> list[Figure]:
     """Draw the return at the end against C, with the clocks that have no C as level lines."""
+    estimates = [item for item in estimates if item.steps[-1] == estimates[0].steps[-1]]
     sweeps = _sweeps(estimates)
     values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
     if len(values) < 2:

@@ -21,7 +21,7 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
-from perdure.report.estimates import SEED, Estimate, Estimates, best_clocks, estimate_table, headline
+from perdure.report.estimates import SEED, Estimate, Estimates, best_clocks, endured, estimate_table, headline
 from perdure.report.figures import make_figures
 from perdure.report.schema import TABLE, read_episodes
 from perdure.runs import write_atomic
@@ -151,6 +151,7 @@ def _points(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from (item.verdict.sentence for item in estimates[:MOST_POINTS])
     if len(estimates) > MOST_POINTS:
         yield f"{len(estimates) - MOST_POINTS} more policies and clocks are in the table."
+    yield from endured(estimates)
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 

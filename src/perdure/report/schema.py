@@ -1,10 +1,10 @@
-"""The table `perdure.extrapolation`, version 3: one row per episode and recorded step, as Parquet.
+"""The table `perdure.extrapolation`, version 4: one row per episode and recorded step, as Parquet.
 
 An episode is one deployed run: a policy under a clock from a start state.
 
 `TABLE` declares every column once: its type, what it may hold, what it means, and how the report shows it. All episodes
-of a task share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file
-and what the writer adds, such as the `command`.
+of a task under one disturbance share their recorded steps. The file's key-value metadata holds `schema`, `version`, the
+SHA-256 of the file and what the writer adds, such as the `command`.
 
 """
 
@@ -27,7 +27,7 @@ from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns
 
 SCHEMA_NAME = "perdure.extrapolation"
-SCHEMA_VERSION = "3"
+SCHEMA_VERSION = "4"
 MOST_STEPS = 10**15
 
 # The declaration
@@ -86,7 +86,11 @@ TABLE: dict[str, Column] = {
     "clock_kind": Column(NAME, '"constant", "periodic", "countdown", "none"'),
     "clock_steps": Column(_CLOCK_STEPS, "the clock's number, e.g. C = 500; nan where there is none"),
     "eval_seed": Column(Whole(), "start state: the same for every policy and clock of a task", "key"),
-    "disturbance": Column(NAME, 'what disturbed the episode, e.g. "action_noise:0.1 push:0.5"; "none": nothing', "key"),
+    "disturbance": Column(
+        NAME, 'what disturbed the episode, e.g. "standard-1" or "action_noise:0.1 push:0.5"; "none": nothing', "key"
+    ),
+    "not_applied": Column(Text(500), 'what of it the world could not do, e.g. "push, mass"; may be empty'),
+    "step_seconds": Column(Real(0.0, unknown=True), "seconds of one control step; nan: unknown"),
     "test_horizon": Column(_STEPS, "steps of the episode, unless it ended earlier"),
     "step": Column(_STEPS, "a recorded step, > 0", "step"),
     "return": Column(Real(), "sum of rewards over the first `step` steps, or over all if it ended before", "step"),
@@ -195,7 +199,7 @@ def read_episodes(path: str | os.PathLike[str]) -> tuple[tuple[Episodes, ...], d
     """Read an extrapolation table as its episodes, column by column with little memory.
 
     Returns:
-        (episodes of each task, metadata without the reserved names).
+        (episodes of each task and disturbance, metadata without the reserved names).
 
     Raises:
         PerdureError: As `read_table`.
@@ -257,7 +261,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """All episodes of one task."""
+    """All episodes of one task under one disturbance."""
 
     steps: IntArray
     """Recorded steps, shape (m,), rising."""
@@ -270,12 +274,12 @@ class Episodes:
 
 
 def table_episodes(frame: pl.DataFrame, name: str) -> tuple[Episodes, ...]:
-    """Return the episodes of a table, tasks in the order in which it names them.
+    """Return the episodes of a table by task and disturbance, in the order in which it names them.
 
     Raises:
         PerdureError: The frame does not fit the schema, an episode has two rows for one step or two values of a column
-            that describes it, or episodes of a task differ in recorded steps or test horizon. The sentence begins with
-            `name`.
+            that describes it, or episodes of a task and disturbance differ in recorded steps or test horizon. The
+            sentence begins with `name`.
     """
     _check_columns(frame.schema, name)
     return _episodes(frame.get_column, name)
@@ -312,15 +316,18 @@ def _episodes(column: Columns, name: str) -> tuple[Episodes, ...]:
     facts = pl.DataFrame([column(each).gather(last) for each in COLUMNS if each not in CURVES])
     facts = facts.with_columns(place=pl.Series(np.minimum.reduceat(order, starts)))
     parts = []
-    for task in facts.sort("place")["task"].unique(maintain_order=True):
-        mine = np.flatnonzero(facts["task"] == task)
+    for task, disturbance in facts.sort("place").select("task", "disturbance").unique(maintain_order=True).iter_rows():
+        mine = np.flatnonzero((facts["task"] == task) & (facts["disturbance"] == disturbance))
         index = starts[mine, None] + np.arange(lengths[mine[0]])
         if (
             (lengths[mine] != lengths[mine[0]]).any()
             or (steps[index] != steps[index[0]]).any()
             or facts["test_horizon"][mine].n_unique() > 1
         ):
-            raise PerdureError(f"{name}: the episodes on {task} do not share their recorded steps and test horizon.")
+            under = "" if disturbance == CALM else f" under {disturbance}"
+            raise PerdureError(
+                f"{name}: the episodes on {task}{under} do not share their recorded steps and test horizon."
+            )
         parts.append((steps[index[0]], facts[mine], order[index]))
     returns, alive = column("return").to_numpy(), column("alive").to_numpy()
     return tuple(Episodes(at, described, returns[rows], alive[rows]) for at, described, rows in parts)

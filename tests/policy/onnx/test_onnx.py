@@ -170,7 +170,7 @@ class TestModelsOfOtherMakers:
 
     def test_are_evaluated_like_the_same_function(self, tmp_path):
         path = self.linear(tmp_path / "theirs.onnx")
-        options = {"env": "envpool:Hopper-v4", "steps": 100, "eval_seeds": 3}
+        options = {"env": "envpool:Hopper-v4", "steps": 100, "eval_seeds": 3, "disturb": "none"}
         found = perdure.extrapolate(path, **options, on="here").frame
         model = OnnxModel.load(path)
         assert found.equals(perdure.extrapolate(model, **options).frame)
@@ -180,7 +180,8 @@ class TestModelsOfOtherMakers:
 
     def test_resume_and_give_one_table_on_any_number_of_cores(self, tmp_path):
         path = self.linear(tmp_path / "theirs.onnx", 3)
-        asked = Extrapolation((path,), 60, eval_seeds=4, env="envpool:Hopper-v4", training_horizon=50)
+        seeds = {"eval_seeds": 4, "disturb": ("none",)}
+        asked = Extrapolation((path,), 60, **seeds, env="envpool:Hopper-v4", training_horizon=50)
 
         def die(status):
             if any(key.startswith("groups") and each.state == "finished" for key, each in status.items()):
@@ -320,7 +321,12 @@ class TestTrainingHorizon:
         protocol = replace(POLICIES["plain"].protocol, horizon=Fixed(300))
         path = export_onnx(replace(POLICIES["plain"], protocol=protocol), tmp_path / "short.onnx")
         assert OnnxModel.load(path).training_horizon == 300
-        options = {"env": "Hopper-v3", "steps": 20, "eval_seeds": 1}  # Hopper-v3 has a limit of 1,000 steps
+        options = {
+            "env": "Hopper-v3",
+            "steps": 20,
+            "eval_seeds": 1,
+            "disturb": "none",
+        }  # Hopper-v3 has a limit of 1,000 steps
         options |= {"on": "here"}
         assert perdure.extrapolate(path, **options).frame["train_horizon"].unique().to_list() == [300.0]
         named = perdure.extrapolate(path, training_horizon=50, **options).frame
@@ -350,7 +356,7 @@ class TestTime:
     def test_a_model_with_time_as_an_input_is_evaluated_under_clocks(self, tmp_path):
         policy = replace(POLICIES["geometric"], reference=None)
         path = export_onnx(policy, tmp_path / "timed.onnx")
-        options = {"env": "Hopper-v3", "steps": 60, "clocks": "constant:300", "eval_seeds": 2}
+        options = {"env": "Hopper-v3", "steps": 60, "clocks": "constant:300", "eval_seeds": 2, "disturb": "none"}
         found = perdure.extrapolate(path, training_horizon=1000, **options, on="here").frame
         own = perdure.extrapolate(policy, **options).frame
         np.testing.assert_allclose(found["return"], own["return"], rtol=1e-3)

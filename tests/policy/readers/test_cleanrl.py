@@ -56,7 +56,7 @@ def test_statistics_come_from_a_file_too_and_the_policy_is_saved_and_evaluated(p
     assert same.reference is not None
     loaded = load_policy(save_policy(same, tmp_path / "policy.safetensors"))
     assert np.array_equal(loaded.act(TRUTH["raw"], NOW), policy.act(TRUTH["raw"], NOW))
-    result = perdure.extrapolate(loaded, steps=300, eval_seeds=2)
+    result = perdure.extrapolate(loaded, steps=300, eval_seeds=2, disturb="none")
     assert result.frame["policy"][0] == "CleanRL PPO (cleanrl)"
 
 

@@ -38,9 +38,8 @@ def run(command, folder, monkeypatch, capsys):
 def short(command):
     """The same evaluation with few and short episodes."""
     command = re.sub(r" (\\\n)? *--(steps|eval-seeds) \d+", "", command)
-    return (
-        command.replace("--out", "--steps 60 --eval-seeds 1 --on here --out") if "extrapolate" in command else command
-    )
+    few = "--steps 60 --eval-seeds 1 --disturb none --on here --out"
+    return command.replace("--out", few) if "extrapolate" in command else command
 
 
 def test_the_page_has_the_commands_that_are_tested():

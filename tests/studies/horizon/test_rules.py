@@ -13,7 +13,7 @@ CANDIDATES = [Constant(float(c)) for c in range(100, 1001, 100)]
 def test_halving_ends_with_a_clock_that_keeps_the_pole_up():
     """Pushed aside by 10 * 0.99^C, the pole falls under small C at once; from some C on it never falls."""
     policy = pendulum_policy(PROTOCOL, Constant(500.0), push=(-10.0,))
-    records = evaluate_episodes([policy], [EpisodeSpec(0, clock, 0) for clock in CANDIDATES], 1000)
+    records = evaluate_episodes([policy], [EpisodeSpec(0, clock, 0, steps=1000) for clock in CANDIDATES])
     holding = {clock for clock, end in zip(CANDIDATES, records.end_step, strict=True) if end == 1000}
     assert 0 < len(holding) < len(CANDIDATES)
     found, steps = choose_by_halving(policy, CANDIDATES, 1000)
