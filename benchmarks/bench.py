@@ -142,6 +142,12 @@ def evaluate_engine(task: str) -> tuple[float, float]:
     return result["ours"], result["engine"]
 
 
+def disturb(task: str, *texts: str) -> tuple[float, float]:
+    """Lane steps a second of ours under disturbances, and when calm."""
+    result = ours("0", "disturbed", task, 36, 500, *texts)
+    return result["disturbed"], result["calm"]
+
+
 def evaluate_sb3(task: str, *forms: str) -> tuple[float, float]:
     """Steps a second of ours on two cores, and of the fastest of some forms of Stable-Baselines3."""
 
@@ -219,6 +225,12 @@ def cases() -> dict[str, Case]:
             "lane steps/s",
             "evaluating 48 lanes x 2,000 steps on one core, against EnvPool alone fed the same actions",
         )
+        for name, texts in {"noise": ("action_noise:0.05", "action_delay:1"), "push": ("push:0.25",)}.items():
+            table[f"disturb.{task}.{name}.vs_calm"] = (
+                partial(disturb, task, *texts),
+                "lane steps/s",
+                f"evaluating 36 lanes x 500 steps on one core under {' '.join(texts)}, against calm; ten pairs",
+            )
     cheetah = "HalfCheetah-v3"
     table[f"extrapolate.{cheetah}.vs_sb3_documented"] = (
         partial(evaluate_sb3, cheetah, "documented"),

@@ -2,6 +2,7 @@
 
 python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES   environment steps a second
 python benchmarks/measure.py evaluate TASK LANES STEPS               lane steps a second, and those of EnvPool alone
+python benchmarks/measure.py disturbed TASK LANES STEPS TEXT ...     lane steps a second, disturbed and calm
 python benchmarks/measure.py floors TASK                             seconds of a step that no program can do without
 python benchmarks/measure.py home scene|place|tasks                  control steps a second of the home world
 
@@ -103,6 +104,24 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
         world.close()
         engine.append(made / engine_seconds(task, seeds, recording.log))
     return {"ours": float(np.median(ours)), "engine": float(np.median(engine))}
+
+
+def disturbed(task: str, lanes: int, steps: int, *texts: str) -> dict[str, float]:
+    """Lane steps a second of our closed loop under disturbances, and when calm, in ten pairs."""
+    from perdure.envs import make_world
+    from perdure.envs.disturbances import disturbed_task, parse_disturbances
+    from perdure.evaluate import EpisodeSpec, evaluate_episodes
+    from perdure.policy import load_policy
+
+    policy, rates = load_policy(f"{task}/geometric"), []
+    for disturbances in (parse_disturbances(texts), ()) * 10:
+        world = make_world(disturbed_task(task, disturbances), range(lanes))  # before the clock runs
+        specs = [EpisodeSpec(0, policy.clock, seed, disturbances) for seed in range(lanes)]
+        began = time.perf_counter()
+        records = evaluate_episodes([policy], specs, steps, world=world)
+        rates.append(records.end_step.sum() / (time.perf_counter() - began))
+        world.close()
+    return {"disturbed": float(np.median(rates[::2])), "calm": float(np.median(rates[1::2]))}
 
 
 def products(config: Any, inputs: int, actions: int, repeats: int = 300) -> float:
@@ -254,6 +273,7 @@ def home(what: str) -> dict[str, float]:
 MEASUREMENTS: dict[str, Callable[..., dict[str, float]]] = {
     "train": train,
     "evaluate": evaluate,
+    "disturbed": disturbed,
     "floors": floors,
     "home": home,
 }

@@ -1,6 +1,6 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
-cli -> evaluate, home -> learn -> policy -> envs -> horizon
+cli -> evaluate, home -> learn -> policy -> envs -> horizon, disturbances
 report, runs: nothing of ours but schema and stats, and report writes files with runs.write_atomic
 stats: nothing of ours
 film: writes files with runs.write_atomic; evaluate and home draw with it
@@ -23,16 +23,17 @@ ALLOWED = {
     "stats": set(),
     "film": {"runs"},
     "horizon": {"schema"},
-    "wrappers": {"horizon"},
+    "disturbances": set(),
+    "wrappers": {"horizon", "disturbances"},
     "runs": {"schema"},
     "report": {"schema", "stats", "runs"},
-    "envs": {"schema", "horizon", "wrappers"},
+    "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
     "learn": {"schema", "horizon", "envs", "policy", "runs"},
     "evaluate": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
     "home": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
     "cli": {
-        *("schema", "horizon", "envs", "policy", "learn", "evaluate", "home", "report", "film", "runs"),
+        *("schema", "horizon", "disturbances", "envs", "policy", "learn", "evaluate", "home", "report", "film", "runs"),
     },
     "__init__": {"horizon", "envs", "policy", "learn", "evaluate", "report"},  # its lazy names
     "__main__": {"cli", "schema"},

@@ -3,7 +3,8 @@
 | package | what it is for |
 |---|---|
 | `perdure.horizon` | the horizon protocol: embeddings of the time-to-go, training horizons, clocks |
-| `perdure.wrappers` | Gymnasium wrappers for other learners: random horizons, and the time-to-go in the observation |
+| `perdure.disturbances` | noise, delay, pushes and changed physics, in evaluation and in training |
+| `perdure.wrappers` | Gymnasium wrappers for other learners: horizons, the time-to-go, disturbances |
 | `perdure.envs` | vectorized environments with one interface (`World`) |
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
 | `perdure.learn` | PPO in JAX with a configurable horizon; training methods |

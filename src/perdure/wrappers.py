@@ -1,7 +1,7 @@
-"""Gymnasium wrappers for any library: random horizons, and the time-to-go in the observation.
+"""Gymnasium wrappers for any library: random horizons, the time-to-go in the observation, and disturbances.
 
 `HorizonLimit` and `TimeToGoObservation` wrap one environment. `VectorHorizonLimit` and `VectorTimeToGoObservation` do
-the same for every environment of a vector, in its own autoreset mode.
+the same for every environment of a vector, in its own autoreset mode. `Disturb` disturbs one environment.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from gymnasium.vector.utils import batch_space, iterate
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
+from perdure.disturbances import Disturber, parse_disturbances
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, Embedding, End, HorizonDistribution, LaneClocks, check_end
 
-__all__ = ["HorizonLimit", "TimeToGoObservation", "VectorHorizonLimit", "VectorTimeToGoObservation"]
+__all__ = ["Disturb", "HorizonLimit", "TimeToGoObservation", "VectorHorizonLimit", "VectorTimeToGoObservation"]
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -153,6 +154,78 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
             assert self._limit is not None
             time = np.float64(self._limit.elapsed), self._limit.horizon
         return append(self.observation_space, observation, np.asarray(self.embedding(*time)))
+
+
+class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Disturb a robot in training or evaluation: noise, delay, pushes, other physics (see `perdure.disturbances`).
+
+    The equations and draws are those of ``perdure extrapolate --disturb`` for the same seed. Every episode has its own
+    draws. Put it below the time limit and every normalizer, next to the environment itself.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        disturbances: Sequence[str],
+        seed: int | None = None,
+        observation_std: Any = None,
+    ) -> None:
+        """Wrap an environment.
+
+        Args:
+            env: Its actions are a box; pushes and factors need Gymnasium's MuJoCo.
+            disturbances: Such as ["action_noise:0.1", "push:0.5"]; at most one of each kind.
+            seed: Of the draws; None: the seed of `reset`, and of the first reset without one a random seed.
+            observation_std: Spread of each observation component, shape (observation_size,), for observation noise;
+                such as the square root of VecNormalize's `obs_rms.var`.
+
+        Raises:
+            PerdureError: If a disturbance is unknown, named twice or impossible here.
+        """
+        RecordConstructorArgs.__init__(self, disturbances=disturbances, seed=seed, observation_std=observation_std)
+        super().__init__(env)
+        space, name = env.action_space, str(env.spec.id if env.spec else type(env.unwrapped).__name__)
+        box = (space.low.ravel().astype(float), space.high.ravel().astype(float)) if _is_box(space) else None
+        std = None if observation_std is None else np.asarray(observation_std, float).reshape(1, -1)
+        if std is not None and not (
+            _is_box(env.observation_space) and std.size == spaces.flatdim(env.observation_space)
+        ):
+            raise PerdureError(
+                f"observation_std has {std.size} components, the observations are {env.observation_space}"
+            )
+        seeds = [np.random.SeedSequence().entropy if seed is None else seed]
+        self._disturber = Disturber(name, parse_disturbances(disturbances), seeds, box, std, [env])
+        self._fixed, self._lane, self._elapsed = seed is not None, np.zeros(1, np.int64), np.zeros(1, np.int64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode with draws of its own. A seed restarts them, unless the constructor got one."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None and not self._fixed:
+            self._disturber.seeds[0], self._disturber.episodes[0] = seed, 0
+        self._disturber.begin(self._lane)
+        self._elapsed[:] = 0
+        return self._observe(observation), info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Make one step."""
+        space = self.env.action_space
+        if _is_box(space):
+            actions = self._disturber.act(np.asarray(action, float).reshape(1, -1), self._lane, self._elapsed)
+            action = np.clip(actions.reshape(space.shape), space.low, space.high).astype(space.dtype)
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._elapsed += 1
+        return self._observe(observation), reward, terminated, truncated, info
+
+    def _observe(self, observation: Any) -> Any:
+        if not self._disturber.observation_std.size:
+            return observation
+        rows = np.array(observation, float).reshape(1, -1)
+        noisy = self._disturber.observe(rows, self._lane, self._elapsed)
+        return noisy.reshape(np.shape(observation)).astype(self.env.observation_space.dtype)
+
+
+def _is_box(space: Any) -> bool:
+    return isinstance(space, spaces.Box)
 
 
 class VectorHorizonLimit(AnyVectorWrapper):

@@ -48,6 +48,18 @@ def test_the_recorded_command_names_the_preset(spec):
     assert command(run, spec, 0) == f"perdure train {TASK} --method ppo --name mine --seeds 0 --preset cleanrl"
 
 
+def test_disturbances_are_in_the_command_and_in_the_name(spec, monkeypatch):
+    found = []
+    monkeypatch.setattr("perdure.learn.run.train", lambda run, *_, **options: found.append(run) or [])
+    run_command(["train", TASK, "--disturb", "action_noise:0.10", "action_delay:2"])
+    run_command(split(command(found[0], spec, 0))[1:])
+    assert found[0] == found[1]
+    assert (found[0].method, found[0].disturb) == (
+        "geometric+action_noise-0.10+action_delay-2",
+        ("action_delay:2", "action_noise:0.1"),
+    )
+
+
 def test_a_trained_policy_holds_the_command(tmp_path):
     (path,) = train(TrainRun(TASK, "mine", replace(PPO, **TINY), base_method="ppo"), tmp_path, cores=1)
     start = f"perdure train {TASK} --method ppo --name mine --seeds 0 --ppo.total-steps 64 "

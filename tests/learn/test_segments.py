@@ -22,6 +22,7 @@ from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.learn import PPOConfig, TrainRun, on_report, train
 from perdure.learn.checkpoint import load_checkpoint, save_checkpoint
 from perdure.learn.run import Segments
+from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"
 SEGMENT = 128
@@ -89,6 +90,50 @@ def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_sa
     train(run(1), tmp_path, cores=1, observe=on_report(run(1), lambda report: seen.append(report.step)))
     assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
     assert files(tmp_path, 1) == files(solo, 1)
+
+
+def weights(path):
+    return {name: array for name, array in load_file(path).items() if name.startswith("policy.")}
+
+
+def same(one, other):
+    return all((one[name] == other[name]).all() for name in one)
+
+
+def test_a_disturbed_run_that_was_killed_is_the_run_that_was_not(solo, tmp_path):
+    kinds = ("action_noise:0.5", "observation_noise:0.2", "action_delay:1")
+    noisy, calm = replace(run(1), disturb=kinds), solo / run(1).key(1) / "policy.safetensors"
+    (whole,) = train(noisy, tmp_path / "whole", cores=1)
+    with pytest.raises(Killed):
+        train(noisy, tmp_path / "killed", cores=1, observe=die_at(SEGMENT + 64, 1))
+    train(noisy, tmp_path / "killed", cores=1)
+    assert files(tmp_path / "killed", 1) == files(tmp_path / "whole", 1)
+    assert load_policy(whole).provenance["disturb"] == sorted(kinds)
+    assert not same(weights(calm), weights(whole))
+    with pytest.raises(PerdureError, match="disturb"):
+        train(run(1), tmp_path / "whole")
+
+
+def test_noise_of_level_0_trains_what_the_calm_run_trains(solo, tmp_path):
+    """Though the world is stepped from Python and not by XLA."""
+    (path,) = train(replace(run(1), disturb=("action_noise:0",)), tmp_path, cores=1)
+    assert same(weights(solo / run(1).key(1) / "policy.safetensors"), weights(path))
+
+
+def test_pushes_are_trained_in_gymnasiums_copy_for_a_policy_of_the_task_itself():
+    segments = Segments("Hopper-v3", replace(TINY, n_envs=1), 1, ("push:0.5",))
+    assert segments.spec.name == "Hopper-v3"
+    assert segments.engine.startswith("Gymnasium ")
+
+
+def test_disturbances_that_the_task_cannot_have_are_refused_before_anything_is_trained():
+    for disturb, words in {
+        ("push:1",): "Hopper-v3",
+        ("push:1", "push:2"): "twice",
+        ("punch:1",): "did you mean",
+    }.items():
+        with pytest.raises(PerdureError, match=words):
+            TrainRun(TASK, "ppo", TINY, disturb=disturb)
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str = "zo
         method: str = "geometric",
         preset: str = "zoo",
         name: str | None = None,
+        disturb: tuple[str, ...] = (),
         seeds: tuple[int, ...] = (0,),
         out: Path = Path("runs"),
         cores: Cores = None,
@@ -94,17 +95,21 @@ def train_command(task: str | None, method: str = "geometric", preset: str = "zo
             preset: Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one
                 set). For Hopper and Walker2d use cleanrl: with zoo most Hopper policies stand still.
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
+            disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
+                push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
             seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
             out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
             tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
             ppo: The learner's settings; the defaults are those of task and method.
         """
+        from perdure.disturbances import parse_disturbances
         from perdure.learn.run import TrainRun, on_report
         from perdure.learn.run import tensorboard as curves
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
-        run = TrainRun(task, name or method, ppo, seeds, preset=preset, base_method=method)
+        variant = "+".join((method, *disturb)).replace(":", "-") if parse_disturbances(disturb) else method
+        run = TrainRun(task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb)
         with ExitStack() as stack:
             observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]
             if tensorboard:

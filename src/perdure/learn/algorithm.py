@@ -37,5 +37,8 @@ class Algorithm(Protocol):
     def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
         """Learn for one iteration; return both after it. The memory of `state` may be reused."""
 
+    def observation_std(self, state: Any) -> NDArray[np.float64]:
+        """Return the spread of each observation component in training so far, shape (observation_size,)."""
+
     def policy(self, state: Any) -> Policy:
         """Return the policy learned so far, without provenance and reference."""

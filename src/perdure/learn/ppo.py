@@ -169,6 +169,10 @@ class PPO:
         metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics)
         return learned, Running(running.collect, handle, rollout.env_state), metrics
 
+    def observation_std(self, state: PPOState) -> NDArray[np.float64]:
+        """Return the spread that the running normalizer divides by; see `Algorithm.observation_std`."""
+        return np.sqrt(np.asarray(state.statistics.observations.var)[: self._spec.observation_size])
+
     def policy(self, state: PPOState) -> Policy:
         """Return the policy of the current weights, without provenance and reference."""
         spec, moments = self._spec, state.statistics.observations

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, make_world, task_spec
+from perdure.envs.disturbances import DisturbedWorld, disturbed_task, parse_disturbances
 from perdure.envs.suites import task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
@@ -60,9 +61,17 @@ class TrainRun:
     """Preset of hyperparameters that `config` started from; part of the folder's name unless it is the default."""
     base_method: str | None = None
     """Method that `config` started from, for the recorded command; None: `method`. Results do not depend on it."""
+    disturb: tuple[str, ...] = ()
+    """What disturbs every training episode, all together, such as "push:0.5"; each episode has its own draws."""
 
     def __post_init__(self) -> None:
-        """Refuse a list of seeds that names no run, or one twice, and an unknown base method."""
+        """Refuse a list of seeds that names no run, or one twice, an unknown base method, and impossible disturbances.
+
+        The disturbances are put in one order.
+        """
+        disturbances = parse_disturbances(self.disturb)
+        disturbed_task(self.task, disturbances)
+        object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
         if self.base_method is not None:
             find_method(self.base_method)
         if not self.seeds:
@@ -79,6 +88,7 @@ class TrainRun:
         """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
         identity |= {"preset": self.preset} if self.preset != ZOO else {}
+        identity |= {"disturb": list(self.disturb)} if self.disturb else {}
         source = task_source_digest(self.task)
         return identity | ({"source": source} if source else {})
 
@@ -191,7 +201,7 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
     """
-    segments = _segments(run.task, run.config, work.threads)
+    segments = _segments(run.task, run.config, work.threads, run.disturb)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
@@ -214,19 +224,23 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
 class Segments:
     """Runs segments of one task and configuration; keeps compiled programs from segment to segment."""
 
-    def __init__(self, task: str, config: PPOConfig, threads: int) -> None:
+    def __init__(self, task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...] = ()) -> None:
         """Look the task up.
 
         Args:
             task: As `make_world` takes it.
             config: How it is learned.
             threads: Threads that step the environments; results do not depend on it.
+            disturb: What disturbs every episode, see `TrainRun`.
 
         Raises:
             PerdureError: The algorithm cannot learn the task.
         """
         self.spec = task_spec(task)
-        self._task, self._config, self._threads = task, config, threads
+        self._disturbances = parse_disturbances(disturb)
+        self._task, self._config, self._threads = disturbed_task(task, self._disturbances), config, threads
+        self.engine = task_spec(self._task).engine if disturb else self.spec.engine
+        """Simulator of the training episodes, and its version."""
         self.algorithm: Algorithm = PPO(config, self.spec)
         self._slot = WorldSlot()
 
@@ -251,13 +265,18 @@ class Segments:
         first = segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)
         seeds = env_seeds(seed, segment, config.n_envs)
-        world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         learner, episodes, iterations = state.learner, [state.episodes], [state.iterations]
+        world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
+            if self._disturbances:
+                spread = np.tile(self.algorithm.observation_std(learner), (len(seeds), 1))
+                world = DisturbedWorld(world, self._disturbances, seeds, spread)
             observations = world.reset()
             self._slot.fill(world)
             learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
             for iteration in range(first, last):
+                if isinstance(world, DisturbedWorld):
+                    world.observation_std[:] = self.algorithm.observation_std(learner)
                 learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
                 step = (iteration + 1) * config.rollout_size
                 episodes.append(metrics.episodes)
@@ -274,9 +293,9 @@ class Segments:
 
 
 @lru_cache(maxsize=1)
-def _segments(task: str, config: PPOConfig, threads: int) -> Segments:
+def _segments(task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...]) -> Segments:
     """Keep the compiled programs from segment to segment."""
-    return Segments(task, config, threads)
+    return Segments(task, config, threads, disturb)
 
 
 def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
@@ -304,10 +323,11 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
             "method": run.method,
             "seed": state.seed,
             "config": run.config.to_json(),
-            "engine": spec.engine,
+            "engine": segments.engine,
             "versions": versions("jax", "numpy", "mujoco"),
             "command": command(run, spec, state.seed),
             **({} if run.preset == ZOO else {"preset": run.preset}),
+            **({"disturb": list(run.disturb)} if run.disturb else {}),
         },
     )
     return dataclasses.replace(policy, reference=measure_reference(policy))
@@ -324,6 +344,7 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     words += [] if run.method == base else ["--name", run.method]
     words += ["--seeds", str(seed)]
     words += [] if run.preset == ZOO else ["--preset", run.preset]
+    words += ["--disturb", *run.disturb] if run.disturb else []
     usual = method_config(base, run.task, spec.observation_size, run.preset)
     try:
         words += _overrides(run.config, usual, "--ppo")

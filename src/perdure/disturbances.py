@@ -1,0 +1,273 @@
+"""Disturbances of a robot, declared like clocks: ``action_noise:0.1``, ``push:0.5``.
+
+What an episode meets depends on its seed, the disturbance and the step alone: policies that start from the same seed
+meet the same draws, whatever runs beside them. `perdure.envs.disturbances.DisturbedWorld` applies them to a world, and
+`perdure.wrappers.Disturb` to an environment of Gymnasium.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from perdure.errors import PerdureError, lookup
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+PUSH_STEPS = 200
+"""Control steps between two pushes."""
+BLOCK = 256
+"""Steps whose noise is drawn at once."""
+KINDS = {
+    "action_noise": "Gaussian noise on the mean action: standard deviation = level x half the action range; the sum is "
+    "clipped",
+    "observation_noise": "Gaussian noise on each observation component: standard deviation = level x its spread in "
+    "training",
+    "action_delay": "an action acts `level` control steps late; before the first one the action nearest to zero acts",
+    "push": "every 200 control steps the root's velocity along each horizontal axis changes by U(-level, level) in "
+    "[m/s]",
+    "mass": "mass and inertia of the root body, times `level`",
+    "friction": "sliding friction of every geom, times `level`",
+    "strength": "gear of every motor, times `level`: the same command gives so much more torque",
+}
+"""What each kind of disturbance does."""
+CALM = "none"
+"""Name of no disturbance at all."""
+STANDARDS: dict[str, tuple[str, ...]] = {
+    "standard-1": (
+        "action_noise:0.05",
+        "observation_noise:0.02",
+        "push:0.25",
+        "mass:1.1",
+        "friction:0.9",
+        "strength:0.9",
+    )
+}
+"""Disturbances that act together under one name, which always means the same ones. Moderate levels: each lies within
+what the Real-World RL suite (Dulac-Arnold et al. 2020), RRLS and Robust-Gymnasium vary."""
+STANDARD = "standard-1"
+"""What an evaluation applies if nothing else is asked for."""
+NEED_SIMULATOR = ("push", "mass", "friction", "strength")
+"""Kinds that change MuJoCo's model or state."""
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One way to disturb a robot, at one level.
+
+    Raises:
+        PerdureError: If there is no such kind, or the level means nothing.
+    """
+
+    name: str
+    """A key of `KINDS`."""
+    level: float
+
+    def __post_init__(self) -> None:
+        """Refuse kinds that do not exist and levels that mean nothing."""
+        lookup(KINDS, self.name, "disturbance")
+        if not 0.0 <= self.level < np.inf:
+            raise PerdureError(f"the level of {self.name} must be 0 or more, got {self.level}")
+        if self.name == "action_delay" and self.level != int(self.level):
+            raise PerdureError(f"action_delay counts whole control steps, got {self.level}")
+
+    @property
+    def needs_simulator(self) -> bool:
+        """Whether it changes MuJoCo's model or state."""
+        return self.name in NEED_SIMULATOR
+
+    @property
+    def label(self) -> str:
+        """The text that `parse_disturbance` reads, such as ``push:0.5``."""
+        return f"{self.name}:{self.level:g}"
+
+
+def parse_disturbance(text: str) -> Disturbance:
+    """Return the disturbance of a text such as ``push:0.5``.
+
+    Raises:
+        PerdureError: If the text names none, or the level is out of range.
+    """
+    name, _, level = text.strip().partition(":")
+    try:
+        number = float(level)
+    except ValueError:
+        raise PerdureError(
+            f"a disturbance is written name:level, for example push:0.5, or one of {', '.join(STANDARDS)}, or {CALM} "
+            f"alone; got {text!r}"
+        ) from None
+    return Disturbance(name, number)
+
+
+def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
+    """Return disturbances that act together, in one order; none for "none", and all of a name in `STANDARDS`.
+
+    Raises:
+        PerdureError: If a text names none, or a kind is named twice.
+    """
+    if tuple(texts) == (CALM,):
+        return ()
+    found = [parse_disturbance(each) for text in texts for each in STANDARDS.get(text, (text,))]
+    if len({each.name for each in found}) < len(found):
+        raise PerdureError(f"one kind of disturbance is named twice: {', '.join(each.label for each in found)}")
+    return tuple(sorted(found, key=lambda each: each.name))
+
+
+def labels(disturbances: Sequence[Disturbance]) -> str:
+    """Return how tables name disturbances that act together: "action_noise:0.1 push:0.5"."""
+    return " ".join(each.label for each in disturbances) or CALM
+
+
+class Disturber:
+    """What disturbances do to the actions, the robots and the observations of n lanes.
+
+    Call `begin` where an episode begins, `act` before each step, and `observe` for each observation.
+    """
+
+    observation_std: FloatArray
+    """Spread of each observation component in training, shape (n, observation_size); observation noise scales with it.
+    A change acts on the next `BLOCK` steps that are drawn."""
+
+    def __init__(
+        self,
+        name: str,
+        disturbances: Sequence[Disturbance],
+        seeds: Sequence[int],
+        box: tuple[FloatArray, FloatArray] | None,
+        observation_std: FloatArray | None,
+        environments: Sequence[Any] = (),
+    ) -> None:
+        """Check that these disturbances can be applied; change the models' factors.
+
+        Args:
+            name: Of the task, for messages.
+            disturbances: At most one of each kind, as `parse_disturbances` returns them.
+            seeds: Of the draws, one for each lane.
+            box: Lowest and highest action, each of shape (action_size,); None: actions are not a box.
+            observation_std: See the attribute; None: unknown.
+            environments: Of Gymnasium's MuJoCo, one for each lane; empty: there are none.
+
+        Raises:
+            PerdureError: A kind cannot be applied here.
+        """
+        self.seeds, self._of = list(seeds), {each.name: each.level for each in disturbances}
+        for kind in {"action_noise", "action_delay"} & self._of.keys():
+            if box is None or not np.isfinite(box).all():
+                raise PerdureError(f"{kind} needs actions in a finite box, those of {name} are not")
+        lanes, (self._low, self._high) = len(self.seeds), (np.zeros(0), np.zeros(0)) if box is None else box
+        if "observation_noise" in self._of and observation_std is None:
+            raise PerdureError("observation_noise needs the spread of the observations in training: observation_std")
+        self.observation_std = np.zeros((lanes, 0)) if observation_std is None else np.array(observation_std, float)
+        self._half = 0.5 * (self._high - self._low)
+        self._neutral = np.clip(np.zeros(len(self._low)), self._low, self._high)
+        widths = {"action_noise": len(self._low), "observation_noise": self.observation_std.shape[1]}
+        self._noise = {kind: np.zeros((lanes, BLOCK, size)) for kind, size in widths.items() if kind in self._of}
+        self._queue = np.zeros((lanes, int(self._of.get("action_delay", 0)), len(self._low)))
+        self.episodes = np.zeros(lanes, np.int64)
+        """Episodes begun in each lane: each one has its own draws."""
+        self._simulators = self._open(name, environments) if set(NEED_SIMULATOR) & self._of.keys() else []
+
+    def begin(self, lanes: IntArray) -> None:
+        """Begin an episode in each of these lanes."""
+        self.episodes[lanes] += 1
+        self._queue[lanes] = self._neutral
+
+    def act(self, actions: FloatArray, lanes: IntArray, elapsed: IntArray) -> FloatArray:
+        """Return the actions that act, still to be clipped; push the robots whose turn it is.
+
+        Args:
+            actions: Of the policy, shape (n, action_size).
+            lanes: Lane numbers, shape (n,).
+            elapsed: Steps before this one, shape (n,).
+        """
+        if "action_noise" in self._of:
+            actions = np.minimum(np.maximum(actions, self._low), self._high)
+            actions += self._draw("action_noise", lanes, elapsed)
+        if delay := self._queue.shape[1]:
+            place = elapsed % delay
+            late = self._queue[lanes, place]
+            self._queue[lanes, place] = actions
+            actions = late
+        if "push" in self._of and not (turn := elapsed % PUSH_STEPS).all():
+            for row in np.flatnonzero((turn == 0) & (elapsed > 0)):
+                data, numbers = self._simulators[lanes[row]]
+                draw = self._generator("push", lanes[row], int(elapsed[row])).uniform(-1.0, 1.0, len(numbers))
+                data.qvel[numbers] += self._of["push"] * draw
+        return actions
+
+    def observe(self, observations: FloatArray, lanes: IntArray, elapsed: IntArray) -> FloatArray:
+        """Return the observations that the policy gets.
+
+        Args:
+            observations: Of the world, shape (n, observation_size); changed in place.
+            lanes: Lane numbers, shape (n,).
+            elapsed: Steps since reset, shape (n,).
+        """
+        if "observation_noise" in self._of:
+            observations += self._draw("observation_noise", lanes, elapsed)
+        return observations
+
+    def _generator(self, kind: str, lane: int, block: int) -> np.random.Generator:
+        key = [self.seeds[lane], zlib.crc32(kind.encode()), int(self.episodes[lane]), block]
+        return np.random.Generator(np.random.Philox(np.random.SeedSequence(key)))
+
+    def _draw(self, kind: str, lanes: IntArray, steps: IntArray) -> FloatArray:
+        """Return the noise for these steps of these lanes, shape (n, width)."""
+        block, row = self._noise[kind], steps % BLOCK
+        for at in () if row.all() else np.flatnonzero(row == 0):
+            scale = self._half if kind == "action_noise" else self.observation_std[lanes[at]]
+            generator = self._generator(kind, lanes[at], int(steps[at]) // BLOCK)
+            block[lanes[at]] = self._of[kind] * scale * generator.standard_normal(block.shape[1:])
+        drawn: FloatArray = block[lanes, row]
+        return drawn
+
+    def _open(self, name: str, environments: Sequence[Any]) -> list[tuple[Any, IntArray]]:
+        """Change the models' factors; return (data, numbers of the root's horizontal velocities) of each lane."""
+        import mujoco
+
+        found = []
+        for env in environments:
+            model, data = getattr(env.unwrapped, "model", None), getattr(env.unwrapped, "data", None)
+            if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
+                model.body_mass[1] *= self._of.get("mass", 1.0)
+                model.body_inertia[1] *= self._of.get("mass", 1.0)
+                model.geom_friction[:, 0] *= self._of.get("friction", 1.0)
+                model.actuator_gear *= self._of.get("strength", 1.0)
+                if "mass" in self._of:
+                    mujoco.mj_setConst(model, data)  # quantities that MuJoCo derives from masses
+                found.append((data, horizontal_velocities(model) if "push" in self._of else np.zeros(0, np.int64)))
+        if len(found) < len(self.seeds):
+            kinds = ", ".join(kind for kind in NEED_SIMULATOR if kind in self._of)
+            raise PerdureError(
+                f"{name}: {kinds} needs an environment of Gymnasium whose `unwrapped` has MuJoCo's `model` and `data`, "
+                "such as gymnasium:Hopper-v5"
+            )
+        return found
+
+
+def horizontal_velocities(model: Any) -> IntArray:
+    """Return the numbers in `qvel` of the root's velocities along x and y.
+
+    Args:
+        model: MuJoCo's model; its root is the first body. Planar robots have one such velocity.
+
+    Raises:
+        PerdureError: If the root does not move.
+    """
+    import mujoco
+
+    numbers = list[int]()
+    for joint in np.flatnonzero(model.jnt_bodyid == 1):
+        first = int(model.jnt_dofadr[joint])
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            numbers += [first, first + 1]
+        elif model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and abs(model.jnt_axis[joint][2]) < 0.5:
+            numbers.append(first)
+    if not numbers:
+        raise PerdureError("the robot's root does not move, so it cannot be pushed")
+    return np.array(numbers)
