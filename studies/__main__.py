@@ -24,7 +24,7 @@ class StudyFlags:
     Several commands share a study, also on several machines: each takes what no other is working on.
     """
 
-    name: tyro.conf.Positional[Literal["horizon", "placement"]]
+    name: tyro.conf.Positional[Literal["horizon", "placement", "disturbance"]]
     """The study."""
     scale: str = "smoke"
     """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""

@@ -1,10 +1,11 @@
 """Disturbances against closed forms and against the same world without them."""
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
-from perdure.disturbances import KINDS
+from perdure.disturbances import KINDS, change_model
 from perdure.envs import make_world
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task, parse_disturbance, parse_disturbances
 from perdure.envs.gymnasium import GymnasiumWorld
@@ -87,6 +88,48 @@ def test_a_push_changes_the_speed_of_the_root_once_in_200_steps():
     change = disturbed[200, 0] - calm[200, 0]
     assert 1e-3 < abs(change) < 0.6
     assert (pushed("push:0") == calm).all()
+
+
+def test_a_lagging_action_approaches_the_command_geometrically():
+    acted = echoed("lag:0.5", steps=4, action=(1.0, 4.0))[:, 0, 0]
+    assert acted == pytest.approx([0.5, 0.75, 0.875, 0.9375])
+
+
+BOX = """<mujoco><worldbody><body name="root" pos="0 0 1"><freejoint/>
+<geom type="box" size=".1 .2 .3" euler="20 30 40" mass="5"/>{}</body></worldbody></mujoco>"""
+
+
+def test_a_payload_equals_a_small_heavy_ball_in_front_of_the_center():
+    mine = mujoco.MjModel.from_xml_string(BOX.format(""))
+    change_model(mine, {"payload": 0.2})
+    ball = '<geom type="sphere" size="1e-4" mass="1" pos="0.1 0 0"/>'
+    theirs = mujoco.MjModel.from_xml_string(BOX.format(ball))
+
+    def inertia(model):
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, model.body_iquat[1])
+        return axes.reshape(3, 3) @ np.diag(model.body_inertia[1]) @ axes.reshape(3, 3).T
+
+    assert mine.body_mass[1] == pytest.approx(theirs.body_mass[1])
+    assert mine.body_ipos[1] == pytest.approx(theirs.body_ipos[1])
+    assert inertia(mine) == pytest.approx(inertia(theirs), abs=1e-7)
+
+
+def test_on_a_slope_a_free_body_falls_backward():
+    model = mujoco.MjModel.from_xml_string(BOX.format(""))
+    change_model(model, {"slope": 30.0})
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.qacc[:3] == pytest.approx([-0.5 * 9.81, 0.0, -(3**0.5) / 2 * 9.81])
+
+
+def test_half_the_time_step_keeps_the_control_rate():
+    world = make_world("gymnasium:Hopper-v4", [0])
+    env = world.environments[0].unwrapped
+    before = env.dt, env.model.opt.timestep, env.frame_skip
+    DisturbedWorld(world, [parse_disturbance("time_step:0.5")], [0])
+    assert (env.dt, env.model.opt.timestep, env.frame_skip) == (before[0], before[1] / 2, before[2] * 2)
+    world.close()
 
 
 def test_factors_change_the_model():
@@ -188,4 +231,5 @@ def test_a_world_that_cannot_be_pushed_says_which_can():
 
 def test_labels_are_read_again():
     for name in KINDS:
-        assert parse_disturbance(f"{name}:2").label == f"{name}:2"
+        text = f"{name}:0" if name == "action_delay" else f"{name}:0.5"
+        assert parse_disturbance(text).label == text

@@ -1,0 +1,76 @@
+"""Which committed policies are evaluated, under which disturbances. Immutable; add a line to extend it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+POLICIES = Path("results", "horizon", "policies")
+"""Of the horizon study: TASK/METHOD[@PRESET]/seed-N.safetensors."""
+ROBOTS = ("Hopper-v3", "Walker2d-v3", "HalfCheetah-v3", "Swimmer-v3")
+STAND_STILL = ("Hopper-v3/ppo", "Hopper-v3/geometric")
+"""Trained with RL Zoo's settings, under which most policies stand still."""
+FIRST_START = 3000
+"""First of the start states. The horizon study uses 1000 to 2009, the choice of `standard-1` 50000 to 50002."""
+STARTS = 5
+FAST_PUSH = {"HalfCheetah-v3": "push:1"}
+"""HalfCheetah runs several meters a second: a push of 0.5 m/s hardly disturbs it."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What disturbs every episode."""
+
+    name: str
+    disturb: tuple[str, ...]
+    """As `--disturb`; ("none",): calm."""
+    steps: int
+    held_out: bool = False
+    """No part of `standard-1`: it tests what the verdict foresees."""
+    world: str = ""
+    """Another world of the same robot; "": the policy's own."""
+
+    def disturbs(self, task: str) -> tuple[str, ...]:
+        """Return what is applied to a task."""
+        return tuple(FAST_PUSH.get(task, each) if each == "push:0.5" else each for each in self.disturb)
+
+
+CONDITIONS = (
+    Condition("calm", ("none",), 10_000),
+    Condition("action noise 0.1", ("action_noise:0.1",), 10_000),
+    Condition("standard-1", ("standard-1",), 10_000),
+    Condition("pushes", ("push:0.5",), 10_000),
+    Condition("slope of 3 degrees", ("slope:3",), 3_000, held_out=True),
+    Condition("payload off center", ("payload:0.1",), 3_000, held_out=True),
+    Condition("slow actuators", ("lag:0.3",), 3_000, held_out=True),
+    Condition("half the time step", ("time_step:0.5",), 3_000, held_out=True),
+    Condition("Walker2d-v5", ("none",), 3_000, held_out=True, world="gymnasium:Walker2d-v5"),
+    Condition("observation noise 0.05", ("observation_noise:0.05",), 3_000),
+    Condition("mass +20 %", ("mass:1.2",), 3_000),
+)
+"""In the order in which they run. Written down before the first run; the levels of the held-out ones were not tried."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """All committed training runs of one method on one task."""
+
+    task: str
+    variant: str
+    """Method, and its preset if it is not RL Zoo's: "ppo@cleanrl"."""
+    files: tuple[Path, ...]
+
+    @property
+    def method(self) -> str:
+        """The method alone."""
+        return self.variant.partition("@")[0]
+
+
+def subjects() -> Iterator[Subject]:
+    """Yield every subject of the study, in the order of its task, then by name; training seeds 0 to 9 alone."""
+    for robot in ROBOTS:
+        for folder in sorted((POLICIES / robot).iterdir()):
+            files = sorted(folder.glob("seed-?.safetensors"))
+            if files and f"{robot}/{folder.name}" not in STAND_STILL:
+                yield Subject(robot, folder.name, tuple(files))

@@ -1,0 +1,169 @@
+"""Tables and figures of the study: who is left under which disturbance, and what the verdict foresees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import polars as pl
+
+from perdure.report.charts import Axis, Figure, Points, point_chart, style
+from perdure.stats import FloatArray, compare_unpaired, mean_interval, median_time
+from studies.disturbance.grid import CONDITIONS
+
+BASELINE = "ppo"
+THRESHOLDS = (0.5, 0.65, 0.75, 0.85)
+"""Least score against its own training at the end of an episode that holds; 0.75 is the verdict's."""
+PREDICTORS = ("calm", "standard-1")
+RESAMPLES = 2000
+METHODS = {
+    "ppo": "discounted PPO",
+    "geometric": "geometric time-to-go, C = 500",
+    "geometric-fixed": "geometric, fixed horizon, C = 500",
+    "linear-random": "linear time-to-go, random horizon",
+    "linear": "linear time-to-go",
+    "ppo-average-reward": "average-reward PPO",
+    "ppo-undiscounted": "undiscounted PPO",
+    "random-horizon": "random horizon, no time-to-go",
+}
+"""In words, in the order of the tables; other methods have their own name, after these."""
+
+
+def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    """Return the tables of the study by name.
+
+    Args:
+        episodes: A row for each episode: the columns of `studies.disturbance.study.COLUMNS`, method and condition.
+    """
+    worked = pl.col("policy_state") == "worked"
+    share = pl.col("failed_step") / pl.col("test_horizon")
+    episodes = episodes.with_columns(
+        method=pl.col("method").str.split("@").list.first(),
+        preset=pl.col("method").str.split("@").list.get(1, null_on_oob=True).fill_null("zoo"),
+        left=pl.col("end_reason") == "survived",
+        works=pl.when(worked).then(share).otherwise(0.0),
+    )
+    return {"left": left_table(episodes), "foresight": foresight_table(episodes)}
+
+
+def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return, for each task, method and condition: episodes left, and the working share, with 95 % intervals over runs.
+
+    `p` compares the working share with discounted PPO's by a two-sided permutation test over training runs.
+    """
+    rng, rows = np.random.default_rng(0), []
+    order = {name: place for place, name in enumerate([*METHODS, *sorted(set(episodes["method"]) - set(METHODS))])}
+    names = [condition.name for condition in CONDITIONS]
+    groups = episodes.partition_by("task", "preset", "condition", "method", as_dict=True)
+    for key, part in sorted(
+        groups.items(), key=lambda each: (each[0][0], each[0][1], names.index(str(each[0][2])), order[str(each[0][3])])
+    ):
+        task, preset, condition, method = map(str, key)
+        works, base = _by_run(part), groups.get((task, preset, condition, BASELINE))
+        share = mean_interval(part["left"].to_numpy().astype(float), part["train_seed"].to_numpy(), rng)
+        working = mean_interval(part["works"].to_numpy(), part["train_seed"].to_numpy(), rng)
+        alone = method == BASELINE or base is None
+        rows.append(
+            {
+                "task": task,
+                "preset": preset,
+                "condition": condition,
+                "method": METHODS.get(method, method),
+                "runs": len(works),
+                "episodes": len(part),
+                "left": int(part["left"].sum()),
+                "left share": float(share.estimate),
+                "left low": float(np.clip(share.lower, 0, 1)),
+                "left high": float(np.clip(share.upper, 0, 1)),
+                "median life": median_time(part["end_step"].to_numpy(), ~part["left"].to_numpy()),
+                "working share": float(working.estimate),
+                "working low": float(np.clip(working.lower, 0, 1)),
+                "working high": float(np.clip(working.upper, 0, 1)),
+                "p": None if alone else compare_unpaired(works, _by_run(base)).permutation_p(),
+            }
+        )
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _by_run(part: pl.DataFrame) -> FloatArray:
+    return part.group_by("train_seed").agg(pl.col("works").mean()).sort("train_seed")["works"].to_numpy()
+
+
+def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return how well shares of episodes that hold, calm or under `standard-1`, foresee failures in new conditions.
+
+    A training run fails in a condition if at most half of its episodes hold there. AUC: the chance that a run that
+    holds had a greater share than a run that fails; ties count half. Intervals: bootstrap over training runs.
+    """
+    rows, rng = [], np.random.default_rng(0)
+    for threshold in THRESHOLDS:
+        holds = pl.col("left") & (pl.col("policy_state") == "worked") & (pl.col("end_score_vs_training") >= threshold)
+        shares = (
+            episodes.group_by("task", "preset", "method", "train_seed", "condition")
+            .agg(holds.mean().alias("share"))
+            .pivot("condition", index=("task", "preset", "method", "train_seed"), values="share", sort_columns=True)
+            .sort("task", "preset", "method", "train_seed")
+        )
+        for condition in (each.name for each in CONDITIONS if each.held_out and each.name in shares.columns):
+            for predictor in (each for each in PREDICTORS if each in shares.columns):
+                known = shares.drop_nulls([condition, predictor])
+                score, held = known[predictor].to_numpy(), known[condition].to_numpy() > 0.5
+                low, high = _bootstrap(score, held, rng)
+                rows.append(
+                    {
+                        "threshold": threshold,
+                        "new condition": condition,
+                        "verdict": predictor,
+                        "runs": len(known),
+                        "runs that fail": int((~held).sum()),
+                        "AUC": auc(score, held),
+                        "low": low,
+                        "high": high,
+                    }
+                )
+    return pl.DataFrame(rows)
+
+
+def auc(score: FloatArray, held: np.ndarray) -> float:
+    """Return the area under the receiver operating characteristic: Mann and Whitney's U / (n m); nan for one class."""
+    above = score[held][:, None] - score[~held][None, :]
+    return float((np.sign(above) + 1.0).mean() / 2.0) if above.size else float("nan")
+
+
+def _bootstrap(score: FloatArray, held: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    drawn = rng.integers(len(score), size=(RESAMPLES, len(score)))
+    found = np.array([auc(score[rows], held[rows]) for rows in drawn])
+    found = found[np.isfinite(found)]
+    return (float(np.quantile(found, 0.025)), float(np.quantile(found, 0.975))) if found.size else (np.nan, np.nan)
+
+
+def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
+    """Draw the episodes left, calm and under action noise, by task and method."""
+    shown = ("calm", "action noise 0.1", "standard-1")
+    found = tables["left"].filter(pl.col("condition").is_in(shown) & pl.col("method").is_in(list(METHODS.values())))
+    rows = found.select("task", "method").unique(maintain_order=True)
+    labels = [f"{task.removesuffix('-v3')}: {method}" for task, method in rows.iter_rows()]
+    series = []
+    for place, condition in enumerate(shown):
+        mine = rows.join(found.filter(condition=condition), ("task", "method"), "left", maintain_order="left")
+        known = np.flatnonzero(mine["left share"].is_not_null().to_numpy())
+        columns = [mine[name].to_numpy()[known] for name in ("left share", "left low", "left high")]
+        if known.size:
+            series.append(Points(condition, known.tolist(), columns[0], style(place), columns[1], columns[2]))
+    chart = point_chart(labels, series, Axis("share of episodes left after 10,000 steps", low=0.0, high=1.0))
+    note = "Bars: 95 % intervals over training runs (3 to 10), five start states each."
+    yield Figure("left", "Episodes that have not ended after 10,000 steps", chart, note)
+
+
+def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
+    """Return the tables that the page includes, as text."""
+    shown = tables["left"].filter(pl.col("method").is_in([METHODS["ppo"], METHODS["geometric"]]))
+    main = shown.with_columns(cell=pl.format("{} of {}", "left", "episodes")).pivot(
+        "method", index=("task", "preset", "condition"), values="cell"
+    )
+    foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
+    cells = foresight.with_columns(
+        cell=pl.format("{} [{}, {}]", *(pl.col(name).round(2).cast(pl.String) for name in ("AUC", "low", "high")))
+    ).pivot("verdict", index=("new condition", "runs", "runs that fail"), values="cell")
+    texts = (frame.select(pl.all().cast(pl.String)) for frame in (main, cells))
+    return dict(zip(("left", "foresight"), texts, strict=True))

@@ -1,0 +1,81 @@
+"""The study's tables against hand-made episodes: shares, the permutation test, and the foresight of the verdict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from studies.disturbance.grid import CONDITIONS, subjects
+from studies.disturbance.study import plan
+from studies.disturbance.tables import all_tables, auc
+
+STEPS = 10_000
+
+
+def episodes(method: str, condition: str, lives: dict[int, list[int]]) -> list[dict[str, object]]:
+    """Return rows of episodes: the steps that each one of a training run lasted."""
+    return [
+        {
+            "task": "Hopper-v3",
+            "method": method,
+            "condition": condition,
+            "train_seed": run,
+            "eval_seed": start,
+            "test_horizon": STEPS,
+            "end_reason": "survived" if life == STEPS else "terminated",
+            "end_step": life,
+            "outcome": "holds" if life == STEPS else "falls",
+            "failed_step": life,
+            "end_score_vs_training": 1.0,
+            "policy_state": "worked",
+        }
+        for run, found in lives.items()
+        for start, life in enumerate(found)
+    ]
+
+
+def test_left_counts_episodes_and_compares_runs() -> None:
+    fragile = {run: [500, 600] for run in range(5)}
+    sturdy = {run: [STEPS, STEPS] for run in range(4)} | {4: [STEPS, 1000]}
+    rows = episodes("ppo@cleanrl", "calm", fragile) + episodes("geometric@cleanrl", "calm", sturdy)
+    left = {row["method"]: row for row in all_tables(pl.DataFrame(rows))["left"].iter_rows(named=True)}
+    ppo, geometric = left["discounted PPO"], left["geometric time-to-go, C = 500"]
+    assert (ppo["left"], ppo["episodes"], ppo["median life"]) == (0, 10, 500.0)
+    assert (geometric["left"], geometric["left share"]) == (9, pytest.approx(0.9))
+    assert geometric["working share"] == pytest.approx(0.91)
+    assert geometric["p"] == pytest.approx(2 / 252)  # the most extreme of the 252 ways to deal ten runs, two-sided
+    assert ppo["p"] is None
+
+
+def test_a_policy_that_never_worked_has_no_working_share() -> None:
+    rows = episodes("ppo", "calm", {0: [STEPS], 1: [STEPS]})
+    frame = pl.DataFrame(rows).with_columns(policy_state=pl.lit("never worked"))
+    assert all_tables(frame)["left"]["working share"].to_list() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("score", "held", "expected"),
+    [([0.1, 0.9], [False, True], 1.0), ([0.9, 0.1], [False, True], 0.0), ([0.5, 0.5], [False, True], 0.5)],
+)
+def test_auc_of_two_runs(score: list[float], held: list[bool], expected: float) -> None:
+    assert auc(np.array(score), np.array(held)) == expected
+
+
+def test_foresight_is_blind_where_every_run_holds_when_calm() -> None:
+    runs = range(6)
+    rows = episodes("ppo", "calm", {run: [STEPS] for run in runs})
+    rows += episodes("ppo", "standard-1", {run: [STEPS if run < 3 else 400] for run in runs})
+    rows += episodes("ppo", "slope of 3 degrees", {run: [STEPS if run < 3 else 900] for run in runs})
+    table = all_tables(pl.DataFrame(rows))["foresight"].filter(threshold=0.75)
+    assert dict(table.select("verdict", "AUC").iter_rows()) == {"calm": 0.5, "standard-1": 1.0}
+    assert table["runs that fail"].to_list() == [3, 3]
+
+
+def test_every_subject_is_planned_once_under_every_condition():
+    keys = [unit.key for unit in plan("thesis", (1,), Path("runs"))]
+    everywhere = sum(not condition.world for condition in CONDITIONS)
+    walkers = sum(subject.task == "Walker2d-v3" for subject in subjects())
+    assert len(keys) == len(set(keys)) == everywhere * len(list(subjects())) + walkers
