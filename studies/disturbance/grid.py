@@ -47,7 +47,7 @@ CONDITIONS = (
     Condition("half the time step", ("time_step:0.5",), 3_000, held_out=True),
     Condition("Walker2d-v5", ("none",), 3_000, held_out=True, world="gymnasium:Walker2d-v5"),
     Condition("observation noise 0.05", ("observation_noise:0.05",), 3_000),
-    Condition("mass +20 %", ("mass:1.2",), 3_000),
+    Condition("mass x 1.2", ("mass:1.2",), 3_000),
 )
 """In the order in which they run. Written down before the first run; the levels of the held-out ones were not tried."""
 
