@@ -26,6 +26,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from perdure.envs import list_tasks, make_world
     from perdure.evaluate import Extrapolation, ExtrapolationResult, extrapolate
+    from perdure.evaluate.callback import VerdictCallback
     from perdure.horizon import (
         Constant,
         Countdown,
@@ -57,6 +58,7 @@ __all__ = [
     "Policy",
     "TrainRun",
     "Uniform",
+    "VerdictCallback",
     "extrapolate",
     "list_tasks",
     "load_policy",
@@ -72,6 +74,7 @@ __all__ = [
 _NAMES = {
     "envs": ("list_tasks", "make_world"),
     "evaluate": ("Extrapolation", "ExtrapolationResult", "extrapolate"),
+    "evaluate.callback": ("VerdictCallback",),
     "horizon": (
         *("Constant", "Countdown", "Fixed", "Geometric", "HorizonProtocol"),
         *("Infinite", "Linear", "Periodic", "Uniform", "parse_clock"),

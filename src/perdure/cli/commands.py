@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from itertools import groupby
+from contextlib import ExitStack, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from perdure.cli.parse import Cores, On, call
+from perdure.cli.show import methods, policies, policy_text, tasks
+from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
 from perdure.report.charts import Format
 
@@ -51,8 +51,8 @@ Trust = Annotated[
     ),
 ]
 
-IMPORTED = "imported"
-"""Folder, beside the results, of policies made of other libraries' models."""
+NOT_HOLDING = 3
+"""Exit code of `--require holds` if something does not hold."""
 
 
 def main(name: str, args: list[str]) -> None:
@@ -164,6 +164,8 @@ def extrapolate(
     on: On = "local",
     max_episodes: int = 48,
     modules: tuple[str, ...] = (),
+    require: Literal["holds"] | None = None,
+    json: bool = False,
     command: str = "",
 ) -> None:
     """Run policies far beyond their training horizon, under several clocks, and judge them.
@@ -173,10 +175,12 @@ def extrapolate(
     report.html and figures. An interrupted command resumes when you run it again.
 
     Args:
-        policies: Policy files, names of shipped policies (`perdure list policies`), or, with --env, ONNX models
-            (model.onnx) or models of Stable-Baselines3 (model.zip); all for one task.
-        env: For ONNX models and models of Stable-Baselines3: the environment they were trained in. Hopper-v5 is
-            Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is EnvPool's, which is faster.
+        policies: Policy files, names of shipped policies (`perdure list policies`), model.onnx, model.zip of
+            Stable-Baselines3, a folder of its checkpoints, a run of RL Baselines3 Zoo (logs/ppo/Hopper-v4_1); all for
+            one task. Or a Python function (my_policies:walk): imported from the working directory or PYTHONPATH, run in
+            this process.
+        env: For models and functions: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
+            make it; envpool:Hopper-v5 is EnvPool's, which is faster.
         steps: Steps of each calm episode, or of each under --disturb, unless it ends earlier.
         hours: In place of --steps: hours of each episode, by the environment's control rate.
         clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
@@ -191,70 +195,50 @@ def extrapolate(
         out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
         max_episodes: Most episodes in one process at a time. Results do not depend on it; a crash costs at most these.
         modules: Python modules that the policies' tasks may import; a policy file alone never imports anything.
+        require: End with exit code 3, and a line that names them, if policies, clocks or disturbances do not hold.
+        json: Print the summary as one JSON document, and nothing else on standard output.
         command: The command line, stored with the table.
     """
     from perdure.envs import module_of, task_of_environment
-    from perdure.evaluate import Extrapolation, evaluate_files
+    from perdure.evaluate import extrapolate as evaluate
     from perdure.evaluate.stored import takes_clock
     from perdure.policy.onnx import is_onnx
     from perdure.runs.progress import show_progress
 
+    aside = redirect_stdout(sys.stderr if json else sys.stdout)  # environments and functions may print
+    function = any(map(is_function, policies))
+    if function and (len(policies) > 1 or normalizer or time_feature or trust):
+        raise PerdureError("a function is evaluated alone, without --normalizer, --time-feature and --trust")
     sb3 = {"normalizer": normalizer, "time_feature": time_feature, "trust": trust}
-    files = _policy_files(policies, env, sb3, training_horizon, out / IMPORTED)
-    models = any(map(is_onnx, files))
+    with aside:
+        files = () if function else policy_files(policies, env, sb3, training_horizon, out, modules)
+        subject = load_function(policies[0]) if function else files
+    elsewhere = function or any(map(is_onnx, files))  # its file does not name its task
     module = None if env is None else module_of(task_of_environment(env))
-    evaluation = Extrapolation(
-        files,
-        steps,
-        clocks,
-        eval_seeds,
-        first_eval_seed=first_eval_seed,
-        hours=hours,
-        disturb=disturb or None,
-        max_episodes=max_episodes,
-        modules=modules if module is None else (*modules, module),
-        env=env if models else None,
-        training_horizon=training_horizon if models else None,
-    )
-    if clocks != ("default",) and not any(map(takes_clock, files)):
+    if clocks != ("default",) and not function and not any(map(takes_clock, files)):
         print("perdure: no policy here has a time-to-go input, so --clocks has no effect", file=sys.stderr)
-    with show_progress("extrapolate", "steps") as observe:
-        table = evaluate_files(
-            evaluation,
-            out,
+    with aside, show_progress("extrapolate", "steps") as observe:
+        table = evaluate(
+            subject,
+            env if elsewhere else None,
+            steps=steps,
+            clocks=None if function and clocks == ("default",) else clocks,
+            hours=hours,
+            eval_seeds=eval_seeds,
+            first_eval_seed=first_eval_seed,
+            disturb=disturb or None,
+            training_horizon=training_horizon if elsewhere else None,
+            out=out,
             cores=cores,
             on=on,
+            max_episodes=max_episodes,
+            modules=modules if module is None else (*modules, module),
             command=command,
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {out}", file=sys.stderr),
         ).path  # the table itself is not kept: the report needs the memory
     assert table is not None
-    write_and_show(table, out)
-
-
-def _policy_files(
-    names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, folder: Path
-) -> tuple[Path, ...]:
-    """Return one file for each name; models of Stable-Baselines3 are imported into `folder`, once."""
-    from perdure.policy import find_policy
-    from perdure.policy.onnx import is_onnx
-    from perdure.policy.readers import import_once, is_sb3_zip
-
-    paths = [Path(name) if is_onnx(name) else find_policy(name) for name in names]
-    zips = [path for path in paths if not is_onnx(path) and is_sb3_zip(path)]
-    options = sb3 if any(map(is_onnx, paths)) else {"env": env, "training_horizon": horizon, **sb3}
-    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]
-    if given and not zips:
-        raise PerdureError(f"{', '.join(given)}: only for Stable-Baselines3 models; {names[0]} is none")
-    if zips and env is None:
-        raise PerdureError(f"{zips[0]} does not say in which environment it acts: give it with --env Hopper-v5")
-    files = list[Path]()
-    for path in paths:
-        if path in zips:
-            print(f"perdure: reading {path}", file=sys.stderr)
-            path = import_once(path, folder, str(env), training_horizon=horizon, **sb3)
-        files.append(path)
-    return tuple(files)
+    write_and_show(table, out, () if function else ("png",), require, json)  # the figures of a function are there
 
 
 def import_model(
@@ -354,15 +338,31 @@ def find_table(path: Path) -> Path:
     return path / TABLE
 
 
-def write_and_show(table: Path, out: Path, formats: Sequence[Format] = ("png",)) -> None:
-    """Write the report of a table into ``out``; print the summary and the path of the report."""
+def write_and_show(
+    table: Path,
+    out: Path,
+    formats: Sequence[Format] = ("png",),
+    require: str | None = None,
+    as_json: bool = False,
+) -> None:
+    """Write the report of a table into ``out``; print the summary and the path of the report.
+
+    Raises:
+        SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
+    """
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
+    from perdure.report.summary import not_holding, summary_json
 
     episodes, notes = read_episodes(table)
     estimates = estimate_table(episodes)
     del episodes  # of a large table
-    print(summary_text(estimates))
-    print(f"\nReport: {write_report(estimates, out, notes.get('command', ''), formats).resolve()}")
+    if not as_json:
+        print(summary_text(estimates))
+    page = write_report(estimates, out, notes.get("command", ""), formats).resolve()
+    print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
+    if require is not None and (missed := not_holding(estimates)):
+        print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)
+        raise SystemExit(NOT_HOLDING)
 
 
 def watch(
@@ -453,65 +453,3 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "list": list_names,
     "inspect": inspect,
 }
-
-
-def tasks(suite: str | None = None) -> str:
-    """Return every task by suite, one a line."""
-    from perdure.envs import list_tasks
-
-    lines = []
-    for name, members in groupby(list_tasks(suite), key=lambda task: task.suite):
-        lines += [f"{name}:", *(f"  {task.name}" for task in members)]
-    return "\n".join(lines)
-
-
-def methods() -> str:
-    """Return the table of training methods."""
-    from perdure.learn import presets as module
-
-    table = "".join((module.__doc__ or "").partition("| method |")[1:])
-    return "\n".join(line for line in table.splitlines() if line.startswith("|")).replace("``", "")
-
-
-def policies() -> str:
-    """Return the shipped policies, one a line, each with its training command and, if known, its outcome."""
-    from perdure.policy import load_policy
-    from perdure.policy.files import LABELS, shipped_policies
-
-    rows = []
-    for name, path in shipped_policies().items():
-        label = f"  # {LABELS[name]}" if name in LABELS else ""
-        rows.append(f"{name:36} {load_policy(path).provenance.get('command', '')}{label}")
-    return "\n".join(rows)
-
-
-def _within(subject: Policy) -> str:
-    """Return what a policy does within its training horizon, in one line."""
-    reference = subject.reference
-    if reference is None:
-        return "not measured"
-    falls, episodes = int(reference.terminated.sum()), len(reference.lengths)
-    return (
-        f"mean return {reference.returns.mean():,.0f} in {episodes} episodes of at most {reference.horizon} steps, "
-        f"{reference.rate:.3g} a step, {falls} ended by the task"
-    )
-
-
-def policy_text(subject: Policy) -> str:
-    """Return the contents of a policy file as text."""
-    weights = sum(array.size for array in subject.weights.values())
-    protocol = subject.protocol
-    phi = "none" if protocol.embedding is None else f"{protocol.embedding}"
-    rows = {
-        "task": f"{subject.task.name}, observations of {subject.task.observation_size}, "
-        f"actions of {subject.task.action_size}",
-        "network": f"{weights:,} weights, {subject.activation}",
-        "time-to-go input": phi + (", normalized (replication)" if protocol.normalize_embedding else ""),
-        "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
-        "gamma": f"{protocol.gamma:g} (reward normalizer {protocol.normalizer_gamma:g})",
-        "clock": "none" if subject.clock is None else subject.clock.label,
-        "within T": _within(subject),
-    }
-    lines = [f"{name:17} {value}" for name, value in rows.items()]
-    provenance = {k: v for k, v in subject.provenance.items() if k != "config"}
-    return "\n".join([*lines, "", json.dumps(provenance, indent=2)])

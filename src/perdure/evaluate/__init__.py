@@ -12,6 +12,7 @@ An episode is one deployed run: a policy under a clock from a start state.
 | `table.py` | the Parquet table, the typed result |
 | `watch.py` | films of a policy as it fails |
 | `card.py` | the model card of a policy: a README with its verdict |
+| `callback.py` | a callback that judges the policy while Stable-Baselines3 trains it |
 """
 
 from perdure.evaluate.episodes import EpisodeRecords, EpisodeSpec, Extrapolation, evaluate_episodes

@@ -41,6 +41,7 @@ def extrapolate(
     out: str | Path | None = None,
     cores: int | None = None,
     on: str = "local",
+    max_episodes: int = 48,
     modules: Sequence[str] = (),
     command: str = "",
     observe: Observer = lambda status: None,
@@ -73,6 +74,7 @@ def extrapolate(
         out: Folder for the results; made if it is missing. None keeps nothing.
         cores: Cores for files; all of them by default.
         on: Where files are evaluated: see `evaluate_files`.
+        max_episodes: As in `Extrapolation`.
         modules: Python modules that the tasks of policy files may import.
         command: Stored with the table.
         observe: Called with the progress.
@@ -92,7 +94,7 @@ def extrapolate(
     if named is None or (isinstance(named, list | tuple) and not named):
         named = ("default",)
     evaluation = Extrapolation(
-        tuple(files) or (Path(),),
+        tuple(files) if isinstance(policy, str | Path | list | tuple) else (Path(),),
         steps,
         named,
         eval_seeds,
@@ -100,12 +102,13 @@ def extrapolate(
         hours=hours,
         disturb=(disturb,) if isinstance(disturb, str) else None if disturb is None else tuple(disturb),
         modules=tuple(modules),
+        max_episodes=max_episodes,
         env=env if isinstance(env, str) else None,
         training_horizon=training_horizon,
     )
     if (recurrent and files) or (name is not None and files):
         raise PerdureError("recurrent and name are for functions, not for files")
-    if files and (env is None or (isinstance(env, str) and all(map(is_onnx, files)))):
+    if files and (env is None or (isinstance(env, str) and any(map(is_onnx, files)))):
         return evaluate_files(evaluation, out, cores=cores, on=on, command=command, observe=observe, waiting=waiting)
     if len(files) > 1:
         raise PerdureError("several policy files are evaluated in their own task: leave env out")

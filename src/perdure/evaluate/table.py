@@ -62,6 +62,14 @@ class ExtrapolationResult:
         write_table(Path(out) / TABLE, self.frame, {"command": command, **self.files})
         return write_report(self.frame, out, command)
 
+    @property
+    def holds(self) -> bool:
+        """Whether all policies hold, or reach their goal, under every clock and disturbance."""
+        from perdure.report.estimates import estimate_table
+        from perdure.report.summary import not_holding
+
+        return not not_holding(estimate_table(self.frame))
+
     def final(self) -> pl.DataFrame:
         """Return one row for each episode: its values at the last recorded step."""
         import polars as pl

@@ -5,6 +5,7 @@
     charts.py      charts as plain functions; a figure as PNG, SVG, PDF, or as a specification in a page
     figures.py     which figures a table gives
     page.py        write_report: `page.html` with figures and tables, the figures as files beside it
+    summary.py     the summary as JSON, and which groups do not hold
     wording.py     numbers for readers
 
 Intervals are from `perdure.stats`. Charts are Altair's; vl-convert draws them. `charts` does not depend on tables.

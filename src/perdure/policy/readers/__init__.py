@@ -2,7 +2,7 @@
 
 | file | what it holds |
 |---|---|
-| `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model and its `VecNormalize`, checked against its environment |
+| `sb3_import.py` | `import_sb3`: a Stable-Baselines3 model and its `VecNormalize`, checked; models in folders |
 | `sb3.py` | the zip: its layers, and its settings |
 | `cleanrl.py` | `import_cleanrl`: a model of CleanRL's ppo_continuous_action |
 | `restricted_pickle.py` | a pickle as data: the arrays in it, and the tensors of a PyTorch state dict |
@@ -11,6 +11,6 @@
 
 from perdure.policy.readers.cleanrl import import_cleanrl
 from perdure.policy.readers.sb3 import is_sb3_zip
-from perdure.policy.readers.sb3_import import import_once, import_sb3
+from perdure.policy.readers.sb3_import import FoundModel, find_models, import_once, import_sb3
 
-__all__ = ["import_cleanrl", "import_once", "import_sb3", "is_sb3_zip"]
+__all__ = ["FoundModel", "find_models", "import_cleanrl", "import_once", "import_sb3", "is_sb3_zip"]

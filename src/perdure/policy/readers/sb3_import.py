@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
-from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, read_sb3
+from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, is_sb3_zip, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
 from perdure.runs import file_digest, versions
 
@@ -326,3 +328,78 @@ def _number(state: dict[Any, Any], name: str, what: str) -> NDArray[np.float64]:
     if name not in state:
         raise PerdureError(f"{what} has no {name}")
     return read_numbers(state[name], f"{what}: {name}")
+
+
+# Models in folders
+
+
+@dataclass(frozen=True)
+class FoundModel:
+    """A model, and what files beside it say of its training, as `import_sb3` takes it; None where they do not."""
+
+    path: Path
+    env: str | None = None
+    normalizer: str | None = None
+    time_feature: str | None = None
+    unread: str = ""
+    """What else changes what the model observes; "" if nothing does."""
+
+
+_CHECKPOINT = re.compile(r"(.+)_(\d+)_steps")
+_PAIR = re.compile(r"^(?:- |  )- - (\w+)\n    - (.*(?:\n {6}.*)*)", re.MULTILINE)
+"""A pair of an `OrderedDict` as `yaml.dump` writes it. A YAML library would call what the file names; this is text."""
+
+
+def find_models(path: Path, tell: Callable[[str], None] = lambda sentence: None) -> list[FoundModel]:
+    """Return the models that a path means: a zip; in a folder every zip, checkpoints by their steps.
+
+    A run of RL Baselines3 Zoo, `ENV_1/`, holds its settings in `ENV/`. It means `ENV.zip`, else `best_model.zip`, else
+    its checkpoints. `tell` gets a sentence on what a folder holds and what is taken.
+    """
+    if path.is_file():
+        return [_found(path, _settings_of(path.parent))] if is_sb3_zip(path) else []
+    if not (zips := list(path.glob("*.zip"))) or any(path.glob("*.safetensors")):
+        return []
+    zips.sort(key=lambda each: (int(found[2]) if (found := _CHECKPOINT.fullmatch(each.stem)) else 0, each.name))
+    settings = _settings_of(path)
+    names = () if settings is None else (f"{settings.name}.zip", "best_model.zip")
+    taken = next(([path / name] for name in names if path / name in zips), zips)
+    rest = "all" if taken == zips else f"{taken[0].name} (name another file to evaluate that one)"
+    tell(f"{path} holds {', '.join(each.name for each in zips)}; evaluating {rest}")
+    return [_found(each, settings) for each in taken]
+
+
+def _settings_of(folder: Path) -> Path | None:
+    """Return the folder with the settings of a run of RL Baselines3 Zoo; None for any other folder."""
+    found = [each.parent for each in folder.glob("*/args.yml") if each.with_name("config.yml").is_file()]
+    return found[0] if len(found) == 1 else None
+
+
+def _pairs(path: Path) -> dict[str, str]:
+    with path.open("rb") as file:
+        found = _PAIR.findall(file.read(1_000_000).decode("utf-8", "replace"))
+    if not found:
+        raise PerdureError(f"{path} is not as RL Baselines3 Zoo writes it (yaml.dump of an OrderedDict)")
+    return {name: " ".join(value.strip("'\"").split()) for name, value in found}
+
+
+def _found(path: Path, folder: Path | None) -> FoundModel:
+    """Return a model with what the settings in a folder say."""
+    step = _CHECKPOINT.fullmatch(path.stem)
+    places = [path.with_name(f"{step[1]}_vecnormalize_{step[2]}_steps.pkl")] if step else []
+    places += [] if folder is None else [folder / "vecnormalize.pkl"]
+    normalizer = next((str(each) for each in places if each.is_file()), None)
+    if folder is None:
+        return FoundModel(path, normalizer=normalizer)
+    args, config = _pairs(folder / "args.yml"), _pairs(folder / "config.yml")
+    if config.get("normalize", "false") == "false":
+        normalizer = NO_NORMALIZER
+    elif normalizer is None:
+        raise PerdureError(f"{path} was trained behind VecNormalize, but {places[-1]} is missing")
+    changes = {name: config.get(name, "null") for name in ("env_wrapper", "frame_stack")}
+    changes["env_kwargs"] = args.get("env_kwargs", "null")
+    timed = re.fullmatch(r"(- )?[\w.]+\.TimeFeatureWrapper", changes["env_wrapper"])
+    unread = [
+        f"{name} {value}" for name, value in changes.items() if value not in ("null", "1", "{}", timed and timed[0])
+    ]
+    return FoundModel(path, args.get("env"), normalizer, "linear" if timed else None, ", ".join(unread))

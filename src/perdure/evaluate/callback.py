@@ -1,0 +1,73 @@
+"""A callback that judges a policy while Stable-Baselines3 trains it."""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from typing import Any
+
+from perdure.errors import PerdureError
+from perdure.evaluate.episodes import whole
+from perdure.evaluate.run import extrapolate
+from perdure.evaluate.table import ExtrapolationResult
+from perdure.report.estimates import estimate_table
+from perdure.report.schema import CALM
+
+try:
+    BaseCallback: Any = import_module("stable_baselines3.common.callbacks").BaseCallback
+except ImportError:
+    BaseCallback = object
+
+
+class VerdictCallback(BaseCallback):  # type: ignore[misc]
+    """Evaluates the policy beyond its training horizon: at the start, every so many training steps, and at the end.
+
+    Actions are deterministic, behind the current statistics of a `VecNormalize`. The model's logger, and with it
+    TensorBoard and Weights & Biases, gets `perdure/holds_calm` (share of the episodes that hold),
+    `perdure/mean_return_calm` and `perdure/median_failure_step_calm` (absent while less than half fail), and the same
+    with `_disturbed`. The last evaluation is `result`.
+
+    Args:
+        env: A name, or a factory that applies the wrappers of training.
+        every_steps: Training steps between two evaluations.
+        steps: Steps of an evaluated episode.
+        options: As `perdure.extrapolate` takes them, such as `eval_seeds`, `disturb` and `training_horizon`. By default
+            there are 3 calm episodes, and 36 of 10,000 steps under standard-1.
+    """
+
+    def __init__(self, env: Any, *, every_steps: int = 100_000, steps: int = 10_000, **options: Any) -> None:
+        if BaseCallback is object:
+            raise PerdureError("VerdictCallback needs Stable-Baselines3: pip install stable-baselines3")
+        super().__init__()
+        self.env, self.options = env, {"steps": steps, **options}
+        self.every_steps, self._evaluated = whole("every_steps", every_steps, 1), 0
+        self.result: ExtrapolationResult | None = None
+
+    def _on_training_start(self) -> None:
+        self.num_timesteps = self.model.num_timesteps
+        self._on_training_end()  # what is wrong with the environment or the options shows before hours of training
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps // self.every_steps > self._evaluated // self.every_steps:
+            self._on_training_end()
+        return True
+
+    def _on_training_end(self) -> None:
+        model, normalizer = self.model, self.model.get_vec_normalize_env()
+        recurrent = hasattr(model.policy, "lstm_actor")  # RecurrentPPO of sb3-contrib
+
+        def act(observations: Any, state: Any = None, starts: Any = None) -> Any:
+            seen = observations if normalizer is None else normalizer.normalize_obs(observations)
+            actions, state = model.predict(seen, state, starts, deterministic=True)
+            return (actions, state) if recurrent else actions
+
+        self.result = extrapolate(act, self.env, recurrent=recurrent, **self.options)
+        self._evaluated = self.num_timesteps
+        for item in (item for items in estimate_table(self.result.frame).values() for item in items):
+            values = {"holds": float(item.verdict.share.estimate), "mean_return": item.final_return}
+            values["median_failure_step"] = item.group.half_failed_by
+            for name, value in values.items():
+                if math.isfinite(value):
+                    kind = "calm" if item.group["disturbance"][0] == CALM else "disturbed"
+                    self.logger.record(f"perdure/{name}_{kind}", value)
+        self.logger.dump(self.num_timesteps)

@@ -1,0 +1,138 @@
+"""The callback of Stable-Baselines3, with a stand-in of that library and, under `make verify`, with itself."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from probes import Falling
+
+from perdure.errors import PerdureError
+
+
+class BaseCallback:
+    """What Stable-Baselines3's class does with a callback, as far as ours needs it."""
+
+    def __init__(self, verbose=0):
+        self.num_timesteps, self.verbose = 0, verbose
+
+    @property
+    def logger(self):
+        return self.model.logger
+
+    def init_callback(self, model):
+        self.model = model
+
+    def on_step(self):
+        self.num_timesteps = self.model.num_timesteps
+        return self._on_step()
+
+
+class Logger:
+    def __init__(self):
+        self.recorded, self.dumped = {}, []
+
+    def record(self, name, value):
+        self.recorded[name] = value
+
+    def dump(self, step):
+        self.dumped.append((step, self.recorded))
+        self.recorded = {}
+
+
+class Model:
+    """Acts with the observation's first number; counts how often it was asked, and whether deterministically."""
+
+    def __init__(self, normalizer=None):
+        self.num_timesteps, self.logger, self.policy = 0, Logger(), SimpleNamespace()
+        self.normalizer, self.seen = normalizer, []
+
+    def get_vec_normalize_env(self):
+        return self.normalizer
+
+    def predict(self, observations, state=None, starts=None, deterministic=False):
+        assert deterministic
+        self.seen.append(observations)
+        return np.clip(observations[:, :1], -1, 1), None
+
+
+@pytest.fixture
+def module(monkeypatch):
+    """The module of the callback, imported beside the stand-in."""
+    callbacks = ModuleType("stable_baselines3.common.callbacks")
+    callbacks.BaseCallback = BaseCallback
+    for name in ("stable_baselines3", "stable_baselines3.common"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, callbacks.__name__, callbacks)
+    monkeypatch.delitem(sys.modules, "perdure.evaluate.callback", raising=False)
+    yield importlib.import_module("perdure.evaluate.callback")
+    sys.modules.pop("perdure.evaluate.callback")
+
+
+def learn(callback, model, steps, each=50):
+    """Train for some steps, as far as a callback sees."""
+    callback.init_callback(model)
+    callback._on_training_start()
+    for _ in range(steps // each):
+        model.num_timesteps += each
+        assert callback.on_step()
+    callback._on_training_end()
+
+
+def test_it_logs_at_the_start_every_so_many_steps_and_at_the_end(module):
+    model = Model()
+    callback = module.VerdictCallback(Falling, every_steps=100, steps=100, eval_seeds=3, training_horizon=50)
+    learn(callback, model, 250)
+    assert [step for step, _ in model.logger.dumped] == [0, 100, 200, 250]
+    _, logged = model.logger.dumped[-1]
+    final = callback.result.final().filter(disturbance="none")
+    assert logged["perdure/mean_return_calm"] == pytest.approx(final["return"].mean())
+    assert len(final) == 3
+    assert "perdure/holds_disturbed" in logged
+    assert logged["perdure/holds_calm"] == 0.0  # the world ends every episode by step 60
+    assert 5 <= logged["perdure/median_failure_step_calm"] <= 60
+
+
+def test_the_policy_sees_normalized_observations(module):
+    shown = SimpleNamespace(normalize_obs=lambda observations: observations + 7.0)
+    model = Model(shown)
+    learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb=["none"]), model, 50)
+    assert min(float(each.min()) for each in model.seen) >= 7.0
+
+
+def test_a_disturbed_evaluation_is_logged_under_its_name(module):
+    model = Model()
+    learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb=["action_noise:0.1"]), model, 50)
+    assert "perdure/holds_disturbed" in model.logger.dumped[0][1]
+
+
+def test_without_the_library_the_message_names_it(monkeypatch):
+    from perdure.evaluate import callback
+
+    monkeypatch.setattr(callback, "BaseCallback", object)
+    with pytest.raises(PerdureError, match="pip install stable-baselines3"):
+        callback.VerdictCallback("Pendulum-v1")
+
+
+@pytest.mark.verify
+def test_stable_baselines3_takes_it(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.logger import configure
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    import perdure
+
+    model = PPO("MlpPolicy", VecNormalize(make_vec_env("Pendulum-v1", 2)), n_steps=64, seed=0, device="cpu")
+    model.set_logger(configure(str(tmp_path), ["csv"]))
+    callback = perdure.VerdictCallback(
+        "Pendulum-v1", every_steps=200, steps=100, eval_seeds=2, disturb=["action_noise:0.1"]
+    )
+    model.learn(256, callback=[callback])
+    text = (tmp_path / "progress.csv").read_text()
+    assert "perdure/holds_disturbed" in text.splitlines()[0]
+    assert callback.result.frame["step"].max() == 100
