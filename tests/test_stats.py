@@ -12,8 +12,10 @@ from scipy import stats
 
 from perdure.stats import (
     Difference,
+    FailureRate,
     Units,
     bootstrap_interval,
+    clopper_pearson,
     compare_paired,
     compare_unpaired,
     compare_with,
@@ -23,10 +25,10 @@ from perdure.stats import (
     make_units,
     mean_difference,
     mean_interval,
+    measure_failure_rate,
     median_time,
     survival_interval,
     t_interval,
-    wilson,
 )
 
 
@@ -181,27 +183,65 @@ def test_survival_under_a_known_hazard_is_the_exponential():
     assert not np.any((curve.lower < np.exp(-2 * hazard * steps)) & (np.exp(-2 * hazard * steps) < curve.upper))
 
 
-def test_wilson_reproduces_the_published_example_and_keeps_a_width_at_the_ends():
-    # Newcombe (1998), Statistics in Medicine 17, table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
+def test_clopper_pearson_reproduces_the_published_example():
+    # Newcombe (1998), Statistics in Medicine 17, table I, method 5.
     published = {
-        (81, 263): (0.2553, 0.3662),
-        (15, 148): (0.0624, 0.1605),
-        (0, 20): (0.0, 0.1611),
-        (1, 29): (0.0061, 0.1718),
+        (81, 263): (0.2527, 0.3676),
+        (15, 148): (0.0578, 0.1617),
+        (0, 20): (0.0, 0.1684),
+        (1, 29): (0.0009, 0.1776),
     }
     for (hits, count), bounds in published.items():
-        lower, upper = wilson(hits / count, count)
+        lower, upper = clopper_pearson(hits / count, count)
         assert (float(lower), float(upper)) == pytest.approx(bounds, abs=5e-5)
-    lower, upper = wilson(1.0, 24)
-    assert 0.8 < lower < upper == 1.0
 
 
-@pytest.mark.parametrize("confidence", [0.9, 0.95])
-def test_wilson_is_scipys_for_many_shares_at_once(confidence):
-    lower, upper = wilson(np.arange(21) / 20, 20, confidence)
-    found = [stats.binomtest(k, 20).proportion_ci(confidence, "wilson") for k in range(21)]
-    np.testing.assert_allclose(lower, [each.low for each in found], atol=1e-12)
-    np.testing.assert_allclose(upper, [each.high for each in found], atol=1e-12)
+@pytest.mark.parametrize(("confidence", "count"), [(0.9, 7), (0.95, 36)])
+def test_clopper_pearson_is_scipys_for_many_shares_at_once(confidence, count):
+    lower, upper = clopper_pearson(np.arange(count + 1) / count, count, confidence)
+    found = [stats.binomtest(k, count).proportion_ci(confidence, "exact") for k in range(count + 1)]
+    np.testing.assert_allclose(lower, [each.low for each in found], atol=1e-9)
+    np.testing.assert_allclose(upper, [each.high for each in found], atol=1e-9)
+    tail = ((1.0 - confidence) / 2.0) ** (1.0 / count)
+    assert (lower[0], upper[0], lower[-1], upper[-1]) == pytest.approx((0.0, 1.0 - tail, tail, 1.0))
+
+
+class TestFailureRate:
+    def test_five_failures_in_twenty_hours(self):
+        """By hand: chi-square of 12 degrees of freedom has the 95 % quantile 21.026."""
+        rate = FailureRate(5, 20.0, 2)
+        assert (rate.per_hour, rate.mean_hours) == (0.25, 4.0)
+        assert rate.upper == pytest.approx(21.026 / 2 / 20, abs=1e-5)
+        assert rate.upper == pytest.approx(stats.chi2.ppf(0.95, 12) / 40)
+        assert rate.lower == pytest.approx(stats.chi2.ppf(0.05, 10) / 40)
+
+    def test_no_failure_has_a_bound(self):
+        rate = FailureRate(0, 20.0, 0)
+        assert (rate.per_hour, rate.lower, rate.mean_hours) == (0.0, 0.0, math.inf)
+        assert rate.upper == pytest.approx(-math.log(0.05) / 20.0), "the rule of three"
+        assert rate.constant_p == 1.0
+
+    def test_the_bounds_are_exact(self):
+        """At the upper bound so few failures have the probability 5 %, at the lower one so many."""
+        rate = FailureRate(3, 2.0, 0)
+        assert stats.poisson.cdf(3, 2.0 * rate.upper) == pytest.approx(0.05)
+        assert stats.poisson.sf(2, 2.0 * rate.lower) == pytest.approx(0.05)
+
+    def test_failures_and_exposure_by_hand(self):
+        """Until step 10 three episodes give 30 steps, until 20 another 20, until 40 another 20: half of 70 is 35."""
+        rate = measure_failure_rate([40, 10, 20], [False, True, True], 0.5)
+        assert (rate.events, rate.exposure_hours, rate.early) == (2, 35.0, 1)
+
+    @pytest.mark.parametrize("early", [0, 1, 4, 8])
+    def test_the_test_of_a_constant_hazard_is_binomial(self, early):
+        assert FailureRate(8, 1.0, early).constant_p == pytest.approx(stats.binomtest(early, 8).pvalue)
+
+    @pytest.mark.parametrize(("shape", "least", "most"), [(1.0, 0.0, 0.06), (0.4, 0.8, 1.0), (3.0, 0.8, 1.0)])
+    def test_a_hazard_that_changes_is_noticed_and_a_constant_one_is_not(self, shape, least, most):
+        """Weibull: infant mortality, constant and wear; 40 episodes, watched for 1.5 times the scale."""
+        ends = rng(5).weibull(shape, (400, 40))
+        found = [measure_failure_rate(np.minimum(each, 1.5), each < 1.5, 1.0).constant_p >= 0.05 for each in ends]
+        assert least <= 1.0 - np.mean(found) <= most
 
 
 def test_survival_of_several_runs_resamples_runs():

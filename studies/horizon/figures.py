@@ -26,7 +26,7 @@ from perdure.report.charts import (
     row_size,
     slug,
 )
-from perdure.report.estimates import failure_times
+from perdure.report.groups import failure_times
 from perdure.stats import (
     FEWEST_FOR_INTERVAL,
     TRAINING_SEEDS,

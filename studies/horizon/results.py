@@ -21,7 +21,9 @@ import numpy as np
 import polars as pl
 
 from perdure.errors import PerdureError
-from perdure.report.estimates import EPISODE_FAILURES, TRAINING_SCORE, VERDICT, thin
+from perdure.report import groups
+from perdure.report.estimates import thin
+from perdure.report.groups import EPISODE_FAILURES, TRAINING_SCORE
 from perdure.runs import write_atomic
 from studies.files import parquet_bytes, read_parquet_file
 from studies.horizon.claims import SCORE, Condition
@@ -43,6 +45,9 @@ MEASURED = (
 """Measures of `claims.MEASURES` that episodes give."""
 MECHANISM = ("fall rate", "value error", "value variance", "action dependence")
 """Measures of the mechanism table that are one number for each training run."""
+_UNKNOWN = pl.col("policy_state") == "cannot tell"
+VERDICT = pl.when(_UNKNOWN).then(pl.lit("cannot tell")).otherwise(groups.VERDICT)
+"""As reports show it, but falls of a policy that cannot be judged do not count alone: shares would be of falls only."""
 VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never worked", "cannot tell")
 
 

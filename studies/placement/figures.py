@@ -13,7 +13,7 @@ from perdure.home.evaluate.comparison import describe_task, make_views
 from perdure.home.evaluate.figures import outcome_figure, shape_figure, stage_figure
 from perdure.report import wording
 from perdure.report.charts import Axis, Curve, Figure, Points, curve_chart, point_chart, slug, style
-from perdure.stats import wilson
+from perdure.stats import clopper_pearson
 from studies.placement.grid import WORLDS
 from studies.placement.tables import INTERVALS, MIN_PLACEMENTS, SHAPES, Tables, success_rows
 
@@ -77,7 +77,7 @@ def _world(world: str) -> str:
 
 
 def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
-    """Yield the figure, if there are enough placements: released in motion, share that stays, Wilson's interval."""
+    """Yield the figure, if there are enough placements: released in motion, share that stays, its interval."""
     drawn = counts.filter(pl.col("placements") >= MIN_PLACEMENTS, in_motion=True)
     if drawn.is_empty():
         return
@@ -92,7 +92,7 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
         ),
         "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
         f"drag only. Each point: an interval of speed with at least {MIN_PLACEMENTS} placements. "
-        "Bars: 95 % Wilson score intervals that count placements as independent, although they share policies. "
+        "Bars: 95 % Clopper-Pearson intervals that count placements as independent, although they share policies. "
         "Policies were varied, not speeds.",
     )
 
@@ -100,7 +100,7 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
 def _curve(number: int, group: str, part: pl.DataFrame) -> Curve:
     part = part.sort("interval")
     share, interval = part["share_stayed"].to_numpy(), part["interval"].cast(pl.Float64).to_numpy()
-    bounds = [wilson(p, n) for p, n in zip(share, part["placements"], strict=True)]
+    bounds = [clopper_pearson(p, n) for p, n in zip(share, part["placements"], strict=True)]
     lower, upper = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
     label = f"{group} (n = {part['placements'].sum():,})"
     return Curve(label, interval, share, style(number), lower, upper, marked=True, intervals="bars")

@@ -1,19 +1,27 @@
 """Robots with a known answer: reward traces within the training horizon and far beyond it.
 
-`CHOSEN_ON` are the cases on which thresholds and window lengths were tried. `LABELED` are others, looked at only
-afterwards; they use other rates, offsets, periods and seeds.
+`ROBOTS` are several episodes of one policy. `CHOSEN_ON` are the cases on which thresholds and windows were tried.
+`LABELED` are others, looked at only afterwards; they use other rates, offsets, periods and seeds.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
+import polars as pl
 
 from perdure.evaluate.episodes import window_steps
+from perdure.evaluate.reference import Idle
+from perdure.evaluate.score import make_score_scale
+from perdure.evaluate.table import RATES
+from perdure.evaluate.verdict import judge_episode
 from perdure.policy.reference import BIN_STEPS, Reference
+from perdure.report.groups import NO_CLOCK
+from perdure.report.schema import COLUMNS
 
 T, EPISODES = 1000, 20
 
@@ -251,3 +259,146 @@ LABELED = (
     Case("shorter than its windows", "unknown", sparse(300, 5.0), steps=1500),
     Case("cut by its environment", "cut", steady(3.0), ends=5000, reason="truncated"),
 )
+
+
+@dataclass(frozen=True)
+class Robots:
+    """Episodes of one policy, and what must be said of them."""
+
+    name: str
+    label: str
+    says: str
+    """Part of the headline or of the sentence under it."""
+    episodes: tuple[Case, ...]
+    """All have the reference of the first."""
+    disturbed: tuple[Case, ...] = ()
+    clock: str = NO_CLOCK
+    movement: tuple[float, ...] = ()
+    """Of each calm episode in its last tenth, in training standard deviations; by default 0.3."""
+
+    def table(self) -> pl.DataFrame:
+        first = self.episodes[0]
+        scale = make_score_scale(first.reference(), Idle(first.idle, first.idle - first.spread), first.task)
+        kind, _, number = self.clock.rstrip(")").partition("(")
+        labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0, "train_horizon": float(T)}
+        labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
+        labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
+        labels |= {name: getattr(scale, name) for name in RATES}
+        rows = []
+        for disturbance, cases in (("none", self.episodes), ("standard-1", self.disturbed)):
+            for seed, case in enumerate(cases):
+                steps, returns, end, reason = case.episode()
+                moved = self.movement[seed] if self.movement and disturbance == "none" else 0.3
+                mine = labels | {"eval_seed": seed, "disturbance": disturbance, "test_horizon": case.steps}
+                mine |= {"end_step": end, "end_reason": reason, "movement_last": moved}
+                mine |= asdict(judge_episode(steps, returns, end, reason, scale))
+                lives = reason == "survived"
+                rows += [
+                    mine | {"step": int(step), "return": total, "alive": lives or step < end}
+                    for step, total in zip(steps, returns, strict=True)
+                ]
+        return pl.DataFrame(rows).select(pl.col(name).cast(kind) for name, kind in COLUMNS.items())
+
+
+def several(count: int, case: Case, **changes: Any) -> tuple[Case, ...]:
+    """Return a case from several start states: other draws of the same noise."""
+    return tuple(replace(case, name=f"{case.name} {k}", **changes) for k in range(count))
+
+
+def falling(steps: tuple[int, ...], case: Case) -> tuple[Case, ...]:
+    """Return a case once for each step at which it falls."""
+    return tuple(
+        replace(each, ends=at, reason="terminated") for at, each in zip(steps, several(len(steps), case), strict=True)
+    )
+
+
+def uneven(low: float, high: float) -> Rewards:
+    """A rate drawn for each episode: no mean can be told from a few of them."""
+    return lambda step, rng: np.where(rng.random() < 0.5, low, high) + 0.0 * step
+
+
+WALKS = Case("walks", "holds", steady(3.0), idle=1.0, steps=10_000)
+EXACT = replace(WALKS, within=steady(3.0, 0.0))
+NOISY = replace(WALKS, within=uneven(-3.0, 8.0))
+NEVER = replace(WALKS, within=steady(3.0), falls_within=300)
+IDLE_BEFORE = replace(WALKS, beyond=LIES)
+
+ROBOTS = (
+    Robots(
+        "falls within its horizon, as in training",
+        "falls",
+        "ppo: falls within its own training horizon in 8 of 8 episodes: train longer",
+        falling((300, 280, 290, 310, 305, 295, 301, 299), NEVER),
+    ),
+    Robots(
+        "falls within its horizon, deployed alone",
+        "falls",
+        "falls within its own training horizon in 3 of 4 episodes: train longer",
+        falling((600, 700, 900, 4000), WALKS),
+    ),
+    Robots(
+        "falls within its horizon under a clock that it was not trained with",
+        "falls",
+        "falls within its own training horizon in 4 of 4 episodes",
+        falling((600, 700, 900, 800), WALKS),
+        clock="constant(0)",
+    ),
+    Robots("falls later", "falls", "ppo: falls in 4 of 4 episodes", falling((1001, 3000, 2000, 4000), WALKS)),
+    Robots(
+        "noisy reference, some fall and some lie",
+        "cannot tell",
+        "cannot tell in 5 of 8 episodes: 3 of 8 fall at steps 200 to 900, 5 of 8 lie nearly motionless since "
+        "step 4,000",
+        (
+            *falling((900, 200, 400), NOISY),
+            *several(5, replace(NOISY, beyond=switch(4000, steady(3.0), LIES))),
+        ),
+        movement=(math.nan,) * 3 + (0.001,) * 5,
+    ),
+    Robots(
+        "noisy reference, most fall",
+        "falls",
+        "falls in 3 of 4 episodes",
+        (*falling((2000, 3000, 4000), NOISY), *several(1, NOISY)),
+    ),
+    Robots(
+        "coinciding episodes",
+        "holds",
+        "in 10 of 10 episodes; score against its own training at the end: 1.00; 10 start states behave as one",
+        several(10, EXACT),
+    ),
+    Robots(
+        "start states that differ",
+        "holds",
+        "in 10 of 10 episodes (95 % interval 69 % to 100 %); score",
+        tuple(replace(each, beyond=steady(2.9 + 0.04 * k, 0.0)) for k, each in enumerate(several(10, EXACT))),
+    ),
+    Robots(
+        "disturbed: half fall by step 600",
+        "holds",
+        "ppo: holds when calm; under standard-1 half of the episodes fail by step 600",
+        several(3, EXACT),
+        (*falling((300, 600), WALKS), *several(2, WALKS)),
+    ),
+    Robots(
+        "disturbed: holds",
+        "holds",
+        "ppo: holds for 10,000 steps when calm and for 10,000 under standard-1",
+        several(3, EXACT),
+        several(4, WALKS),
+    ),
+    Robots(
+        "disturbed: some fall",
+        "holds",
+        "under standard-1 falls in 1 of 4 episodes",
+        several(3, EXACT),
+        (*falling((5000,), WALKS), *several(3, WALKS)),
+    ),
+    Robots(
+        "idle, then falls",
+        "falls",
+        "ppo: idle from the start; all 4 fall at step 9,980",
+        falling((9980,) * 4, IDLE_BEFORE),
+    ),
+)
+"""Truth about all episodes of a policy together."""

@@ -71,7 +71,7 @@ def test_its_metrics_are_those_of_the_table(made):
         episodes = result.final().filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
         share, mean = (each for each in metrics if each["name"].endswith(f"{STEPS} steps, clock {clock}"))
         assert share["value"] == pytest.approx((episodes["outcome"] == "holds").mean(), abs=1e-4)
-        assert (share["args"]["n"], share["args"]["interval_method"]) == (6, "Wilson score")
+        assert (share["args"]["n"], share["args"]["interval_method"]) == (6, "Clopper-Pearson")
         assert mean["value"] == pytest.approx(episodes["return"].mean(), abs=1e-3)
         low, high = mean["args"]["interval"]
         margin = 2.5706 * episodes["return"].std() / np.sqrt(6)  # Student's t, 5 degrees of freedom

@@ -12,7 +12,7 @@ from perdure.envs.disturbances import STANDARDS, disturbed_task, parse_disturban
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files, extrapolate
 from perdure.report import read_table
-from perdure.report.estimates import make_groups
+from perdure.report.groups import make_groups
 from perdure.runs import Store
 
 HOPPER = "Hopper-v3"

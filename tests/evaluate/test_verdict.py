@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import CHOSEN_ON, LABELED, LIES, Case, bouts, steady, switch
+from cases import CHOSEN_ON, LABELED, LIES, ROBOTS, Case, bouts, steady, switch
 from scripted import policy_for
 
 from perdure.envs import make_world
@@ -18,6 +18,7 @@ from perdure.evaluate.score import ScoreScale, make_score_scale, published_rate
 from perdure.evaluate.verdict import judge_episode
 from perdure.policy import Reference, TaskInfo, load_policy, measure_reference
 from perdure.policy.files import find_policy
+from perdure.report import estimate_table, summary_text
 
 
 def measured(case):
@@ -38,6 +39,16 @@ def test_cases_the_thresholds_were_chosen_on(case):
 @pytest.mark.parametrize("case", LABELED, ids=lambda case: case.name)
 def test_labeled_cases(case):
     assert found(case) == case.expected
+
+
+@pytest.mark.parametrize("robots", ROBOTS, ids=lambda robots: robots.name)
+def test_labeled_robots(robots):
+    table = robots.table()
+    (estimates,) = estimate_table(table).values()
+    text = summary_text(table)
+    assert estimates[0].verdict.label == robots.label
+    assert robots.says in text
+    assert ("train longer" in text) == ("train longer" in robots.says)
 
 
 def test_there_are_labeled_cases_of_every_kind_and_none_was_used_to_choose():

@@ -48,6 +48,8 @@ def judged(rate, late, survives, reason, end_step):
         "training_rate": rate,
         "published_rate": 4.0,
         "window": 1000,
+        "settling": 0,
+        "training_falls": 0.0,
         "policy_state": "worked",
         "policy_note": "within its training horizon it earns more",
         "outcome": outcome,
@@ -77,6 +79,7 @@ def build(groups, episodes=8, train_seeds=(0,), recorded=RECORDED_STEPS, seed=0)
         hazard, ends = group.pop("hazard", 0.0), group.pop("ends", None)
         rate, last_rate, spread = group.pop("rate", 1.0), group.pop("last_rate", None), group.pop("spread", 0.0)
         base = {"task": "Hopper-v3", "method": "geometric", "train_horizon": 1000.0}
+        base |= {"step_seconds": 0.008, "not_applied": ""}
         base |= clock_columns(group.pop("clock", "constant(500)")) | group
         for train_seed in train_seeds:
             policy = group.get("policy", base["method"])
@@ -87,8 +90,6 @@ def build(groups, episodes=8, train_seeds=(0,), recorded=RECORDED_STEPS, seed=0)
                     "train_seed": train_seed,
                     "eval_seed": episode,
                     "disturbance": group.get("disturbance", "none"),
-                    "not_applied": "",
-                    "step_seconds": math.nan,
                 }
                 own_rate = rng.normal(rate, spread) if spread else rate
                 rows += episode_rows(labels, end, own_rate, last_rate, recorded)

@@ -8,7 +8,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.report import read_episodes, write_table
-from perdure.report.estimates import make_groups
+from perdure.report.groups import make_groups
 from perdure.report.schema import CURVES, EPISODE, table_episodes
 
 GROUPS = [

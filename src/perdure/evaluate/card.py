@@ -18,8 +18,7 @@ from perdure.evaluate.table import FILE_NOTE, method_label, train_seed
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table
-from perdure.report.estimates import Estimate
-from perdure.report.schema import CALM
+from perdure.report.estimates import Estimate, headline
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import printable
 
@@ -38,7 +37,7 @@ and label; the file itself was not checked."""
 LIMITS = """- The verdict is about this simulator, these start states and these clocks. It does not carry over to a real
   robot or to another physics engine.
 - Intervals are over evaluation seeds of one trained policy. They say nothing about other training runs of the method.
-- Actions are deterministic. Exploration noise is not added."""
+- Actions are deterministic unless the table names a disturbance."""
 
 
 def write_card(policy: str | Path, table: str | Path, out: str | Path | None = None) -> Path:
@@ -170,8 +169,7 @@ def _front_matter(policy: Policy, estimates: Sequence[Estimate]) -> dict[str, An
 
 def _metrics(estimate: Estimate) -> list[dict[str, Any]]:
     group, share = estimate.group, estimate.verdict.share
-    where = f"{group.test_horizon:,} steps, clock {group.clock}"
-    where += "" if (met := group["disturbance"][0]) == CALM else f", under {met}"
+    where = f"{group.test_horizon:,} steps, clock {group.clock}" + ("" if group.calm else f", {group.disturbance}")
     holds = {"n": group.episodes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
     mean = estimate.returns
     returns = {"n": group.episodes, "interval": _bounds(mean.lower[-1], mean.upper[-1]), "interval_method": mean.method}
@@ -197,24 +195,14 @@ def _bounds(low: Any, high: Any) -> list[float] | None:
 
 
 def _verdicts(estimates: Sequence[Estimate]) -> str:
-    head = [
-        "clock",
-        "disturbance",
-        "steps",
-        "verdict",
-        "episodes that hold",
-        "95 % interval",
-        "n",
-        "mean return",
-        "outcomes",
-    ]
+    head = ["clock", "disturbance", "steps", "verdict", "hold", "95 % interval", "n", "mean return", "outcomes"]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for estimate in estimates:
         group, share = estimate.group, estimate.verdict.share
         outcomes = ", ".join(f"{name} {count}" for name, count in Counter(group.verdicts).most_common())
         cells = [
             group.clock,
-            group["disturbance"][0],
+            group.disturbance,
             f"{group.test_horizon:,}",
             f"**{estimate.verdict.label}**",
             f"{float(share.estimate):.0%}",
@@ -226,11 +214,13 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
         lines.append(f"| {' | '.join(cells)} |")
     methods = sorted({estimate.verdict.share.method for estimate in estimates})
     note = (
-        f"Steps: of each episode, unless it ended earlier. Interval: {', '.join(methods)}, over evaluation "
-        "seeds. An episode holds if its reward rate at the end, above that of an idle robot, is at least "
+        f"Interval: {', '.join(methods)}, over evaluation seeds. An episode holds if its reward rate at the end, above "
+        "that of an idle robot, is at least "
         f"{100 * HOLDS_FROM:.0f} % of the policy's own within its training horizon."
     )
-    return "\n".join(lines) + f"\n\n{note}"
+    verdicts = [estimate.verdict for estimate in estimates]
+    evidence = "\n".join(f"- {verdict.sentence}" for verdict in verdicts)
+    return "\n\n".join([f"{headline(verdicts)}.", "\n".join(lines), note, evidence])
 
 
 def _training(policy: Policy) -> str:

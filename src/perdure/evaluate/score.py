@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -96,6 +96,8 @@ class ScoreScale:
     """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
     settling: int = 0
     """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
+    training_falls: float = math.nan
+    """Share of the reference episodes that the task ended within the training horizon; nan: unknown."""
 
     def score(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the score of rates against the policy's own training; nan for a policy that never worked."""
@@ -114,8 +116,13 @@ def make_score_scale(reference: Reference, idle: Idle, published: float) -> Scor
         idle: What an idle robot earns.
         published: Reward per step of a published policy, or nan.
     """
-    if _pays_for_survival(reference, idle):
-        return _survival_scale(reference, idle, published)
+    falls = float((reference.terminated & (reference.lengths < reference.horizon)).mean())
+    scale = _rate_scale if not _pays_for_survival(reference, idle) else _survival_scale
+    return replace(scale(reference, idle, published), training_falls=falls)
+
+
+def _rate_scale(reference: Reference, idle: Idle, published: float) -> ScoreScale:
+    """Judge a policy by the reward that it gains over an idle robot."""
     earned, lived, settling = _settled(reference)
     rate = float(earned.sum() / lived.sum())
     gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)

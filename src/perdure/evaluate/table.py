@@ -87,7 +87,7 @@ class ExtrapolationResult:
         """
         import polars as pl
 
-        from perdure.report.estimates import VERDICT, half_failed_by
+        from perdure.report.groups import VERDICT, half_failed_by
 
         outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
         keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock", "disturbance"]
@@ -200,5 +200,8 @@ def judge_table(
     return frame.hstack(pl.DataFrame(rows)[np.repeat(np.arange(len(rows)), last + 1 - begins)])
 
 
-RATES = ("idle_rate", "training_rate", "published_rate", "window", "policy_state", "policy_note")
+RATES = (
+    *("idle_rate", "training_rate", "published_rate", "window", "settling"),
+    *("policy_state", "policy_note", "training_falls"),
+)
 """Columns of the table that are fields of `ScoreScale`."""

@@ -1,7 +1,8 @@
 """Reports: figures and an HTML page from extrapolation tables, without simulation.
 
     schema.py      the Parquet table: every column declared once, reading, writing, episodes
-    estimates.py   groups of episodes with estimates, the verdict on each, the best clock
+    groups.py      groups of episodes: when they fail, failures per hour, whether start states behave as one
+    estimates.py   estimates of each group, the verdict on it in words, the best clock
     charts.py      charts as plain functions; a figure as PNG, SVG, PDF, or as a specification in a page
     figures.py     which figures a table gives
     page.py        write_report: `page.html` with figures and tables, the figures as files beside it

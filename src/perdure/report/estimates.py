@@ -1,8 +1,8 @@
-"""What a table says: groups of episodes with estimates, the verdict on each, and which clock of a policy is best.
+"""What a table says of each group: means with intervals, the verdict in words, and which clock of a policy is best.
 
-A group is the episodes that share task, policy and clock; a curve, a row or a dot shows one. Each episode has an
-outcome in the table. The verdict on a group is *holds* if at least HOLDING_SHARE of its episodes hold, otherwise the
-most common other outcome. Clocks of one policy are compared by paired differences on common start states.
+The verdict on a group is *holds* if at least HOLDING_SHARE of its episodes hold, otherwise the most common other
+outcome. Calm and disturbed episodes of a policy under a clock are summed up together. Clocks of one policy are compared
+by paired differences on common start states.
 """
 
 from __future__ import annotations
@@ -12,23 +12,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, takewhile
-from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from perdure.report import wording
-from perdure.report.schema import CALM, Episodes, IntArray, table_episodes
+from perdure.report.groups import EPISODE_FAILURES, NO_CLOCK, Group, failure_times, make_groups
+from perdure.report.schema import CALM, Episodes, IntArray
 from perdure.stats import (
-    BoolArray,
+    FailureRate,
     FloatArray,
     Interval,
     estimate_interval,
-    kaplan_meier,
     make_units,
     mean_interval,
-    median_time,
     survival_interval,
 )
 
@@ -40,210 +37,19 @@ HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.02
 """Movement per step, in training standard deviations, below which a robot is called nearly motionless."""
-MUCH = 2.0
-"""Movement counts as changed if its ratio, last to first tenth of the steps, exceeds MUCH or is below 1 / MUCH."""
-EPISODE_FAILURES = ("falls", "fails silently", "decays", "diverges")
 FAILURES = (*EPISODE_FAILURES, "never worked", "cannot tell")
 """Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
-NO_CLOCK = "none"
+ENDS = ("falls", "diverges")
 FACTORS = ("mass", "friction", "strength")
 """Disturbances whose level 1 changes nothing; that of the others is 0."""
 ROUNDING = 1e-9
 """Shares that differ by less are equal."""
-_KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
+CONSTANT_FROM = 0.05
+"""Least p value at which a constant failure rate is believed."""
+STEADY = 0.05
+"""A motionless robot is so since the step after which its reward per step stays within this share of all it varied."""
 _MOST_NAMED, _MOST_CLOCKS, _MOST_LISTED = 6, 6, 20
 """Most policies in a headline, clocks in a sentence, and training runs whose seeds are listed."""
-
-VERDICT = (
-    pl.when(pl.col("policy_state") != "worked")
-    .then(pl.col("policy_state"))
-    .when(pl.col("outcome").is_in(["cut", "unknown"]))
-    .then(pl.lit("cannot tell"))
-    .otherwise(pl.col("outcome"))
-)
-"""Outcome of an episode as reports show it, from the columns of a table."""
-_NOTE = (
-    pl.when(pl.col("policy_state") != "worked")
-    .then(pl.col("policy_note"))
-    .when(pl.col("outcome") == "cut")
-    .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
-    .when(pl.col("outcome") == "unknown")
-    .then(pl.lit("too few steps, or a final score too close to 75 % to tell"))
-    .otherwise(pl.lit(""))
-)
-"""Why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
-TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
-"""Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
-
-
-# Groups
-
-
-@dataclass(frozen=True)
-class Group:
-    """Episodes that share task, line and clock."""
-
-    task: str
-    line: str
-    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies."""
-    clock: str
-    clock_kind: str
-    clock_steps: float
-    train_horizon: float
-    """[steps]; inf: trained without an end; nan: unknown."""
-    test_horizon: int
-    steps: IntArray
-    """Recorded steps, shape (steps,), rising."""
-    facts: pl.DataFrame
-    """One row for each episode: the table's columns, `verdict`, `note` and `training_score` (see `VERDICT`,
-    `_NOTE` and `TRAINING_SCORE`)."""
-    runs: IntArray
-    """Which training run each episode belongs to, shape (episodes,)."""
-    returns: FloatArray
-    """Shape (episodes, steps)."""
-    alive: BoolArray
-    """Shape (episodes, steps)."""
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column of `facts`, shape (episodes,)."""
-        return self.facts[name].to_numpy()
-
-    @property
-    def episodes(self) -> int:
-        """Number of episodes."""
-        return len(self.runs)
-
-    @property
-    def verdicts(self) -> list[str]:
-        """Outcome of each episode; "never worked" or "cannot tell" if its policy was that in training."""
-        return self.facts["verdict"].to_list()
-
-    @property
-    def label(self) -> str:
-        """Label for readers, e.g. "geometric, always 500 steps to go"."""
-        return self.line if self.clock_kind == NO_CLOCK else f"{self.line}, {self.clock_words}"
-
-    @property
-    def clock_words(self) -> str:
-        """The clock for readers, e.g. "always 500 steps to go"."""
-        known = np.isfinite(self.clock_steps)
-        return wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock
-
-    @property
-    def is_tuned_by_steps(self) -> bool:
-        """Whether the clock has a parameter C."""
-        return self.clock_kind in ("constant", "periodic")
-
-    @property
-    def only_survival(self) -> bool:
-        """Whether every step pays the same, to an idle robot too: there is no gain, only how long an episode lasts."""
-        return bool((self["training_rate"] == self["idle_rate"]).all())
-
-    @cached_property
-    def failed(self) -> BoolArray:
-        """Which episodes fell, diverged, decayed or failed silently, shape (episodes,)."""
-        return np.isin(self.verdicts, EPISODE_FAILURES)
-
-    @cached_property
-    def working(self) -> FloatArray:
-        """Share of episodes without a failure so far at each recorded step (Kaplan-Meier), shape (steps,).
-
-        An episode that the environment cut, or that cannot be judged, is watched until it ended.
-        """
-        times, shares = kaplan_meier(*failure_times(self.verdicts, self["failed_step"]))
-        return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="right")]
-
-    @property
-    def half_failed_by(self) -> float:
-        """Steps by which half of the episodes have failed, see `half_failed_by`."""
-        return half_failed_by(self.verdicts, self["failed_step"])
-
-    @cached_property
-    def final_score(self) -> FloatArray:
-        """Score against its own training at the end; 0 for ended episodes, nan where it is unknown; shape (episodes,).
-
-        An episode that fell before its first whole window counts as 0.
-        """
-        ended, score = ~self.alive[:, -1], self.facts["end_score_vs_training"].to_numpy()
-        return np.where(ended & (self.failed | np.isfinite(score)), 0.0, score)
-
-    def paired(self, other: Group) -> tuple[list[int], list[int]]:
-        """Return the episodes of both groups that have the same policy and start state, in one order."""
-        mine, its = (
-            list(group.facts.select("policy", "train_seed", "eval_seed").iter_rows()) for group in (self, other)
-        )
-        place = {key: episode for episode, key in enumerate(its)}
-        pairs = [(episode, place[key]) for episode, key in enumerate(mine) if key in place]
-        return [episode for episode, _ in pairs], [episode for _, episode in pairs]
-
-
-def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return the steps until each episode failed or was no longer watched, and which failed: for `kaplan_meier`.
-
-    Policies that never worked have failed from the start.
-    """
-    never = np.isin(verdicts, ["never worked"])
-    return np.where(never, 0, failed_step), np.isin(verdicts, EPISODE_FAILURES) | never
-
-
-def half_failed_by(verdicts: Sequence[str], failed_step: IntArray) -> float:
-    """Return the median of the Kaplan-Meier curve [steps]; nan where less than half of the episodes failed."""
-    return median_time(*failure_times(verdicts, failed_step))
-
-
-def make_groups(table: pl.DataFrame | Sequence[Episodes]) -> tuple[Group, ...]:
-    """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
-
-    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
-    constant, periodic, each by its number of steps.
-    """
-    tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
-    groups = []
-    for task in tasks:
-        facts = task.facts.with_row_index("row").with_columns(
-            verdict=VERDICT, note=_NOTE, training_score=TRAINING_SCORE
-        )
-        facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
-        order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
-        mine = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
-        groups += sorted(mine, key=lambda group: (order[group.line], *_clock_order(group)))
-    return tuple(groups)
-
-
-def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
-    """Add the column `line`."""
-    horizon = pl.col("train_horizon")
-    whole = horizon.is_finite()
-    number = pl.when(whole).then(horizon).otherwise(0.0).cast(pl.Int64).cast(pl.String)
-    shown = pl.when(whole).then(number).when(horizon.is_nan()).then(pl.lit("?")).otherwise(pl.lit("\u221e"))
-    pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
-    ambiguous = horizon.n_unique().over("method") > 1
-    method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", shown)).otherwise(pl.lit(""))
-    facts = facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
-    disturbed = pl.format("{} under {}", "line", "disturbance")
-    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("line").otherwise(disturbed))
-
-
-def _clock_order(group: Group) -> tuple[int, str, float, str]:
-    kind = group.clock_kind
-    place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
-    return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
-
-
-_OF_GROUP = ("task", "line", "clock", "clock_kind", "clock_steps", "train_horizon", "test_horizon")
-
-
-def _make_group(episodes: Episodes, part: pl.DataFrame) -> Group:
-    rows = part["row"].to_numpy()
-    runs = part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy()
-    return Group(
-        **part.select(_OF_GROUP).row(0, named=True),
-        steps=episodes.steps,
-        facts=part.drop("row", "place"),
-        runs=runs,
-        returns=episodes.returns[rows],
-        alive=episodes.alive[rows],
-    )
 
 
 # Estimates
@@ -267,6 +73,11 @@ class Estimate:
     final_score: Interval
     """Score against its own training at the end, ended episodes count 0; shape ()."""
     verdict: Verdict
+
+    @property
+    def failure_rate(self) -> FailureRate | None:
+        """Failures per hour, see `Group.failure_rate`."""
+        return self.group.failure_rate
 
     @property
     def final_return(self) -> float:
@@ -346,28 +157,58 @@ class Verdict:
     evidence: str
     """In words; "" where there is none."""
 
-    @property
-    def short(self) -> str:
-        """Who, and the verdict: "ppo: falls in 4 of 10 episodes"."""
+    @cached_property
+    def within(self) -> int:
+        """Number of calm episodes that ended within the training horizon, if most did; else 0."""
         group = self.group
-        if self.label == "holds":
-            return f"{group.label}: holds for {wording.whole(float(group.test_horizon))} steps"
-        return f"{group.label}: {self.label}" + ("" if self.count == group.episodes else self._counted)
+        early = (group["end_step"] <= group.train_horizon)[np.isin(group.verdicts, ENDS)].sum()
+        known = self.label in ENDS and group.calm and np.isfinite(group.train_horizon)
+        return int(early) if known and 2 * early > group.episodes else 0
 
     @property
-    def sentence(self) -> str:
-        """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
-        low, high = float(self.share.lower), float(self.share.upper)
-        counted = self._counted if self.label == "holds" or self.count == self.group.episodes else ""
-        if self.label == "holds" and low < high:
-            counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label == "holds" and low == high:  # runs without a difference show no spread, which is no certainty
-            counted += f" (the same share in each of {self.share.count} training runs)"
-        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
+    def kind(self) -> str:
+        """Key into `wording.NEXT`: the label, or that training was too short and not only this clock at fault."""
+        group = self.group
+        other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
+        short = self.label in ENDS and (group.falls_in_training or (self.within and not other_clock))
+        return "falls in training" if short else self.label
 
     @property
     def _counted(self) -> str:
         return f" in {self.count} of {wording.count(self.group.episodes, 'episode')}"
+
+    @property
+    def claim(self) -> str:
+        """The verdict without its subject: "falls in 4 of 10 episodes"."""
+        group, mine = self.group, np.isin(self.group.verdicts, [self.label])
+        remedy = ": train longer" if self.kind == "falls in training" else ""
+        if self.label == "holds":
+            return f"holds for {group.test_horizon:,} steps"
+        if self.label == "cannot tell" and (parts := _behavior(group)):
+            return f"cannot tell{self._counted}: {', '.join(parts)}"
+        if _idle_first(group, self.label):
+            began, ended = _when("since", group["failed_step"][mine]), _when("at", group["end_step"][mine])
+            return f"idle {began}; {_of(self.count, group.episodes, self.label.removesuffix('s'))} {ended}{remedy}"
+        if self.within:
+            counted = f"{self.within} of {wording.count(group.episodes, 'episode')}"
+            return f"{self.label} within its own training horizon in {counted}{remedy}"
+        return f"{self.label}{self._counted}{remedy}"
+
+    @property
+    def short(self) -> str:
+        """Who, and the verdict: "ppo: falls in 4 of 10 episodes"."""
+        return f"{self.group.label}: {self.claim}"
+
+    @property
+    def sentence(self) -> str:
+        """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
+        counted = self._counted if self.label == "holds" else ""
+        low, high = float(self.share.lower), float(self.share.upper)
+        if self.label == "holds" and low < high and not self.group.runs_alike:
+            counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
+        elif self.label == "holds" and low == high:  # runs without a difference show no spread, which is no certainty
+            counted += f" (the same share in each of {self.share.count} training runs)"
+        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
 
     @property
     def _training_seeds(self) -> str:
@@ -394,7 +235,7 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
         for (seed,), part in group.facts.group_by("train_seed"):
             mine = Counter(part["verdict"])
             by_seed[int(seed)] = _label(mine, mine["holds"] / mine.total())
-    return Verdict(group, label, counts[label], share, by_seed, _evidence(group, label))
+    return Verdict(group, label, counts[label], share, by_seed, "; ".join(_evidence(group, label)))
 
 
 def _label(counts: Mapping[str, int], holding: float) -> str:
@@ -405,72 +246,158 @@ def _label(counts: Mapping[str, int], holding: float) -> str:
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
-    """Return the verdict on every policy and clock of one task, one at least; if there are many, counts of each."""
-    first = f"{verdicts[0].group.task}: "
+    """Return the verdict on every policy and clock of one task, one at least; if there are many, counts of each.
+
+    Calm and disturbed episodes share a clause: "ppo: holds when calm; under standard-1 half of the episodes fail by
+    step 600".
+    """
+    first, clauses = f"{verdicts[0].group.task}: ", dict[str, list[Verdict]]()
     if all(verdict.label == "never worked" for verdict in verdicts):
         return first + "no policy works, even within its training horizon"
-    if len(verdicts) <= _MOST_NAMED:
-        return first + "; ".join(verdict.short for verdict in verdicts)
-    counts = Counter(verdict.label for verdict in verdicts)
-    parts = [f"{label} {counts[label]}" for label in ("holds", *FAILURES) if counts[label]]
-    return f"{first}{len(verdicts)} policies and clocks: {', '.join(parts)}"
+    for verdict in verdicts:
+        clauses.setdefault(verdict.group.policy_and_clock, []).append(verdict)
+    if len(clauses) <= _MOST_NAMED:
+        between = "; " if len(clauses) == 1 else ", "
+        return first + "; ".join(_clause(mine, between) for mine in clauses.values())
+    parts = []
+    for disturbance, mine in groupby(verdicts, key=lambda verdict: verdict.group.disturbance):
+        counts = Counter(verdict.label for verdict in mine)
+        counted = ", ".join(f"{label} {counts[label]}" for label in ("holds", *FAILURES) if counts[label])
+        parts.append(counted if disturbance == CALM else f"under {disturbance} {counted}")
+    return f"{first}{len(clauses)} policies and clocks: {'; '.join(parts)}"
 
 
-def _evidence(group: Group, label: str) -> str:
+def _clause(verdicts: Sequence[Verdict], between: str) -> str:
+    """Return the verdicts on one policy and clock, when calm and when disturbed."""
+    first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
+    who = first.group.policy_and_clock
+    if first.group.calm and (not others or first.kind in ("never worked", "falls in training")):
+        return f"{who}: {first.claim}"
+    if first.group.calm and all(verdict.label == "holds" for verdict in verdicts):
+        under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.disturbance}" for each in others)
+        return f"{who}: {first.claim} when calm and {under}"
+    return f"{who}: {between.join(map(_condition, (first, *others)))}"
+
+
+def _condition(verdict: Verdict) -> str:
+    under, half = f"under {verdict.group.disturbance}", verdict.group.half_failed_by
+    if verdict.group.calm:
+        return "holds when calm" if verdict.label == "holds" else f"when calm {verdict.claim}"
+    if verdict.label == "holds":
+        return f"{verdict.claim} {under}"
+    if not np.isfinite(half) or verdict.label == "never worked":
+        return f"{under} {verdict.claim}"
+    return f"{under} half of the episodes fail " + (f"by step {wording.whole(half)}" if half else "from the start")
+
+
+def advice(verdicts: Sequence[Verdict]) -> tuple[str, str]:
+    """Return what to do next about one policy under one clock, calm and disturbed, and its address."""
+    first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
+    fails = next((verdict for verdict in (first, *others) if verdict.label != "holds"), first)
+    only_disturbed = fails.kind in EPISODE_FAILURES and not fails.group.calm
+    sentence, section = wording.NEXT["fails when disturbed" if only_disturbed else fails.kind]
+    return sentence, f"{wording.HELP}#{section}"
+
+
+def _evidence(group: Group, label: str) -> Iterator[str]:
+    """Yield what supports the verdict on a group, most important first."""
     episodes = group.facts.filter(verdict=label)
     if episodes.is_empty():
-        return ""
+        return
     if label in ("never worked", "cannot tell"):
         notes = Counter(filter(None, episodes["note"]))
-        return notes.most_common(1)[0][0] if notes else ""
-    if label == "holds":
-        if group.only_survival:
-            return "every step pays the same, so only survival is judged"
-        score = float(episodes["end_score_vs_training"].to_numpy().mean())
-        paused = int(episodes["ever_idle"].sum())
-        pauses = f"; {wording.count(paused, 'episode')} scored below 0.25 for a while" if paused else ""
-        return f"score against its own training at the end: {score:.2f}{pauses}"
-    began, ended = (episodes[name].to_numpy() for name in ("failed_step", "end_step"))
-    middle = float(np.median(began))
-    parts = [f"since step {wording.whole(middle)} (median)" if middle else "from the start"]
-    if label in ("falls", "diverges"):
-        idle = f"idle {parts[0]}, {label} " if (began < ended).mean() > 0.5 else ""
-        parts = [f"{idle}at step {wording.whole(float(np.median(ended)))} (median)"]
-    if label == "fails silently":
-        parts += _instead(episodes)
-    (detail, number), *_ = Counter(each.split(" left ")[0] for each in episodes["end_detail"]).most_common(1)
-    if detail.startswith("observation[") and number > 1:
-        parts.append(f"{detail} was the first to leave its training range in {number}")
-    elif label == "diverges" and detail:
-        parts.append(detail.split(";")[0])
-    return "; ".join(parts)
+        yield from (note for note, _ in notes.most_common(1))
+        yield from _behavior(group) if label == "never worked" else ()
+    elif label == "holds" and group.only_survival:
+        yield "every step pays the same, so only survival is judged"
+    elif label == "holds":
+        yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
+        if paused := int(episodes["ever_idle"].sum()):
+            yield f"{wording.count(paused, 'episode')} scored below 0.25 for a while"
+    else:
+        began, half, count = episodes["failed_step"].to_numpy(), group.half_failed_by, len(episodes)
+        if not _idle_first(group, label):
+            by = f"half of the episodes have failed by step {wording.whole(half)}"
+            yield by if np.ptp(began) and np.isfinite(half) else _when("at" if label in ENDS else "since", began)
+        still, worse = episodes["movement_last"] < MOTIONLESS, episodes["end_score_vs_training"] < -0.05
+        for what, found in (("nearly motionless", still), ("earning less than an idle robot", worse)):
+            if label == "fails silently" and (number := int(found.sum())):
+                yield what if number == count else f"{what} in {number} of {count}"
+        (detail, number), *_ = Counter(each.split(" left ")[0] for each in episodes["end_detail"]).most_common(1)
+        if detail.startswith("observation[") and number > 1:
+            yield f"{detail} was the first to leave its training range in {number}"
+        elif label == "diverges" and detail:
+            yield detail.split(";")[0]
+    if label != "cannot tell" and (alike := group.runs_alike):
+        runs = len(np.unique(group.runs))
+        where = f" in {alike} of {runs} training runs" if runs > 1 else ""
+        yield f"{wording.count(len(np.unique(group['eval_seed'])), 'start state')} behave as one{where}"
+    if (rate := group.failure_rate) is not None:
+        yield from _per_hour(group, rate)
 
 
-def _instead(episodes: pl.DataFrame) -> list[str]:
-    """Return the behavior of robots that fail silently, with counts, as text."""
-    last, first = episodes["movement_last"].to_numpy(), episodes["movement_first"].to_numpy()
-    early = episodes["failed_step"].to_numpy() < 0.1 * episodes["test_horizon"].to_numpy()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = last / first
-    kinds = np.select(
-        [np.isnan(last), last < MOTIONLESS, early, ratio < 1 / MUCH, ratio > MUCH],
-        ["", "nearly motionless", "moving", "moving less than before", "moving more than before"],
-        "moving as much as before",
-    )
-    kind, number = Counter(kinds.tolist()).most_common(1)[0]
-    worse = int((episodes["end_score_vs_training"].to_numpy() < -0.05).sum())
-    parts = [(kind, number)] * bool(kind) + [("earning less than an idle robot", worse)] * bool(worse)
-    return [what if count == len(last) else f"{what} in {count} of {len(last)}" for what, count in parts]
+def _per_hour(group: Group, rate: FailureRate) -> Iterator[str]:
+    """Yield failures and hours: "falls 5 times in 20 h (mean time between failures 4.0 h, at least 1.9 h, ...)"."""
+    verb = "falls" if {*group.verdicts} & {*EPISODE_FAILURES} == {"falls"} else "fails"
+    verb = f"{verb} {wording.count(rate.events, 'time')}" if rate.events else "no failure"
+    mean = f"{wording.duration(rate.mean_hours)}, " if rate.events else ""
+    least = f"{mean}at least {wording.duration(1.0 / rate.upper)}, one-sided 95 %"
+    yield f"{verb} in {wording.duration(rate.exposure_hours)} (mean time between failures {least})"
+    if early := int((group.failed & (group["failed_step"] <= group["settling"])).sum()):
+        yield f"{early} more before they settled, within {wording.whole(float(group['settling'].max()))} steps"
+    if rate.constant_p < CONSTANT_FROM:
+        yield f"the failure rate is not constant: {rate.early} of {rate.events} in the first half of this time"
+
+
+def _idle_first(group: Group, label: str) -> bool:
+    """Return whether most episodes that ended were idle before."""
+    ended = np.isin(group.verdicts, [label])
+    return label in ENDS and bool((group["failed_step"] < group["end_step"])[ended].mean() > 0.5)
+
+
+def _when(word: str, steps: IntArray) -> str:
+    """Return [500, 500] as "at step 500", [90, 500] as "at steps 90 to 500", and "since" step 0 as "from the start"."""
+    low, high = (wording.whole(float(each)) for each in (steps.min(), steps.max()))
+    if word == "since" and high == "0":
+        return "from the start"
+    return f"{word} step {low}" if low == high else f"{word} steps {low} to {high}"
+
+
+def _of(number: int, total: int, verb: str) -> str:
+    """Return "all 8 fall", "3 of 8 fall" or "1 of 8 falls"."""
+    return f"{f'all {total}' if 1 < number == total else f'{number} of {total}'} {verb}{'s' * (number == 1)}"
+
+
+def _behavior(group: Group) -> list[str]:
+    """Return how episodes end and whether robots move, whatever they earn: "3 of 8 fall at steps 90 to 400"."""
+    reason, last, parts = group["end_reason"], group["movement_last"], list[str]()
+    still = (reason == "survived") & (last < MOTIONLESS), (reason == "survived") & (last >= MOTIONLESS)
+    found = {"fall": reason == "terminated", "diverge": reason == "diverged", "lie": still[0], "move": still[1]}
+    for verb, mine in ((verb, mine) for verb, mine in found.items() if mine.any()):
+        when = "until the end" if verb == "move" else _when("at", group["end_step"][mine])
+        when = f"nearly motionless {_when('since', _still(group)[mine])}" if verb == "lie" else when
+        parts.append(f"{_of(int(mine.sum()), group.episodes, verb)} {when}")
+    return parts
+
+
+def _still(group: Group) -> IntArray:
+    """Return the steps after which each episode's reward per step hardly changes, shape (episodes,)."""
+    steps = np.concatenate([[0], group.steps])
+    rates = np.diff(group.returns, axis=1, prepend=0.0) / np.diff(steps)
+    late = rates[:, steps[1:] > 0.9 * steps[-1]].mean(axis=1, keepdims=True)
+    varied = np.fmax(np.ptp(rates, axis=1), np.abs(group["training_rate"] - group["idle_rate"]))
+    apart = np.abs(rates - late) > STEADY * varied[:, None]
+    since: IntArray = steps[(apart * np.arange(1, len(steps))).max(axis=1)]
+    return since
 
 
 def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
     """Yield for each policy and clock under several levels of one disturbance the level up to which it holds."""
     sweeps: dict[tuple[str, str], list[tuple[float, str, bool]]] = {}
     for item in estimates:
-        disturbance = str(item.group["disturbance"][0])
-        kind, _, level = disturbance.partition(":")
+        kind, _, level = item.group.disturbance.partition(":")
         if level and " " not in level:
-            who = item.group.label.replace(f" under {disturbance}", "")
+            who = item.group.policy_and_clock
             amount = abs(float(level) - (kind in FACTORS))
             sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label == "holds"))
     for (who, kind), found in sweeps.items():

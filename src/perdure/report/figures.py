@@ -9,7 +9,8 @@ import numpy as np
 
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
-from perdure.report.estimates import NO_CLOCK, Estimate, best_clock
+from perdure.report.estimates import Estimate, best_clock
+from perdure.report.groups import NO_CLOCK
 from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval
 
 MOST_CURVES = 8

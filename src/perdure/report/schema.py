@@ -109,8 +109,13 @@ TABLE: dict[str, Column] = {
     "training_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
     "published_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),
     "window": Column(Whole(0, MOST_STEPS), "steps of the windows that are judged; 0: none"),
+    "settling": Column(Whole(0, MOST_STEPS), "steps at the start that the score leaves out; 0: none"),
     "policy_state": Column(Choice(POLICY_STATES), "whether it gains enough over idle within its training horizon"),
     "policy_note": Column(Text(2000), "the evidence for that"),
+    "training_falls": Column(
+        Real(0.0, 1.0, unknown=True),
+        "share of the policy's reference episodes that the task ended within the training horizon; nan: unknown",
+    ),
     "outcome": Column(Choice(OUTCOMES), "the verdict on the episode"),
     "failed_step": Column(Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all its steps"),
     "end_score_vs_training": Column(

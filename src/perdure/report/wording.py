@@ -1,4 +1,4 @@
-"""Format numbers for readers."""
+"""Format numbers for readers, and say what to do next."""
 
 from __future__ import annotations
 
@@ -63,3 +63,27 @@ def horizon(value: float) -> str:
 def count(number: int, noun: str) -> str:
     """Format (1, "episode") as "1 episode" and (3, "episode") as "3 episodes"."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def duration(hours: float) -> str:
+    """Format 20.0 as "20 h", 4.0 as "4.0 h" and 0.05 as "3.0 min"."""
+    unit, size = next(((u, s) for u, s in (("h", 1.0), ("min", 1 / 60)) if hours >= s), ("s", 1 / 3600))
+    value = hours / size
+    return f"{value:.1f} {unit}" if value < 10.0 else f"{value:,.0f} {unit}"
+
+
+HELP = "https://github.com/perdure/perdure/blob/main/docs/how-to/when-a-policy-fails.md"
+_GAMMA = "Train again with a higher gamma (0.999, not 0.99). If it then learns too little, add a time-to-go."
+_INPUTS = "Check what the policy is given: normalizer, time feature, training horizon. If that is right, train longer."
+NEXT = {
+    "holds": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
+    "falls": (_GAMMA, "falls-or-fails-when-disturbed"),
+    "fails when disturbed": (_GAMMA, "falls-or-fails-when-disturbed"),
+    "falls in training": (_INPUTS, "falls-within-its-own-training-horizon"),
+    "diverges": ("Watch the failure: the physics became invalid.", "diverges"),
+    "fails silently": ("Watch the failure. End training episodes in this posture.", "fails-silently-or-decays"),
+    "decays": ("Watch the failure. Then compare clocks, or raise gamma.", "fails-silently-or-decays"),
+    "never worked": (_INPUTS, "never-worked"),
+    "cannot tell": ("Run more steps and more start states (--steps, --eval-seeds).", "cannot-tell"),
+}
+"""What to do next: the label of a verdict, or a special case of it, to a sentence and its section of `HELP`."""

@@ -3,7 +3,7 @@
 A run is one training seed with one evaluation seed over all episodes of a split: the benchmark's 3 x 3 runs of 100
 episodes. Mean and standard error are those over the runs (as M3 and the thesis report them). Runs that share a training
 seed are not independent, so training seeds are the units of the interval where there are several (Student's t below
-ten of them). Where there is one, the interval is Wilson's over episodes, which keeps a width when all succeed.
+ten of them). Where there is one, the interval is Clopper-Pearson's over episodes, which keeps a width when all succeed.
 """
 
 from __future__ import annotations

@@ -177,13 +177,13 @@ def test_success_over_runs_as_worked_out_by_hand():
 def test_four_successes_of_four_are_no_certainty():
     stages = analyze([good(index) for index in range(4)]).stages
     assert (stages["mean"] == 1.0).all()
-    assert stages["lower"].to_list() == pytest.approx([0.5101] * len(stages), abs=1e-4)  # Wilson: 1 / (1 + 1.96^2 / 4)
+    assert stages["lower"].to_list() == pytest.approx([0.025**0.25] * len(stages))  # Clopper-Pearson
 
 
 def test_one_run_has_no_standard_error_and_names_its_units_and_method():
     stages = analyze([good(index) for index in range(3)]).stages
     assert stages["standard_error"].is_nan().all()
-    assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Wilson score")}
+    assert set(stages.select("units", "method").rows()) == {("evaluation seeds only", "Clopper-Pearson")}
 
 
 def test_an_episode_that_is_there_twice_is_refused():

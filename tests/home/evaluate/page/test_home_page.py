@@ -40,7 +40,7 @@ class TestNumbers:
     def test_both_ways_of_counting_are_in_the_table_and_in_the_sentence(self, page):
         found = row(page, "Success", "rl")
         assert (found["episodes"], found["training x evaluation seeds"]) == ("4", "1 x 1")
-        assert found[LATCHED].startswith("75.0 % [30.1, ")  # Wilson: (0.75 + z2/8 - z sqrt(3/64 + z2/64)) / (1 + z2/4)
+        assert found[LATCHED].startswith("75.0 % [19.4, ")  # Clopper-Pearson: quantile of beta(3, 2)
         assert found[STABILIZING].startswith("25.0 % [")
         assert row(page, "Success", "ik")[STABILIZING].startswith("100.0 % [")
         assert "every object stayed: policy alone 25.0 %; stop, lower 5 cm 100.0 %. The benchmark counts 75.0 %" in page
@@ -117,7 +117,7 @@ class TestRuns:
 
     def test_a_single_run_is_not_given_one(self, page):
         assert "+-" not in row(page, "Success", "rl")[LATCHED]
-        assert "n = 4 episodes of one training seed, silent on other seeds (Wilson score)" in figure_note(
+        assert "n = 4 episodes of one training seed, silent on other seeds (Clopper-Pearson)" in figure_note(
             page, "success"
         )
         assert "says nothing about training again" in page

@@ -1,0 +1,277 @@
+"""Groups: the episodes of a table that share task, policy, clock and disturbance; a curve, a row or a dot shows one.
+
+Each episode has an outcome in the table; a group adds what is known of its episodes together: when they fail, how many
+failures there are per hour, and whether its start states behave as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from perdure.report import wording
+from perdure.report.schema import CALM, Episodes, IntArray, table_episodes
+from perdure.stats import BoolArray, FailureRate, FloatArray, kaplan_meier, measure_failure_rate, median_time
+
+EPISODE_FAILURES = ("falls", "fails silently", "decays", "diverges")
+NO_CLOCK = "none"
+MOSTLY = 0.5
+"""A policy mostly falls in training if more than this share of its reference episodes do."""
+ALIKE = 0.01
+"""Start states behave as one if the rewards of a window differ by less than this share of the gain over idle."""
+MARKS = 100
+"""Most windows in which rewards are compared."""
+_KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
+_ENDED = pl.col("outcome").is_in(["falls", "diverges"])
+
+VERDICT = (
+    pl.when((pl.col("policy_state") != "worked") & ~((pl.col("policy_state") == "cannot tell") & _ENDED))
+    .then(pl.col("policy_state"))
+    .when(pl.col("outcome").is_in(["cut", "unknown"]))
+    .then(pl.lit("cannot tell"))
+    .otherwise(pl.col("outcome"))
+)
+"""Outcome of an episode as reports show it, from the columns of a table."""
+_NOTE = (
+    pl.when(pl.col("policy_state") != "worked")
+    .then(pl.col("policy_note"))
+    .when(pl.col("outcome") == "cut")
+    .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
+    .when(pl.col("outcome") == "unknown")
+    .then(pl.lit("too few steps, or a final score too close to 75 % to tell"))
+    .otherwise(pl.lit(""))
+)
+"""Why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
+TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
+"""Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Episodes that share task, line and clock."""
+
+    task: str
+    line: str
+    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies. Names
+    what disturbs the episodes."""
+    clock: str
+    clock_kind: str
+    clock_steps: float
+    disturbance: str
+    train_horizon: float
+    """[steps]; inf: trained without an end; nan: unknown."""
+    test_horizon: int
+    steps: IntArray
+    """Recorded steps, shape (steps,), rising."""
+    facts: pl.DataFrame
+    """One row for each episode: the table's columns, `verdict`, `note` and `training_score` (see `VERDICT`, `_NOTE` and
+    `TRAINING_SCORE`; the score is nan for a policy that mostly falls in training, whose rate lasts for a moment)."""
+    runs: IntArray
+    """Which training run each episode belongs to, shape (episodes,)."""
+    returns: FloatArray
+    """Shape (episodes, steps)."""
+    alive: BoolArray
+    """Shape (episodes, steps)."""
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column of `facts`, shape (episodes,)."""
+        return self.facts[name].to_numpy()
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes."""
+        return len(self.runs)
+
+    @property
+    def verdicts(self) -> list[str]:
+        """Outcome of each episode; "never worked" or "cannot tell" if its policy was that in training."""
+        return self.facts["verdict"].to_list()
+
+    @property
+    def calm(self) -> bool:
+        """Whether nothing disturbs the episodes."""
+        return self.disturbance == CALM
+
+    @property
+    def label(self) -> str:
+        """Label for readers, e.g. "geometric, always 500 steps to go"."""
+        return self._with_clock(self.line)
+
+    @property
+    def policy_and_clock(self) -> str:
+        """The label without what disturbs the episodes."""
+        return self._with_clock(self.line.removesuffix(f" under {self.disturbance}"))
+
+    def _with_clock(self, name: str) -> str:
+        return name if self.clock_kind == NO_CLOCK else f"{name}, {self.clock_words}"
+
+    @property
+    def clock_words(self) -> str:
+        """The clock for readers, e.g. "always 500 steps to go"."""
+        known = np.isfinite(self.clock_steps)
+        return wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock
+
+    @property
+    def is_tuned_by_steps(self) -> bool:
+        """Whether the clock has a parameter C."""
+        return self.clock_kind in ("constant", "periodic")
+
+    @property
+    def only_survival(self) -> bool:
+        """Whether every step pays the same, to an idle robot too: there is no gain, only how long an episode lasts."""
+        return bool((self["training_rate"] == self["idle_rate"]).all())
+
+    @property
+    def falls_in_training(self) -> bool:
+        """Whether most reference episodes fell within the training horizon."""
+        return bool(np.nanmean(known) > MOSTLY) if np.isfinite(known := self["training_falls"]).any() else False
+
+    @cached_property
+    def failed(self) -> BoolArray:
+        """Which episodes fell, diverged, decayed or failed silently, shape (episodes,)."""
+        return np.isin(self.verdicts, EPISODE_FAILURES)
+
+    @cached_property
+    def working(self) -> FloatArray:
+        """Share of episodes without a failure so far at each recorded step (Kaplan-Meier), shape (steps,).
+
+        An episode that the environment cut, or that cannot be judged, is watched until it ended.
+        """
+        times, shares = kaplan_meier(*failure_times(self.verdicts, self["failed_step"]))
+        return np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="right")]
+
+    @property
+    def half_failed_by(self) -> float:
+        """Steps by which half of the episodes have failed, see `half_failed_by`."""
+        return half_failed_by(self.verdicts, self["failed_step"])
+
+    @cached_property
+    def failure_rate(self) -> FailureRate | None:
+        """Failures per hour of disturbed episodes after they settled; None where the seconds of a step are unknown.
+
+        Calm episodes have none: they hardly differ, so they are no independent exposure.
+        """
+        times, failed = failure_times(self.verdicts, self["failed_step"])
+        times, hours = times - self["settling"], float(self["step_seconds"][0]) / 3600.0
+        settled = times > 0
+        if self.calm or not np.isfinite(hours) or not settled.any():
+            return None
+        return measure_failure_rate(times[settled], failed[settled], hours)
+
+    @cached_property
+    def runs_alike(self) -> int:
+        """Number of training runs whose calm start states behave as one, see `behave_as_one`."""
+        gain, settling = self["training_rate"] - self["idle_rate"], self["settling"]
+        parts = [
+            self.runs == run for run in np.unique(self.runs) if self.calm and self.alive[self.runs == run, -1].all()
+        ]
+        return sum(behave_as_one(self.steps, self.returns[mine], settling[mine][0], gain[mine][0]) for mine in parts)
+
+    @cached_property
+    def final_score(self) -> FloatArray:
+        """Score against its own training at the end; 0 for ended episodes, nan where it is unknown; shape (episodes,).
+
+        An episode that fell before its first whole window counts as 0. A policy that cannot be judged has no score.
+        """
+        ended, score = ~self.alive[:, -1], self["end_score_vs_training"]
+        return np.where(ended & (self["policy_state"] == "worked"), 0.0, score)
+
+    def paired(self, other: Group) -> tuple[list[int], list[int]]:
+        """Return the episodes of both groups that have the same policy and start state, in one order."""
+        mine, its = (
+            list(group.facts.select("policy", "train_seed", "eval_seed").iter_rows()) for group in (self, other)
+        )
+        place = {key: episode for episode, key in enumerate(its)}
+        pairs = [(episode, place[key]) for episode, key in enumerate(mine) if key in place]
+        return [episode for episode, _ in pairs], [episode for _, episode in pairs]
+
+
+def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntArray, BoolArray]:
+    """Return the steps until each episode failed or was no longer watched, and which failed: for `kaplan_meier`.
+
+    Policies that never worked have failed from the start.
+    """
+    never = np.isin(verdicts, ["never worked"])
+    return np.where(never, 0, failed_step), np.isin(verdicts, EPISODE_FAILURES) | never
+
+
+def half_failed_by(verdicts: Sequence[str], failed_step: IntArray) -> float:
+    """Return the median of the Kaplan-Meier curve [steps]; nan where less than half of the episodes failed."""
+    return median_time(*failure_times(verdicts, failed_step))
+
+
+def behave_as_one(steps: IntArray, returns: FloatArray, settling: int, gain: float) -> bool:
+    """Return whether episodes from several start states earn the same in every window after settling.
+
+    Args:
+        steps: Recorded steps, rising, shape (m,).
+        returns: Sum of rewards up to each, of episodes that did not end, shape (episodes, m).
+        settling: Steps at the start that are left out.
+        gain: Reward per step of the policy in training above that of an idle robot.
+    """
+    wanted = np.linspace(min(settling, steps[-1]), steps[-1], MARKS + 1)
+    marks = np.unique(np.searchsorted(steps, wanted))
+    if len(returns) < 2 or len(marks) < 2:
+        return False
+    rates = np.diff(returns[:, marks], axis=1) / np.diff(steps[marks])
+    return bool(np.sqrt(((rates - rates.mean(axis=0)) ** 2).mean()) < ALIKE * gain)
+
+
+def make_groups(table: pl.DataFrame | Sequence[Episodes]) -> tuple[Group, ...]:
+    """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
+
+    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
+    constant, periodic, each by its number of steps.
+    """
+    tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
+    groups = []
+    for task in tasks:
+        score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
+        facts = task.facts.with_row_index("row").with_columns(verdict=VERDICT, note=_NOTE, training_score=score)
+        facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
+        order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
+        mine = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
+        groups += sorted(mine, key=lambda group: (order[group.line], *_clock_order(group)))
+    return tuple(groups)
+
+
+def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
+    """Add the column `line`."""
+    horizon = pl.col("train_horizon")
+    whole = horizon.is_finite()
+    number = pl.when(whole).then(horizon).otherwise(0.0).cast(pl.Int64).cast(pl.String)
+    shown = pl.when(whole).then(number).when(horizon.is_nan()).then(pl.lit("?")).otherwise(pl.lit("\u221e"))
+    pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
+    ambiguous = horizon.n_unique().over("method") > 1
+    method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", shown)).otherwise(pl.lit(""))
+    facts = facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
+    disturbed = pl.format("{} under {}", "line", "disturbance")
+    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("line").otherwise(disturbed))
+
+
+def _clock_order(group: Group) -> tuple[int, str, float, str]:
+    kind = group.clock_kind
+    place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
+    return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
+
+
+_OF_GROUP = ("task", "line", "clock", "clock_kind", "clock_steps", "disturbance", "train_horizon", "test_horizon")
+
+
+def _make_group(episodes: Episodes, part: pl.DataFrame) -> Group:
+    rows = part["row"].to_numpy()
+    runs = part.select(pl.struct("policy", "train_seed").rank("dense")).to_series().cast(pl.Int64).to_numpy()
+    return Group(
+        **part.select(_OF_GROUP).row(0, named=True),
+        steps=episodes.steps,
+        facts=part.drop("row", "place"),
+        runs=runs,
+        returns=episodes.returns[rows],
+        alive=episodes.alive[rows],
+    )
