@@ -70,8 +70,6 @@ def curves(task: str, side: str) -> np.ndarray:
 
 def compare() -> None:
     """Print the difference of each task and draw the curves."""
-    import altair as alt
-
     panels = []
     for task, (*_, total) in PLANS.items():
         sides = {side: curves(task, side) for side in NAMES}
@@ -85,10 +83,11 @@ def compare() -> None:
             for k, (side, each) in enumerate(sides.items())
         ]
         x, y = Axis("environment steps"), Axis("mean training return of an episode")
-        panels.append(curve_chart(shown, x, y, width=charts.WIDE // len(PLANS)).properties(title=task))
+        panels.append(curve_chart(shown, x, y, width=charts.WIDE // len(PLANS)) | {"title": task})
     title = "Learning curves of PPO with the same settings in perdure and in Stable-Baselines3"
     note = "Thick: mean of n training seeds. Thin: each seed."
-    chart = alt.hconcat(*panels).resolve_scale(color="independent", strokeDash="independent")
+    scales = dict.fromkeys(("color", "strokeDash"), "independent")
+    chart = {"hconcat": panels, "resolve": {"scale": scales}}
     save([Figure("curves", title, chart, note, wide=True)], HERE)
 
 

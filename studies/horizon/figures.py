@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -20,8 +20,11 @@ from perdure.report.charts import (
     Level,
     Marker,
     Points,
+    Spec,
     Style,
     curve_chart,
+    layer,
+    named,
     point_chart,
     row_size,
     slug,
@@ -55,9 +58,6 @@ from studies.horizon.tables import (
     scores,
     setting_words,
 )
-
-if TYPE_CHECKING:
-    import altair as alt
 
 SEED = 0
 """Of the bootstrap's generator: the same tables, the same intervals."""
@@ -531,24 +531,22 @@ def _verdict_figure(results: Results, setting: str) -> Iterator[Figure]:
         yield Figure(slug("verdicts", setting), "What became of the episodes", chart, note, setting_words(setting))
 
 
-def _stacked(rows: Sequence[Mapping[str, Any]]) -> alt.LayerChart:
-    import altair as alt
-
+def _stacked(rows: Sequence[Mapping[str, Any]]) -> Spec:
     names = list(dict.fromkeys(row["method"] for row in rows))
     drawn = [dict(row) for row in rows if row["share"] > 0]
     shown = [verdict for verdict in VERDICTS if any(row["verdict"] == verdict for row in drawn)]
     plot, height = row_size(names, 1, charts.WIDTH)
-    x_axis = alt.Axis(labelExpr="format(100 * datum.value, '~g') + ' %'", grid=False)
-    colors = alt.Scale(domain=shown, range=[charts.style(COLORS[verdict]).color for verdict in shown])
-    bars = (
-        alt.Chart(alt.InlineData(values=drawn))
-        .mark_bar()
-        .encode(
-            alt.Y("method:N", title=None, scale=alt.Scale(domain=names, paddingInner=0.3)),
-            alt.X("share:Q", title="share of episodes", scale=alt.Scale(domain=[0.0, 1.0]), axis=x_axis),
-            alt.Color("verdict:N", title=None, scale=colors),
-            alt.Order("order:Q"),
-            [alt.Tooltip("verdict:N"), alt.Tooltip("share:Q", format=".1%")],
-        )
+    colors = {"domain": shown, "range": [charts.style(COLORS[verdict]).color for verdict in shown]}
+    share = {"field": "share", "type": "quantitative"}
+    axis = {"labelExpr": "format(100 * datum.value, '~g') + ' %'", "grid": False}
+    bars = layer(
+        drawn,
+        "bar",
+        {},
+        y=named("method", title=None, scale={"domain": names, "paddingInner": 0.3}),
+        x=share | {"title": "share of episodes", "scale": {"domain": [0.0, 1.0]}, "axis": axis},
+        color=named("verdict", title=None, scale=colors),
+        order={"field": "order", "type": "quantitative"},
+        tooltip=[named("verdict"), share | {"format": ".1%"}],
     )
-    return alt.LayerChart(layer=[bars], width=plot, height=height)
+    return {"layer": [bars], "width": plot, "height": height}

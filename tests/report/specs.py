@@ -11,7 +11,8 @@ def rows(spec, mark, **style):
     for layer in spec["layer"]:
         kind = layer["mark"]
         if kind["type"] == mark and all(kind.get(name) == value for name, value in style.items()):
-            found += spec["datasets"][layer.get("data", spec.get("data"))["name"]]
+            data = layer["data"]
+            found += data["values"] if "values" in data else spec["datasets"][data["name"]]
     return found
 
 

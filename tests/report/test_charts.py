@@ -16,7 +16,7 @@ def curve(n=3, label="a", **more):
 
 def spec(*curves, **more):
     x = Axis("steps", log=True, low=1.0, high=100.0)
-    return curve_chart(curves, x, Axis("reward"), **more).to_dict()
+    return curve_chart(curves, x, Axis("reward"), **more)
 
 
 def bars(**more):
@@ -64,7 +64,7 @@ class TestCurves:
 
     def test_places_have_names(self):
         x = Axis("stage", names=("start", "pick", "place"))
-        drawn = curve_chart([Curve("a", np.arange(3.0), THREE, charts.style(0))], x, Axis("share")).to_dict()
+        drawn = curve_chart([Curve("a", np.arange(3.0), THREE, charts.style(0))], x, Axis("share"))
         assert [row["x"] for row in rows(drawn, "line")] == ["start", "pick", "place"]
 
 
@@ -81,21 +81,21 @@ class TestNames:
 
 class TestRows:
     def test_a_bar_is_as_long_as_it_says(self):
-        drawn = bar_chart(["one", "two"], [bars(whole=np.array([20.0, 30.0]))], Axis("count")).to_dict()
+        drawn = bar_chart(["one", "two"], [bars(whole=np.array([20.0, 30.0]))], Axis("count"))
         assert [(row["row"], row["x"], row["end"]) for row in rows(drawn, "bar", opacity=0.3)] == [
             ("one", 1.0, 20.0),
             ("two", 10.0, 30.0),
         ]
 
     def test_texts_name_the_bar_where_a_row_has_several(self):
-        alone = bar_chart(["one", "two"], [bars()], Axis("count")).to_dict()
-        both = bar_chart(["one", "two"], [bars(), bars(label="c")], Axis("count")).to_dict()
+        alone = bar_chart(["one", "two"], [bars()], Axis("count"))
+        both = bar_chart(["one", "two"], [bars(), bars(label="c")], Axis("count"))
         assert [row["text"] for row in rows(alone, "text")] == ["1", "10"]
         assert [row["text"] for row in rows(both, "text")] == ["b: 1", "b: 10", "c: 1", "c: 10"]
 
     @pytest.mark.parametrize("words", [("short", "short"), ("a" * 60, "b"), ("a", "b" * 60)])
     def test_every_text_has_room_behind_its_bar(self, words):
-        drawn = bar_chart(["one", "two"], [bars(texts=words)], Axis("count")).to_dict()
+        drawn = bar_chart(["one", "two"], [bars(texts=words)], Axis("count"))
         end = drawn["layer"][0]["encoding"]["x"]["scale"]["domain"][1]
         for row in rows(drawn, "text"):
             assert row["x"] / end * drawn["width"] + charts.text_width(len(row["text"])) <= drawn["width"]
@@ -103,7 +103,7 @@ class TestRows:
     def test_points_have_intervals_where_there_are_bounds(self):
         bounds = np.array([0.5, np.nan])
         points = Points("p", (0, 1), THREE[:2], charts.style(0), bounds, bounds + 1.0, [[], [3.0, 4.0]])
-        drawn = point_chart(["one", "two"], [points], Axis("reward")).to_dict()
+        drawn = point_chart(["one", "two"], [points], Axis("reward"))
         assert [(row["low"], row["high"]) for row in rows(drawn, "rule")] == [(0.5, 1.5)]
         assert [row["x"] for row in rows(drawn, "point", filled=True)] == [1.0, 10.0]
         assert [(row["row"], row["x"]) for row in rows(drawn, "point", filled=False)] == [("two", 3.0), ("two", 4.0)]

@@ -241,10 +241,26 @@ class TestWhatItSays:
         assert not (tmp_path / PAGE).exists()
 
 
+def both(frame):
+    """All figures of a report, those at the top of its page first."""
+    top, others = make_figures(estimate_table(frame)["Hopper-v3"])
+    return [*top, *others]
+
+
+def looks(spec):
+    """Color and dash pattern of the line of a figure."""
+    (line,) = (each["encoding"] for each in spec["layer"] if each["mark"]["type"] == "line")
+    return [line[name]["scale"]["range"] for name in ("color", "strokeDash")]
+
+
 def drawn(frame):
     """The specifications of a report's figures, by the figure's name without its task, and their notes."""
-    figures = {each.name.removeprefix("hopper-v3-"): each for each in make_figures(estimate_table(frame)["Hopper-v3"])}
+    figures = {each.name.removeprefix("hopper-v3-"): each for each in both(frame)}
     return [{name: getattr(each, what) for name, each in figures.items()} for what in ("spec", "note")]
+
+
+def disturbed(frame, label="push:0.5"):
+    return frame.with_columns(disturbance=pl.lit(label))
 
 
 class TestFigures:
@@ -268,13 +284,63 @@ class TestFigures:
         bounds = dict(zip(estimate.steps.tolist(), np.isfinite(estimate.working.lower).tolist(), strict=True))
         assert (bounds[100], bounds[200], bounds[100_000]) == (True, False, False), "no interval once one is cut"
 
-    def test_survival_falls_where_episodes_end(self, synthetic):
-        found, text = drawn(half_fall(synthetic))
-        (values,) = by_label(found["survival"], "line").values()
-        assert values == [1.0, 1.0, *[0.5] * 8]
-        (bar,) = rows(found["survival"], "rule", size=2.6)
-        assert (bar["lower"], bar["upper"]) == pytest.approx((0.1570, 0.8430), abs=1e-4)  # Clopper-Pearson, 4 of 8
-        assert "(Clopper-Pearson) over n = 8 start states, from one training run" in text["survival"]
+    def test_survival_falls_at_the_exact_steps_of_the_failures(self, synthetic):
+        """The recorded steps are 100, 200, 500, 1,000, ...; failures at 137 (twice) and 4,321 lie between them."""
+        found, text = drawn(synthetic([{"rate": 2.0, "ends": [137, 137, 4321] + [math.inf] * 5}]))
+        assert [(row["x"], row["y"]) for row in rows(found["working"], "line")] == [
+            *((100.0, 1.0), (137.0, 0.75), (4321.0, 0.625), (100_000.0, 0.625), (100_000.0, 0.625))
+        ]
+        (bar,) = rows(found["working"], "rule", size=2.6)
+        assert (bar["lower"], bar["upper"]) == pytest.approx((0.2449, 0.9148), abs=1e-4)  # Clopper-Pearson, 5 of 8
+        assert "(Clopper-Pearson) over n = 8 start states, from one training run" in text["working"]
+
+    def test_the_number_at_risk_is_under_the_marks_of_the_axis(self, synthetic):
+        found, _ = drawn(synthetic([{"rate": 2.0, "ends": [100, 137, 4321] + [math.inf] * 5}]))
+        at_risk = {row["x"]: row["text"] for row in rows(found["working"], "text") if "x" in row and "label" in row}
+        assert {at: at_risk[at] for at in (100.0, 1e3, 1e4)} == {100.0: "8", 1e3: "6", 1e4: "5"}
+
+    def test_a_robot_that_fails_from_the_start_has_a_curve(self, synthetic):
+        frame = synthetic([{"rate": 2.0, "ends": [9970] * 8, "failed_step": 0}])
+        found, _ = drawn(frame)
+        assert [(row["x"], row["y"]) for row in rows(found["working"], "line")] == [(1.0, 1.0), (1.0, 0.0), (1e5, 0.0)]
+
+    def test_calm_and_disturbed_episodes_of_other_lengths_are_two_figures_of_one_color(self, synthetic):
+        short = synthetic([{"rate": 2.0, "ends": [300] * 8}], recorded=(50, 500, 10_000))
+        estimates = [*estimate_table(half_fall(synthetic))["Hopper-v3"], *estimate_table(disturbed(short))["Hopper-v3"]]
+        top, others = make_figures(estimates)
+        assert [each.title for each in top[:2]] == [
+            *("Episodes that have not failed: calm", "Episodes that have not failed: under push:0.5")
+        ]
+        ends = [each.spec["layer"][0]["encoding"]["x"]["scale"]["domain"] for each in top[:2]]
+        assert ends == [[100.0, 100_000.0], [100.0, 10_000.0]]
+        colors, dashes = zip(*(looks(each.spec) for each in top[:2]), strict=True)
+        assert colors[0] == colors[1]
+        assert dashes[0] != dashes[1]
+        assert {each.title for each in others} >= {
+            "Reward per step so far: calm",
+            "Reward per step so far: under push:0.5",
+        }
+
+    def test_the_plane_has_a_point_for_each_run_and_condition(self, synthetic):
+        """402,000 steps with 4 failures (4 x 500 and 4 x 100,000), and 8 x 200 steps with 8."""
+        calm = half_fall(synthetic)
+        rough = disturbed(synthetic([{"rate": 1.5, "ends": [200] * 8}]))
+        found, _ = drawn(pl.concat([calm, rough]))
+        assert [(row["label"], row["x"], row["y"]) for row in rows(found["plane"], "point", opacity=1)] == [
+            ("geometric, always 500 steps to go", 100_500.0, 2.0),
+            ("geometric under push:0.5, always 500 steps to go", 200.0, 1.5),
+        ]
+        assert "plane" not in drawn(calm)[0]
+
+    def test_a_run_without_a_failure_is_marked_in_the_plane(self, synthetic):
+        found, _ = drawn(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))
+        assert [row["x"] for row in rows(found["plane"], "text") if row.get("text") == "\u2192"] == [800_000.0] * 2
+
+    def test_scores_a_little_below_zero_are_drawn(self, synthetic):
+        found, _ = drawn(synthetic([{"rate": 2.0, "end_score_vs_training": -0.004}]))
+        low, high = found["score"]["layer"][0]["encoding"]["x"]["scale"]["domain"]
+        assert low <= -0.004
+        assert high >= 1.0
 
     def test_two_episodes_give_thin_lines_and_no_band(self, synthetic):
         groups = [{"rate": 2.0, "spread": 0.5}]
@@ -282,7 +348,7 @@ class TestFigures:
         three, _ = drawn(synthetic(groups, episodes=3))
         assert rows(two["reward"], "area") == []
         assert {row["member"] for row in rows(two["reward"], "line", size=0.9)} == {0, 1}
-        assert rows(two["survival"], "rule", size=2.6) == []
+        assert rows(two["working"], "rule", size=2.6) == []
         assert rows(two["score"], "rule") == []
         assert "No interval where n is less than 3. Thin lines" in note["reward"]
         assert len(rows(three["reward"], "area")) == 10
@@ -334,7 +400,7 @@ class TestTheFiles:
 
     def test_every_figure_has_a_file_of_its_name(self, synthetic, tmp_path):
         page = write_report(half_fall(synthetic), tmp_path, "x", ("png", "svg")).read_text()
-        names = re.findall(r"<figure id='([^']+)'>", page)
+        names = re.findall(r"<figure id='([^']+)'", page)
         assert len(names) >= 3
         assert {path.name for path in tmp_path.iterdir()} == {
             PAGE,
@@ -343,7 +409,7 @@ class TestTheFiles:
 
     def test_the_page_holds_the_specifications_and_notes_of_its_figures(self, synthetic, tmp_path):
         page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
-        figures = make_figures(estimate_table(half_fall(synthetic))["Hopper-v3"])
+        figures = both(half_fall(synthetic))
         assert specs(page) == {each.name: json.loads(json.dumps(each.spec)) for each in figures}
         assert notes(page) == {each.name: each.note for each in figures}
 
@@ -361,7 +427,7 @@ class TestTheFiles:
         write_report(frame, tmp_path / "here" / "out", "x", ("svg",))
         written = [path.relative_to(tmp_path).parts for path in tmp_path.rglob("*.*")]
         assert {parts[:2] for parts in written} == {("here", "out")}
-        assert len(written) == 1 + 3 * 4
+        assert len(written) == 1 + 3 * 3
 
 
 def browse(page, profile):

@@ -358,7 +358,7 @@ def write_and_show(
     del episodes  # of a large table
     if not as_json:
         print(summary_text(estimates))
-    page = write_report(estimates, out, notes.get("command", ""), formats).resolve()
+    page = write_report(estimates, out, notes.get("command", ""), formats, notes).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
     if require is not None and (missed := not_holding(estimates)):
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)

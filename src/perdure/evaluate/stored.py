@@ -32,6 +32,7 @@ from perdure.evaluate.table import (
     episode_table,
     file_note,
     judge_table,
+    made_with,
     method_label,
     train_seed,
 )
@@ -301,7 +302,8 @@ def evaluate_files(
             return ExtrapolationResult(frame, None, notes)
         from perdure.report import write_table
 
-        return ExtrapolationResult(frame, write_table(Path(out) / TABLE, frame, {"command": command, **notes}), notes)
+        path = write_table(Path(out) / TABLE, frame, {"command": command, **made_with(), **notes})
+        return ExtrapolationResult(frame, path, notes)
 
 
 def _table(

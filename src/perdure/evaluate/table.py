@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from perdure.evaluate.episodes import END_REASONS, SURVIVED, EpisodeRecords, Epi
 from perdure.evaluate.score import ScoreScale
 from perdure.evaluate.verdict import judge_episode
 from perdure.policy import PolicyLike
+from perdure.runs import versions
 
 if TYPE_CHECKING:
     import polars as pl
@@ -59,8 +61,9 @@ class ExtrapolationResult:
         from perdure.report import write_report, write_table
 
         Path(out).mkdir(parents=True, exist_ok=True)
-        write_table(Path(out) / TABLE, self.frame, {"command": command, **self.files})
-        return write_report(self.frame, out, command)
+        notes = {"command": command, **made_with(), **self.files}
+        write_table(Path(out) / TABLE, self.frame, notes)
+        return write_report(self.frame, out, command, notes=notes)
 
     @property
     def holds(self) -> bool:
@@ -106,6 +109,12 @@ class ExtrapolationResult:
             )
             .with_columns(median_failed_step=pl.Series(medians, dtype=pl.Float64).fill_nan(None))
         )
+
+
+def made_with() -> dict[str, str]:
+    """Return the notes of a table on the day and the versions it was made with."""
+    found = versions("envpool", "gymnasium", "mujoco", "numpy")
+    return {"evaluated": date.today().isoformat(), "versions": ", ".join(f"{name} {at}" for name, at in found.items())}
 
 
 def method_label(policy: PolicyLike, default: str) -> str:

@@ -9,7 +9,8 @@
     summary.py     the summary as JSON, and which groups do not hold
     wording.py     numbers for readers
 
-Intervals are from `perdure.stats`. Charts are Altair's; vl-convert draws them. `charts` does not depend on tables.
+Intervals are from `perdure.stats`. Charts are Vega-Lite specifications, which vl-convert draws; `charts`
+does not depend on tables.
 """
 
 from importlib import import_module

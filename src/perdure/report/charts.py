@@ -1,7 +1,7 @@
 """Charts as plain functions, and figures: a chart with title and note, as PNG, SVG, PDF or a specification in a page.
 
 `curve_chart` draws curves, `point_chart` points with intervals in rows, `bar_chart` bars with texts in rows. They take
-numbers and know nothing of tables. A specification holds its data, so that page and files show the same.
+numbers, know nothing of tables, and return Vega-Lite specifications with their data: page and files show the same.
 
 Colors follow Okabe and Ito, "Color Universal Design" (2008); the scale for ordered values follows viridis (Smith and
 van der Walt, 2015), cut where it would vanish into the background. A color never stands alone: a dash pattern, a shape
@@ -16,20 +16,17 @@ import re
 import struct
 import textwrap
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
 from perdure.stats import FloatArray
-
-if TYPE_CHECKING:
-    import altair as alt
 
 # Style
 
@@ -129,6 +126,11 @@ def text_width(letters: int, size: float = FONT_SIZE) -> int:
 
 # Axes and data
 
+SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
+Spec = dict[str, Any]
+"""A Vega-Lite specification, or a part of one."""
+Row = dict[str, Any]
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -140,26 +142,28 @@ class Axis:
     percent: bool = False
     """The values are shares, written in percent; the axis goes from 0 to 1."""
     low: float | None = None
-    """Where the axis begins; None: as the data want."""
+    """Where the axis begins, or before where values do; None: as the values want."""
     high: float | None = None
+    """Where it ends, or behind where values do."""
     names: tuple[str, ...] = ()
     """Names of the places 0, 1, 2, ...: a list, not a scale."""
 
     def bounds(self, values: Sequence[float]) -> tuple[float, float]:
-        """Return the ends of the axis: 0 is included unless the axis is logarithmic or sets its own limits."""
-        low, high = (0.0, 1.0) if self.percent else (min(values, default=0.0), max(values, default=1.0))
-        if not (self.percent or self.log):
-            low, high = min(low, 0.0), max(high, 0.0)
+        """Return the ends of the axis, all values between them; 0 too unless it is logarithmic or has its own ends."""
+        if self.percent:
+            return 0.0, 1.0
+        low, high = least, most = min(values, default=0.0), max(values, default=1.0)
+        if not self.log:
+            low, high = min(least, 0.0), max(most, 0.0)
             margin = 0.04 * (high - low or 1.0)
             low, high = low - margin * (low < 0.0), high + margin
-        low, high = low if self.low is None else self.low, high if self.high is None else self.high
+        low = low if self.low is None else min(self.low, least)
+        high = high if self.high is None else max(self.high, most)
         return low, high if high > low else low + 1.0
 
-    def ticks(self, high: float, grid: bool, values: Sequence[float] = ()) -> alt.Axis:
+    def ticks(self, high: float, grid: bool, values: Sequence[float] = ()) -> Spec:
         """Return the marks of an axis whose values reach `high`; at `values` where they are given."""
-        import altair as alt
-
-        marks: dict[str, Any] = {"grid": grid, "labelFlush": False, "tickCount": 6}
+        marks: Spec = {"grid": grid, "labelFlush": False, "tickCount": 6}
         if self.names:
             marks |= {"labelAngle": 0, "labelOverlap": False}
         elif self.percent:
@@ -173,49 +177,47 @@ class Axis:
             marks |= {"format": ",.0f" if low >= 1.0 else "~g"}
         elif high >= 10_000.0:
             marks |= {"labelExpr": "format(datum.value, '~s')"}
-        marks |= {"values": list(values)} if values else {}
-        return alt.Axis(**marks)
+        return marks | ({"values": list(values)} if values else {})
 
-    def channel(self, kind: Any, field: str, values: Sequence[float], grid: bool = False) -> Any:
-        """Return a position channel with room for `values`; `kind` is `alt.X` or `alt.Y`."""
-        import altair as alt
-
+    def channel(self, field: str, values: Sequence[float], grid: bool = False) -> Spec:
+        """Return a position channel with room for `values`."""
         low, high = self.bounds(values)
-        scale = alt.Scale(type="log" if self.log else "linear", domain=[low, high], nice=False)
-        scale = alt.Scale(domain=list(self.names)) if self.names else scale
+        scale: Spec = {"type": "log" if self.log else "linear", "domain": [low, high], "nice": False}
+        scale = {"domain": list(self.names)} if self.names else scale
         of = "nominal" if self.names else "quantitative"
-        return kind(field, type=of, title=self.title or None, axis=self.ticks(high, grid), scale=scale)
+        return {
+            **{"field": field, "type": of, "title": self.title or None},
+            **{"axis": self.ticks(high, grid), "scale": scale},
+        }
 
-    def tooltip(self, field: str) -> alt.Tooltip:
+    def tooltip(self, field: str) -> Spec:
         """Return what is shown when the pointer is on a point."""
-        import altair as alt
-
         shown = {"type": "nominal"} if self.names else {"type": "quantitative"}
         shown |= {} if self.names else {"format": ".1%" if self.percent else ",.4~g"}
-        return alt.Tooltip(field, title=self.title, **shown)  # type: ignore[arg-type]
+        return {"field": field, "title": self.title, **shown}
 
 
-def _looks(things: Sequence[Any], legend: bool = False) -> tuple[alt.Color, alt.StrokeDash, alt.Shape]:
+def named(field: str, **more: Any) -> Spec:
+    """Return a channel of names."""
+    return {"field": field, "type": "nominal", **more}
+
+
+def _looks(things: Sequence[Any], legend: bool = False) -> tuple[Spec, Spec, Spec]:
     """Return the channels that give each thing its color, dash pattern and shape, by the field `label`."""
-    import altair as alt
-
-    def scale(name: str) -> alt.Scale:
-        values = [getattr(each.style, name) for each in things]
-        return alt.Scale(domain=[each.label for each in things], range=values)
-
-    shown: Any = alt.Legend(symbolOpacity=1) if legend else None
+    shown = {"symbolOpacity": 1} if legend else None
+    labels, looks = [each.label for each in things], [each.style for each in things]
+    colors, shapes = [each.color for each in looks], [each.shape for each in looks]
+    dashes = [[*each.dash] for each in looks]
     return (
-        alt.Color("label:N", title=None, legend=shown, scale=scale("color")),
-        alt.StrokeDash("label:N", title=None, legend=None, scale=scale("dash")),
-        alt.Shape("label:N", title=None, legend=shown, scale=scale("shape")),
+        named("label", title=None, legend=shown, scale={"domain": labels, "range": colors}),
+        named("label", title=None, legend=None, scale={"domain": labels, "range": dashes}),
+        named("label", title=None, legend=shown, scale={"domain": labels, "range": shapes}),
     )
 
 
-def chart(rows: Iterable[Mapping[str, Any]]) -> alt.Chart:
-    """Return a chart without marks, with its data in it."""
-    import altair as alt
-
-    return alt.Chart(alt.InlineData(values=[dict(row) for row in rows]))
+def layer(rows: Iterable[Row], mark: str, style: Spec, **channels: Any) -> Spec:
+    """Return marks of one kind with their data."""
+    return {"data": {"values": list(rows)}, "mark": {"type": mark, **style}, "encoding": channels}
 
 
 def number(value: float) -> float | None:
@@ -235,8 +237,8 @@ FEWEST_JOINED = 3
 """Fewer points are not joined by a line: nothing is known between two."""
 _LINE, _NAME, _BAR = 13, 24, 5
 """Height of a line of text [px]; letters of a curve's name in one line; room for a bar at the right [px]."""
-
-Row = dict[str, Any]
+_AT_RISK = 52
+"""From the axis down to the numbers at risk [px]."""
 
 
 @dataclass(frozen=True)
@@ -258,8 +260,12 @@ class Curve:
     """Whether every point has a mark."""
     named: bool = True
     """Whether its label is written."""
+    joined: bool = True
+    """Whether a line joins the points, where there are enough."""
     intervals: Literal["band", "bars", "last"] = "band"
     """How intervals are drawn: a band, a bar at each point, or one bar at the right for the last point alone."""
+    watched: FloatArray | None = None
+    """Until which x each of its episodes is watched; how many still are is written under the axis."""
 
     def _points(self, x: Axis) -> list[tuple[int, Row, Row]]:
         """Return index, place and interval ({}: none) of every known point."""
@@ -301,50 +307,51 @@ def curve_chart(
     levels: Sequence[Level] = (),
     steps: bool = False,
     width: int = WIDTH,
-) -> alt.LayerChart:
+) -> Spec:
     """Return a chart of curves: two points are never joined by a line, and every curve is labeled at its end.
 
     With `steps` a value holds until the next point. `width` is that of the whole figure [px].
     """
-    import altair as alt
-
     ys = _finite([values for each in lines for values in (each.y, each.lower, each.upper, each.members)])
     ys += _finite([[each.y, each.lower, each.upper] for each in levels])
     xs = _finite(each.x for each in lines)
     names = _end_names(lines, levels, x, y.bounds(ys), x.bounds(xs)[1])
     lasts = [row for row in names if row.get("lower") is not None]
     longest = max((len(word) for row in names for word in row["text"]), default=0)
-    plot = max(width - 75 - text_width(longest) - _BAR * len(lasts), width // 3)
-    end = plot + _BAR * len(lasts)
-    x_value: Any = alt.XValue
-    x2_value: Any = alt.X2Value
-    across, up = x.channel(alt.X, "x", xs), y.channel(alt.Y, "y", ys, grid=True)
-    span = (y.channel(alt.Y, "lower", ys, grid=True), alt.Y2("upper"))
+    bars_end = _BAR * len(lasts)
+    plot = max(width - 75 - text_width(longest) - bars_end, width // 3)
+    across, up = x.channel("x", xs), y.channel("y", ys, grid=True)
+    span = {"y": up | {"field": "lower"}, "y2": {"field": "upper"}}
     color, dash, shape = _looks([*lines, *levels])
-    layers = _marker_layers(markers, across, x, xs)
-
-    def add(rows: Sequence[Row], mark: str, *channels: Any, **style: Any) -> None:
-        if rows:
-            layers.append(getattr(chart(rows), f"mark_{mark}")(**style).encode(*channels, color))
-
     joined, dots, bands, bars, members = _curve_rows(lines, x)
     flat = [{"label": each.label, **{k: number(getattr(each, k)) for k in ("y", "lower", "upper")}} for each in levels]
     kind = {"interpolate": "step-after" if steps else "linear"}
-    tips = [alt.Tooltip("label:N", title="curve"), x.tooltip("x"), y.tooltip("y")]
-    add(bands, "area", across, *span, opacity=0.14, **kind)
-    add([row for row in flat if row["lower"] is not None], "rect", *span, opacity=0.1)
-    add(flat, "rule", up, dash, size=1.6)
-    add(members, "line", across, up, alt.Detail("member:N"), size=0.9, opacity=0.6, **kind)
-    add(bars, "rule", across, *span, size=1.8, opacity=0.55)
-    add(joined, "line", across, up, dash, size=2, **kind)
-    add(dots, "point", across, up, shape, size=55, filled=True, opacity=1)
-    add([*joined, *dots], "point", across, up, tips, size=90, filled=True, opacity=0)
+    tips = [named("label", title="curve"), x.tooltip("x"), y.tooltip("y")]
+    edge, point = {"value": "width"}, {"x": across, "y": up, "color": color}  # a page may change the width
+    level_bands = [row for row in flat if row["lower"] is not None]
+    words = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE, "dx": bars_end + 13}
+    text = named("text")
+    layers = [
+        *_marker_layers(markers, across, x, xs),
+        layer(bands, "area", {"opacity": 0.14, **kind}, x=across, **span, color=color),
+        layer(level_bands, "rect", {"opacity": 0.1}, **span, color=color),
+        layer(flat, "rule", {"size": 1.6}, y=up, strokeDash=dash, color=color),
+        layer(members, "line", {"size": 0.9, "opacity": 0.6, **kind}, **point, detail=named("member")),
+        layer(bars, "rule", {"size": 1.8, "opacity": 0.55}, x=across, **span, color=color),
+        layer(joined, "line", {"size": 2, **kind}, **point, strokeDash=dash),
+        layer(dots, "point", {"size": 55, "filled": True, "opacity": 1}, **point, shape=shape),
+        layer([*joined, *dots], "point", {"size": 90, "filled": True, "opacity": 0}, **point, tooltip=tips),
+    ]
     for k, row in enumerate(lasts):
-        add([row], "rule", x_value(plot + 4 + _BAR * k), *span, size=2.6, opacity=0.7)
-    add(names, "rule", across, up, alt.Y2("at"), x2_value(end + 9), size=0.7, opacity=0.7)
-    text = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
-    add(names, "text", x_value(end + 13), alt.Y("at:Q"), alt.Text("text:N"), **text)
-    return alt.LayerChart(layer=layers, width=plot, height=HEIGHT)
+        bar = {"size": 2.6, "opacity": 0.7, "xOffset": 4 + _BAR * k}
+        layers.append(layer([row], "rule", bar, x=edge, **span, color=color))
+    thin = {"size": 0.7, "opacity": 0.7, "x2Offset": bars_end + 9}
+    layers.append(layer(names, "rule", thin, **point, y2={"field": "at"}, x2=edge))
+    layers.append(
+        layer(names, "text", words, x=edge, y={"field": "at", "type": "quantitative"}, text=text, color=color)
+    )
+    layers += _at_risk_layers([each for each in lines if each.watched is not None], across, bars_end, color)
+    return {"layer": [each for each in layers if each["data"]["values"]], "width": plot, "height": HEIGHT}
 
 
 def _curve_rows(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
@@ -352,7 +359,7 @@ def _curve_rows(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
     joined, dots, bands, bars, members = parts = tuple(list[Row]() for _ in range(5))
     for each in lines:
         points = each._points(x)
-        whole = len(points) >= FEWEST_JOINED
+        whole = each.joined and len(points) >= FEWEST_JOINED
         for k, at, interval in points:
             point = at | {"y": number(each.y[k])}
             joined += [point] if whole else []
@@ -376,8 +383,7 @@ def _end_names(
             rows.append(at | {"y": float(each.y[k])} | (interval if each.intervals == "last" else {}))
     rows += [{"x": x.names[-1] if x.names else last, "y": each.y, "label": each.label} for each in levels]
     for row in rows:
-        unbroken = row["label"].replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
-        row["text"] = textwrap.wrap(unbroken, _NAME) or [""]
+        row["text"] = _wrapped(row["label"])
     most = max((len(row["text"]) for row in rows), default=1)
     unit = (bounds[1] - bounds[0]) / HEIGHT
     room = (0.5 * _LINE * most - 4) * unit  # a name of several lines stays beside the area between the axes
@@ -388,21 +394,42 @@ def _end_names(
     return rows
 
 
-def _marker_layers(markers: Sequence[Marker], across: alt.X, x: Axis, xs: Sequence[float]) -> list[alt.Chart]:
-    """Draw vertical lines with labels on the side with space."""
-    import altair as alt
+def _wrapped(label: str) -> list[str]:
+    """Return the lines of a name at the right."""
+    return textwrap.wrap(label.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%"), _NAME) or [""]
 
-    layers = []
+
+def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: Spec) -> Iterator[Spec]:
+    """Write under the marks of the axis how many episodes of each curve are still watched."""
+    place, ticks = HEIGHT + _AT_RISK, across["axis"].get("values", ())
+    style = {"baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
+    if curves and ticks:
+        heading = [{"text": "number at risk: episodes without a failure before this step"}]
+        soft = {**style, "align": "left", "color": SOFT}
+        yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
+    for each in curves if ticks else ():
+        place += _LINE + 3
+        y, watched = {"value": place}, np.asarray(each.watched)
+        rows = [{"x": at, "label": each.label, "text": f"{(watched >= at).sum():,}"} for at in ticks]
+        yield layer(rows, "text", style, x=across, y=y, text=named("text"), color=color)
+        if len(curves) > 1:
+            name = [{"label": each.label, "text": _wrapped(each.label)}]
+            beside = {**style, "align": "left", "baseline": "line-top", "dx": right + 13, "dy": -0.5 * _LINE}
+            yield layer(name, "text", beside, x={"value": "width"}, y=y, text=named("text"), color=color)
+            place += _LINE * (len(name[0]["text"]) - 1)
+
+
+def _marker_layers(markers: Sequence[Marker], across: Spec, x: Axis, xs: Sequence[float]) -> Iterator[Spec]:
+    """Draw vertical lines with labels on the side with space."""
     for k, each in enumerate(markers):
         ends = np.array([*x.bounds(xs), each.at])
         low, high, at = np.log(ends) if x.log else ends
         left = (at - low) / (high - low) > 0.6 or (k == 0 and len(markers) > 1)
-        base = chart([{"x": number(each.at), "text": each.label}]).encode(across)
-        layers.append(base.mark_rule(color=SOFT, strokeDash=[2, 2]))
-        where: dict[str, Any] = {"align": "right", "dx": -4} if left else {"align": "left", "dx": 4}
-        text = base.mark_text(baseline="bottom", color=SOFT, fontSize=FONT_SIZE, **where)
-        layers.append(text.encode(alt.Text("text:N"), y=alt.value(-3)))
-    return layers
+        rows = [{"x": number(each.at), "text": each.label}]
+        yield layer(rows, "rule", {"color": SOFT, "strokeDash": [2, 2]}, x=across)
+        style: Spec = {"align": "right", "dx": -4} if left else {"align": "left", "dx": 4}
+        style |= {"baseline": "bottom", "color": SOFT, "fontSize": FONT_SIZE}
+        yield layer(rows, "text", style, x=across, y={"value": -3}, text=named("text"))
 
 
 def spread(wanted: FloatArray, gap: float, low: float, high: float) -> FloatArray:
@@ -456,15 +483,13 @@ class Bars:
     """Pale bars behind them: what x is a part of."""
 
 
-def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: int = WIDTH) -> alt.LayerChart:
+def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: int = WIDTH) -> Spec:
     """Return a chart of points in rows with these names, with a legend where there is more than one kind.
 
     Kinds are drawn below each other in every row. `width` is that of the whole figure [px].
     """
-    import altair as alt
-
     color, _, shape = _looks(points, legend=len(points) > 1)
-    y, offset = _row_channels(names, points)
+    row_of = _row_channels(names, points)
     rows, rings = list[Row](), list[Row]()
     for each in points:
         for k, row in enumerate(each.rows):
@@ -474,29 +499,30 @@ def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: 
             rings += [at | {"x": number(value)} for value in (each.members[k] if each.members else ())]
     values = _finite([array for each in points for array in (each.x, each.lower, each.upper)])
     values += [ring["x"] for ring in rings]
-    across = x.channel(alt.X, "x", values, grid=True)
-    tips = [alt.Tooltip("row:N", title="row"), alt.Tooltip("label:N", title="kind"), x.tooltip("x")]
-    tips += [alt.Tooltip(f"{bound}:Q", title=f"{bound} end of the interval") for bound in ("low", "high")]
-    ranges = chart(row for row in rows if row["low"] is not None).mark_rule(size=2.4, opacity=0.5)
-    layers = [ranges.encode(y, offset, x.channel(alt.X, "low", values, grid=True), alt.X2("high"), color)]
-    if rings:
-        ring = chart(rings).mark_point(size=30, filled=False, strokeWidth=1.3, opacity=1)
-        layers.append(ring.encode(y, offset, across, color, shape))
-    dot = chart(row for row in rows if row["x"] is not None).mark_point(size=75, filled=True, opacity=1)
-    layers.append(dot.encode(y, offset, across, color, shape, tips))
+    across = x.channel("x", values, grid=True)
+    tips = [named("row", title="row"), named("label", title="kind"), x.tooltip("x")]
+    tips += [
+        {"field": bound, "type": "quantitative", "title": f"{bound} end of the interval"} for bound in ("low", "high")
+    ]
+    ranges, dots = ([row for row in rows if row[known] is not None] for known in ("low", "x"))
+    span = {"x": across | {"field": "low"}, "x2": {"field": "high"}}
+    looks, ring = {"x": across, "color": color, "shape": shape}, {"size": 30, "filled": False, "strokeWidth": 1.3}
+    layers = [
+        layer(ranges, "rule", {"size": 2.4, "opacity": 0.5}, **row_of, **span, color=color),
+        layer(rings, "point", {**ring, "opacity": 1}, **row_of, **looks),
+        layer(dots, "point", {"size": 75, "filled": True, "opacity": 1}, **row_of, **looks, tooltip=tips),
+    ]
     plot, height = row_size(names, len(points), width)
-    return alt.LayerChart(layer=layers, width=plot, height=height)
+    return {"layer": layers, "width": plot, "height": height}
 
 
-def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = WIDTH) -> alt.LayerChart:
+def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = WIDTH) -> Spec:
     """Return a chart of bars in rows with these names. Where a row has several, each text begins with its bar's label.
 
     The axis begins at 0; room for the texts is added. `width` is that of the whole figure [px].
     """
-    import altair as alt
-
     color, _, _ = _looks(bars)
-    y, offset = _row_channels(names, bars, line=True)
+    row_of = _row_channels(names, bars, line=True)
     rows: list[Row] = []
     for each in bars:
         for k, row in enumerate(each.rows):
@@ -508,20 +534,18 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
     # So long that every text finds room behind its bar.
     room = [(plot - 14 - text_width(len(row["text"])), row["end"]) for row in rows if row["end"]]
     unit = max(min((pixels / end for pixels, end in room), default=plot / most), plot / most / 4)
-    scale = alt.Scale(domain=[0.0, plot / unit], nice=False)
     axis = x.ticks(most, grid=False, values=_round_ticks(most, 0.0 if x.percent else 1.0))
-    axis.domain, axis.titleAnchor = False, "start"
-
-    def across(field: str) -> alt.X:
-        return alt.X(field, type="quantitative", title=x.title, axis=axis, scale=scale)
-
-    base, layers = chart(rows), []
+    across = {
+        **{"type": "quantitative", "title": x.title, "axis": axis | {"domain": False, "titleAnchor": "start"}},
+        "scale": {"domain": [0.0, plot / unit], "nice": False},
+    }
+    behind, layers = across | {"field": "end"}, list[Spec]()
     if any(each.whole is not None for each in bars):
-        layers.append(base.mark_bar(opacity=0.3).encode(y, offset, across("end"), color))
-    layers.append(base.mark_bar().encode(y, offset, across("x"), color))
-    text = base.mark_text(align="left", baseline="middle", dx=4, fontSize=FONT_SIZE, color=INK)
-    layers.append(text.encode(y, offset, across("end"), alt.Text("text:N")))
-    return alt.LayerChart(layer=layers, width=plot, height=height)
+        layers.append(layer(rows, "bar", {"opacity": 0.3}, **row_of, x=behind, color=color))
+    layers.append(layer(rows, "bar", {}, **row_of, x=across | {"field": "x"}, color=color))
+    style = {"align": "left", "baseline": "middle", "dx": 4, "fontSize": FONT_SIZE, "color": INK}
+    layers.append(layer(rows, "text", style, **row_of, x=behind, text=named("text")))
+    return {"layer": layers, "width": plot, "height": height}
 
 
 def row_size(names: Sequence[str], lines: int, width: int) -> tuple[int, int]:
@@ -530,13 +554,13 @@ def row_size(names: Sequence[str], lines: int, width: int) -> tuple[int, int]:
     return max(width - words, width // 3), len(names) * max(26, 19 * lines + 9)
 
 
-def _row_channels(names: Sequence[str], things: Sequence[Any], line: bool = False) -> tuple[alt.Y, alt.YOffset]:
-    import altair as alt
-
-    axis = alt.Axis(labelPadding=10, domain=line)
-    y = alt.Y("row:N", title=None, scale=alt.Scale(domain=list(names), paddingInner=0.3, paddingOuter=0.1), axis=axis)
-    labels = [each.label for each in things]
-    return y, alt.YOffset("label:N", scale=alt.Scale(domain=labels, paddingInner=0.12))
+def _row_channels(names: Sequence[str], things: Sequence[Any], line: bool = False) -> Spec:
+    scale = {"domain": list(names), "paddingInner": 0.3, "paddingOuter": 0.1}
+    offset = {"domain": [each.label for each in things], "paddingInner": 0.12}
+    return {
+        "y": named("row", title=None, scale=scale, axis={"labelPadding": 10, "domain": line}),
+        "yOffset": named("label", scale=offset),
+    }
 
 
 def _round_ticks(most: float, least_step: float) -> list[float]:
@@ -560,7 +584,7 @@ class Figure:
     """For files and anchors: lower-case letters and digits, dashes between them, see `slug`."""
     title: str
     """What is seen."""
-    chart: alt.LayerChart | alt.HConcatChart
+    chart: Spec
     note: str = ""
     """Sentences: what intervals are, and over how many."""
     heading: str = ""
@@ -573,11 +597,21 @@ class Figure:
             raise PerdureError(f"A figure cannot be named {self.name!r}: letters a to z, digits and dashes; see slug.")
 
     @cached_property
-    def spec(self) -> dict[str, Any]:
-        """The Vega-Lite specification, without title and note."""
-        return {**self.chart.to_dict(validate=False), "config": CONFIG}
+    def spec(self) -> Spec:
+        """The Vega-Lite specification, without title and note; equal data of several layers stand in it once."""
+        datasets: dict[str, list[Row]] = {}
 
-    def standalone(self) -> dict[str, Any]:
+        def view(part: Spec) -> Spec:
+            part = part | {key: [*map(view, part[key])] for key in ("layer", "hconcat") if key in part}
+            if "data" in part:
+                values = part["data"]["values"]
+                name = next((each for each, known in datasets.items() if known == values), f"data-{len(datasets)}")
+                datasets[name], part["data"] = values, {"name": name}
+            return part
+
+        return {"$schema": SCHEMA, **view(self.chart), "datasets": datasets, "config": CONFIG}
+
+    def standalone(self) -> Spec:
         """Return the specification of a picture that stands alone: heading, title and note above the chart."""
         width = WIDE if self.wide else WIDTH
         letters, big = (round(width / text_width(100, size) * 100) for size in (FONT_SIZE, TITLE_SIZE * 1.15))

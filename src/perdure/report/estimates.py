@@ -66,8 +66,6 @@ class Estimate:
     """Mean cumulative return, shape (points,)."""
     return_units: FloatArray
     """Of the units of these intervals, shape (units, points)."""
-    survival: Interval
-    """Share of episodes alive, shape (points,)."""
     working: Interval
     """Share of episodes without a failure so far (Kaplan-Meier), shape (points,); no bounds once an episode is cut."""
     final_score: Interval
@@ -108,7 +106,6 @@ def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
         steps=group.steps[kept],
         returns=estimate_interval(units, rng),
         return_units=units.values,
-        survival=survival_interval(group.alive[:, kept], group.runs, rng),
         working=_working(group, kept, rng),
         final_score=mean_interval(group.final_score[rows], group.runs[rows], rng),
         verdict=judge(group, rng),

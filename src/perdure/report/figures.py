@@ -1,61 +1,58 @@
-"""The figures of a task: failures, survival and reward over steps, the choice of C, the score at the end."""
+"""The figures of a task: failures over steps, speed against steps between failures, reward, the choice of C, scores."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.report.estimates import Estimate, best_clock
-from perdure.report.groups import NO_CLOCK
-from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval
+from perdure.report.groups import failure_times
+from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval, kaplan_meier
 
 MOST_CURVES = 8
 """Curves one figure shows without a color scale; sweeps of C get separate figures."""
 MOST_ROWS = 40
 """Policies and clocks in one figure of rows."""
-_AT_THE_END = "Bars at the right: at the last step,"
+HALF = 600
+"""Width of each of two figures of failures. [px]"""
 _SELECTED = "Of every kind of clock the best C is shown, chosen on these episodes. "
-_OVER_STEPS = {
-    "working": (
-        *("working", "Episodes that have not failed", "share of episodes that have not failed"),
-        "Failure: a fall, a divergence, or a score against its own training that stays below 0.75 until the end. ",
-    ),
-    "survival": ("survival", "Episodes that have not ended", "share of episodes that have not ended", ""),
-    # On a logarithmic axis, a cumulative return with linear growth would be curved.
-    "returns": (
-        *("reward", "Reward per step so far", "mean reward per step so far"),
-        "Return so far, divided by the steps so far; an ended episode earns nothing more. ",
-    ),
-}
-"""Field of `Estimate` to name, title, axis and note of its figure."""
+_FAILURE = "Failure: a fall, a divergence, or a score against its own training that stays below 0.75 until the end. "
 Sweeps = dict[tuple[str, str], list[Estimate]]
 
 
-def make_figures(estimates: Sequence[Estimate]) -> tuple[Figure, ...]:
+def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figure]]:
     """Make the figures of one task.
 
     Args:
-        estimates: The task's groups, at least one, in the order of `make_groups`.
+        estimates: The task's groups, at least one, in the order of `make_groups`. Groups of different disturbances may
+            have different test horizons and recorded steps.
 
     Returns:
-        Episodes without failure, survival and reward over steps; per swept method and kind of clock these again with
-        all C; the return at the end against C when there are two or more values; the score at the end.
+        (for the top of a page: failures over steps, and speed against steps between failures if there are several
+        training runs or groups; the others: reward over steps, both curves with all C for each swept method and kind of
+        clock, return against C, the score at the end).
     """
     shown = overview(estimates)
     some = len(shown) < len(estimates)
-    figures = [_over_steps(what, "", shown, _SELECTED if some else "") for what in _OVER_STEPS]
-    baselines = [item for item in estimates if item.group.clock_kind == NO_CLOCK]
-    for (line, kind), sweep in _sweeps(estimates).items():
-        if some and len(sweep) > 2:
-            title = f"{line}, {wording.clock(kind, 'C')}"
-            figures += [_over_steps(what, title, baselines + sweep) for what in _OVER_STEPS]
-    figures += [*_against_c(estimates), *_score_at_the_end(estimates)]
-    task = estimates[0].group.task
-    return tuple(replace(each, name=slug(task, each.name), heading=task) for each in figures)
+    selected = _SELECTED if some else ""
+    top = [_failures(items, words, shown, selected) for words, items in _panels(shown)]
+    others = [_reward(items, words, shown, selected) for words, items in _panels(shown)]
+    for words, items in _panels(estimates):
+        for (line, kind), sweep in _sweeps(items).items():
+            if some and len(sweep) > 2:
+                title = f"{line}, {wording.clock(kind, 'C')}"
+                drawn = [item for item in items if not item.group.is_tuned_by_steps] + sweep
+                others += [draw(drawn, title, drawn, "") for draw in (_failures, _reward)]
+        others += _against_c(items, words)
+    task, parts = estimates[0].group.task, ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
+    top, others = ([replace(each, name=slug(task, each.name), heading=task) for each in part] for part in parts)
+    return top, others
 
 
 def overview(estimates: Sequence[Estimate]) -> list[Estimate]:
@@ -75,53 +72,102 @@ def _sweeps(estimates: Sequence[Estimate]) -> Sweeps:
     return sweeps
 
 
-def _over_steps(what: str, title: str, chosen: Sequence[Estimate], selected: str = "") -> Figure:
-    """Draw a field of `Estimate` over the recorded steps."""
-    name, shown, axis, note = _OVER_STEPS[what]
-    low, high = float(min(item.steps[0] for item in chosen)), float(max(item.steps[-1] for item in chosen))
-    horizons = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
-    chart = curve_chart(
-        _curves(chosen, what),
-        Axis("steps since the reset", log=low < high, low=low, high=high),
-        Axis(f"{axis} ({_episodes(chosen)})", percent=what != "returns"),
-        markers=[Marker(at, f"training horizon, {wording.whole(at)} steps") for at in horizons],
-        steps=what != "returns",
-    )
-    bands = "Bands: pointwise" if what == "returns" and len(chosen) <= MOST_CURVES else _AT_THE_END
-    note = f"{selected}{note}{_notes(chosen, what, bands)}"
-    return Figure(slug(name, title), ": ".join(filter(None, (shown, title))), chart, note)
-
-
-def _curves(chosen: Sequence[Estimate], what: str) -> list[Curve]:
-    """Return one curve for each group: returns divided by the steps so far, or a share of episodes."""
-    per_step = what == "returns"
-    swept = len(_sweeps(chosen)) == 1 and len(chosen) > MOST_CURVES // 2
+def _panels(estimates: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
+    """Return the groups by the length of their episodes, each part with what it has in common in words."""
+    parts: dict[int, list[Estimate]] = {}
+    for item in estimates:
+        parts.setdefault(item.group.test_horizon, []).append(item)
     found = []
-    for item, style in zip(chosen, _styles(chosen), strict=True):
-        group, interval, steps = item.group, getattr(item, what), item.steps.astype(np.float64)
-        divisor = steps if per_step else np.ones_like(steps)
-        few = interval.count < FEWEST_FOR_INTERVAL
-        found.append(
-            Curve(
-                label=f"C = {wording.whole(group.clock_steps)}" if swept and group.is_tuned_by_steps else group.label,
-                x=steps,
-                y=interval.estimate / divisor,
-                style=style,
-                lower=None if few else interval.lower / divisor,
-                upper=None if few else interval.upper / divisor,
-                members=item.return_units / divisor if few and per_step and interval.count > 1 else None,
-                intervals="band" if per_step and len(chosen) <= MOST_CURVES else "last",
-            )
-        )
+    for steps, items in parts.items():
+        conditions = {item.group.disturbance for item in items}
+        words = "calm" if all(item.group.calm for item in items) else f"under {', '.join(sorted(conditions))}"
+        words = words if len(conditions) == 1 else f"{wording.whole(steps)} steps"
+        found.append((words if len(parts) > 1 else "", items))
     return found
 
 
-def _styles(chosen: Sequence[Estimate]) -> list[Style]:
-    """Return styles: by C if one line is swept, else by name."""
+def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], selected: str) -> Figure:
+    """Draw the share of episodes without a failure so far; it falls at the exact steps of the failures."""
+    known = [failure_times(item.group.verdicts, item.group["failed_step"]) for item in chosen]
+    high = float(max(item.group.test_horizon for item in chosen))
+    # The axis begins at the power of ten below the first failure, or two before the end.
+    first = min(high / 100.0, *(float(times[failed].min(initial=int(high))) for times, failed in known))
+    low = 10.0 ** math.floor(math.log10(max(first, 1.0)))
+    lines = []
+    for item, look, (times, failed) in zip(chosen, _styles(chosen, shown), known, strict=True):
+        at, share = kaplan_meier(times, failed)
+        lower, upper = (np.full(len(at) + 2, np.nan) for _ in range(2))
+        if item.working.count >= FEWEST_FOR_INTERVAL:
+            lower[-1], upper[-1] = item.working.last()
+        x = np.clip([low, *at, float(item.group.test_horizon)], low, high)
+        y, watched = np.array([1.0, *share, share[-1]]), times.astype(np.float64)
+        label = _label(item, chosen)
+        lines.append(Curve(label, x, y, look, lower, upper, intervals="last", watched=watched))
+    axis = Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True)
+    chart = curve_chart(
+        *(lines, Axis("steps since the reset", log=high > low, low=low, high=high), axis),
+        markers=_horizons(chosen, low, high),
+        steps=True,
+        width=HALF if title else charts.WIDE,
+    )
+    note = f"{selected}{_FAILURE}{_notes(chosen, 'working', 'Bars at the right: at the last step,')}"
+    return Figure(slug("working", title), _titled("Episodes that have not failed", title), chart, note, wide=not title)
+
+
+def _reward(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], selected: str) -> Figure:
+    """Draw the mean reward per step so far; on a logarithmic axis a cumulative return would be curved."""
+    lines, bands = [], len(chosen) <= MOST_CURVES
+    low, high = (float(end(item.steps[k] for item in chosen)) for end, k in ((min, 0), (max, -1)))
+    for item, look in zip(chosen, _styles(chosen, shown), strict=True):
+        found, steps = item.returns, item.steps.astype(np.float64)
+        few = found.count < FEWEST_FOR_INTERVAL
+        lower, upper = (None, None) if few else (found.lower / steps, found.upper / steps)
+        members = item.return_units / steps if few and found.count > 1 else None
+        intervals: Literal["band", "last"] = "band" if bands else "last"
+        label = _label(item, chosen)
+        lines.append(Curve(label, steps, found.estimate / steps, look, lower, upper, members, intervals=intervals))
+    chart = curve_chart(
+        lines,
+        Axis("steps since the reset", log=high > low, low=low, high=high),
+        Axis(f"mean reward per step so far ({_episodes(chosen)})"),
+        markers=_horizons(chosen, low, high),
+    )
+    over = _notes(chosen, "returns", "Bands: pointwise" if bands else "Bars at the right: at the last step,")
+    note = f"{selected}Return so far, divided by the steps so far; an ended episode earns nothing more. {over}"
+    return Figure(slug("reward", title), _titled("Reward per step so far", title), chart, note)
+
+
+def _titled(first: str, more: str) -> str:
+    return f"{first}: {more}" if more else first
+
+
+def _horizons(chosen: Sequence[Estimate], low: float, high: float) -> list[Marker]:
+    """Return the training horizons between the ends of the axis."""
+    found = sorted({item.group.train_horizon for item in chosen if low < item.group.train_horizon < high})
+    return [Marker(at, f"training horizon, {wording.whole(at)} steps") for at in found]
+
+
+def _label(item: Estimate, chosen: Sequence[Estimate]) -> str:
+    """Return the name of a curve: without the disturbance where all curves have it, "C = 500" in a sweep."""
+    group, alike = item.group, len({each.group.disturbance for each in chosen}) == 1
+    swept = len(_sweeps(chosen)) == 1 and len(chosen) > MOST_CURVES // 2
+    if swept and group.is_tuned_by_steps:
+        return f"C = {wording.whole(group.clock_steps)}"
+    return group.policy_and_clock if alike else group.label
+
+
+def _styles(chosen: Sequence[Estimate], shown: Sequence[Estimate]) -> list[Style]:
+    """Return styles: by C if one line is swept, else a color for a policy and clock, dashed if disturbed."""
     sweeps = _sweeps(chosen)
     values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
     if len(values) < 4 or len(sweeps) > 1:
-        return [charts.style(index) for index in range(len(chosen))]
+        names = list(dict.fromkeys(item.group.policy_and_clock for item in shown))
+        conditions = list(dict.fromkeys(item.group.disturbance for item in shown))
+        found = [charts.style(names.index(item.group.policy_and_clock)) for item in chosen]
+        if len(conditions) == 1:
+            return found
+        dashed = [charts.style(conditions.index(item.group.disturbance)) for item in chosen]
+        return [replace(look, dash=other.dash, shape=other.shape) for look, other in zip(found, dashed, strict=True)]
     others = iter(range(1, len(chosen) + 1))
     return [
         charts.ordered_style(values.index(item.group.clock_steps) / (len(values) - 1))
@@ -129,6 +175,45 @@ def _styles(chosen: Sequence[Estimate]) -> list[Style]:
         else replace(charts.style(next(others)), color=charts.INK)
         for item in chosen
     ]
+
+
+def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
+    """Draw speed while working against steps between failures, one point for each training run of a group."""
+    lines, unfailed = list[Curve](), list[charts.Row]()
+    for item, look in zip(shown, _styles(shown, shown), strict=True):
+        group = item.group
+        times, failed = failure_times(group.verdicts, group["failed_step"])
+        # An ended episode has all its reward at the next recorded step; any other is read at the last one before.
+        places = np.searchsorted(group.steps, times, side="right") - 1
+        places = np.where(times < group["end_step"], places.clip(0), np.searchsorted(group.steps, times))
+        earned = group.returns[np.arange(group.episodes), places]
+        steps = np.minimum(group.steps[places], group["end_step"])
+        points = []
+        for run in np.unique(group.runs):
+            mine = (group.runs == run) & (times > 0)
+            if mine.any():
+                speed = earned[mine].sum() / steps[mine].sum() - group["idle_rate"][mine].mean()
+                points.append((times[mine].sum() / max(failed[mine].sum(), 1), speed))
+                if not failed[mine].any():
+                    unfailed.append({"x": points[-1][0], "y": points[-1][1], "label": group.label, "text": "\u2192"})
+        if points:
+            x, y = np.array(sorted(points)).T
+            lines.append(Curve(group.label, x, y, look, marked=True, joined=False))
+    every = np.concatenate([each.x for each in lines]) if lines else np.zeros(0)
+    if len(every) < 2:
+        return
+    low, high = math.floor(math.log10(every.min() / 1.1)), math.ceil(math.log10(every.max() * 1.1))
+    across = Axis("steps between failures", log=True, low=10.0**low, high=10.0**high)
+    chart = curve_chart(lines, across, Axis("reward per step until the failure, above that of an idle robot"))
+    if unfailed:
+        at = {name: {"field": name, "type": "quantitative"} for name in ("x", "y")}
+        arrow = {"align": "left", "baseline": "middle", "dx": 6, "fontSize": 16, "color": charts.INK}
+        chart["layer"].append(charts.layer(unfailed, "text", arrow, **at, text=charts.named("text")))
+    note = (
+        f"{selected}One point for each training run and condition: all steps before failures, divided by the number of "
+        "failures. Up and to the right is better. Arrow: no failure was seen, the point is at all its steps."
+    )
+    yield Figure("plane", "Speed while working against steps between failures", chart, note)
 
 
 def _episodes(chosen: Sequence[Estimate]) -> str:
@@ -152,13 +237,12 @@ def _notes(chosen: Sequence[Estimate], what: str, name: str) -> str:
     return " ".join(parts)
 
 
-def _against_c(estimates: Sequence[Estimate]) -> list[Figure]:
+def _against_c(chosen: Sequence[Estimate], words: str) -> Iterator[Figure]:
     """Draw the return at the end against C, with the clocks that have no C as level lines."""
-    estimates = [item for item in estimates if item.steps[-1] == estimates[0].steps[-1]]
-    sweeps = _sweeps(estimates)
+    sweeps = _sweeps(chosen)
     values = sorted({item.group.clock_steps for sweep in sweeps.values() for item in sweep})
     if len(values) < 2:
-        return []
+        return
     lines = []
     for k, ((line, kind), sweep) in enumerate(sweeps.items()):
         steps, returns = [item.group.clock_steps for item in sweep], [item.final_return for item in sweep]
@@ -166,38 +250,39 @@ def _against_c(estimates: Sequence[Estimate]) -> list[Figure]:
         x, y, lower, upper = columns
         label = f"{line}, {wording.clock(kind, 'C')}"
         lines.append(Curve(label, x, y, charts.style(k), lower, upper, marked=True, intervals="bars"))
-    others = [item for item in estimates if not item.group.is_tuned_by_steps]
+    others = [item for item in chosen if not item.group.is_tuned_by_steps]
     levels = [
         Level(item.group.label, item.final_return, *item.returns.last(), replace(charts.style(k), color=charts.INK))
         for k, item in enumerate(others, 1)
     ]
-    last = wording.whole(float(estimates[0].steps[-1]))
+    last = wording.whole(float(chosen[0].steps[-1]))
     chart = curve_chart(
         lines,
         Axis("C: steps to go given to the policy", low=-0.03 * values[-1]),
-        Axis(f"mean return of {last} steps ({_episodes(estimates)})"),
+        Axis(f"mean return of {last} steps ({_episodes(chosen)})"),
         levels=levels,
     )
-    over = _notes(estimates, "returns", "Bars:")
+    over = _notes(chosen, "returns", "Bars:")
     note = f"{over} Level lines: clocks without C. The best C is optimistic: it was chosen on the episodes shown here."
-    return [Figure("return-against-c", f"Return of {last} steps by the steps to go given to the policy", chart, note)]
+    title = _titled(f"Return of {last} steps by the steps to go given to the policy", words)
+    yield Figure(slug("return-against-c", words), title, chart, note)
 
 
-def _score_at_the_end(estimates: Sequence[Estimate]) -> list[Figure]:
+def _score_at_the_end(estimates: Sequence[Estimate]) -> Iterator[Figure]:
     """Draw the score at the end, if it is known; only of the first figures' groups if there are too many."""
     shown = estimates if len(estimates) <= MOST_ROWS else overview(estimates)
     known = [item for item in shown if np.isfinite(float(item.final_score.estimate))]
     if not known:
-        return []
+        return
     middle = np.array([float(item.final_score.estimate) for item in known])
     lower, upper = np.array([item.final_score.last() for item in known]).T
     wide = len(known) > MOST_CURVES
     chart = point_chart(
         [f"{item.group.label} (n = {item.group.episodes})" for item in known],
         [Points("at the end", range(len(known)), middle, charts.style(0), lower, upper)],
-        Axis("score against its own training (0: an idle robot, 1: as in training)", low=0.0),
+        Axis("score against its own training (0: an idle robot, 1: as in training)", low=0.0, high=1.0),
         charts.WIDE if wide else charts.WIDTH,
     )
     over = _notes(known, "final_score", "Bars:")
     note = f"{over} Mean of the last tenth of the steps; an episode that ended counts 0."
-    return [Figure("score", "Score at the end against its own training", chart, note, wide=wide)]
+    yield Figure("score", "Score at the end against its own training", chart, note, wide=wide)

@@ -10,7 +10,7 @@ import base64
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
@@ -21,7 +21,17 @@ import polars as pl
 
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
-from perdure.report.estimates import SEED, Estimate, Estimates, best_clocks, endured, estimate_table, headline
+from perdure.report.estimates import (
+    SEED,
+    Estimate,
+    Estimates,
+    Verdict,
+    advice,
+    best_clocks,
+    endured,
+    estimate_table,
+    headline,
+)
 from perdure.report.figures import make_figures
 from perdure.report.schema import TABLE, read_episodes
 from perdure.runs import write_atomic
@@ -33,6 +43,10 @@ if TYPE_CHECKING:
 
 # Parts of a page
 
+GOOD = ("holds", "reaches its goal")
+"""Verdicts in green; UNSURE ones are amber, all others red."""
+UNSURE = ("cannot tell",)
+
 
 @cache
 def _template() -> Template:
@@ -41,6 +55,7 @@ def _template() -> Template:
 
     environment = Environment(autoescape=True, loader=FileSystemLoader(Path(__file__).parent))
     environment.filters["json"] = lambda value: Markup(script_json(value))
+    environment.filters["tone"] = lambda each: "good" if each in GOOD else "unsure" if each in UNSURE else "bad"
     return environment.get_template("page.html")
 
 
@@ -49,9 +64,18 @@ def _part(name: str, *values: Any) -> str:
     return found
 
 
-def header(task: str, sentence: str, points: Sequence[str] = ()) -> str:
-    """Return a task's name over the sentence that sums it up and the points behind it, all plain text."""
-    return _part("header", task, sentence, points)
+def header(
+    task: str,
+    sentence: str,
+    points: Sequence[str] = (),
+    verdicts: Sequence[tuple[str, str]] = (),
+    following: Sequence[tuple[str, str]] = (),
+) -> str:
+    """Return a task's name over the sentence that sums it up, and points below it, all plain text.
+
+    `verdicts`: a word, which gets its color, and a sentence. `following`: what to do next, and where it is described.
+    """
+    return _part("header", task, sentence, points, verdicts, following)
 
 
 def figures(drawn: Sequence[Figure]) -> str:
@@ -59,9 +83,11 @@ def figures(drawn: Sequence[Figure]) -> str:
     return _part("figures", drawn)
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> str:
-    """Return a table of plain text under its title, over its note."""
-    return _part("table", title, headings, rows, note)
+def table(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], note: str = "", folded: bool = False
+) -> str:
+    """Return a table of plain text under its title, over its note; `folded` shows the title until it is opened."""
+    return _part("table", title, headings, rows, note, folded)
 
 
 def text(title: str, markup: str) -> str:
@@ -71,13 +97,16 @@ def text(title: str, markup: str) -> str:
     return _part("text", title, Markup(markup))
 
 
-def commands(title: str, lines: Sequence[str]) -> str:
-    """Return commands with their title, free of control characters."""
-    return _part("commands", title, [printable(line, lines=True) for line in lines])
+def commands(title: str, lines: Sequence[str], note: str = "") -> str:
+    """Return commands with their title, free of control characters, each with a button that copies it."""
+    return _part("commands", title, [printable(line, lines=True) for line in lines], note)
 
 
-def page(title: str, parts: Sequence[str], command: str) -> str:
-    """Return the whole page of parts that the functions above returned; it ends with the command ("": not recorded)."""
+def page(title: str, parts: Sequence[str], command: str, made: str = "") -> str:
+    """Return the whole page of parts that the functions above returned.
+
+    It ends with the command ("": not recorded) and with what it was made with, such as versions and date.
+    """
     scripts = [each.replace("</script", "<\\/script") for each in (javascript(), str(_part("script")))]
     digests = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in scripts]
     # Vega sets style attributes; they can request nothing that default-src and img-src do not allow.
@@ -86,7 +115,7 @@ def page(title: str, parts: Sequence[str], command: str) -> str:
         f"default-src 'none'; script-src {allowed}; "
         "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
     )
-    last = commands("Command", [command or "not recorded"])
+    last = commands("Command", [command or "not recorded"], printable(made))
     found = _template().render(title=title, parts=[*parts, last], policy=policy, dark=DARK, scripts=scripts)
     return found.lstrip()
 
@@ -96,6 +125,12 @@ def page(title: str, parts: Sequence[str], command: str) -> str:
 PAGE = "report.html"
 MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
+MOST_NAMED = 3
+"""Most policies in the title of a page."""
+WATCH = "perdure watch POLICY --until-failure --out failure.mp4"
+DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
+MOST_SHOWN, MOST_EPISODES = 40, 1000
+"""Most episodes in a table that is open at first, and in one at all."""
 Table = pl.DataFrame | str | os.PathLike[str]
 
 
@@ -104,6 +139,7 @@ def write_report(
     out: str | os.PathLike[str],
     command: str,
     formats: Sequence[Format] = ("png",),
+    notes: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the page, and each figure as a file beside it; return the page's path.
 
@@ -112,6 +148,7 @@ def write_report(
         out: A folder; made if it is missing.
         command: What made the table; shown so that a reader can repeat it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
+        notes: Metadata of the table's file: `versions` and `evaluated` (the day) are shown.
 
     Raises:
         PerdureError: The table does not fit the schema, or a format is unknown.
@@ -121,11 +158,28 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     javascript()  # bundled before figures are drawn: the other way round takes 60 MB more
     for task, estimates in by_task.items():
-        drawn = unique(make_figures(estimates), taken)
-        save(drawn, folder, formats)
-        parts += [header(task, headline([item.verdict for item in estimates]), list(_points(estimates)))]
-        parts += [figures(drawn), *_tables(estimates)]
-    return write_atomic(folder / PAGE, page("perdure: does it hold?", [*parts, _part("words")], command))
+        top, others = (unique(drawn, taken) for drawn in make_figures(estimates))
+        save([*top, *others], folder, formats)
+        sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
+        verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
+        parts += [header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates))]
+        parts += [figures(top), *_tables(estimates), figures(others)]
+    made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
+    return write_atomic(folder / PAGE, page(_title(by_task), [*parts, _part("words")], command, made))
+
+
+MADE = {"evaluated": "Evaluated on", "versions": "With"}
+"""Name of a note of a table's file to the words before it."""
+
+
+def _title(by_task: Estimates) -> str:
+    """Return the title of the page: policies and tasks."""
+    parts = []
+    for task, estimates in by_task.items():
+        names = list(dict.fromkeys(item.group.policy_and_clock for item in estimates))
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        parts.append(f"{'; '.join(names[:MOST_NAMED])}{more} on {task}")
+    return f"{', '.join(parts)}: does it hold?"
 
 
 def summary_text(table: Table | Estimates) -> str:
@@ -135,7 +189,8 @@ def summary_text(table: Table | Estimates) -> str:
         rows = [tuple(_CELLS), *_rows(estimates)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-        points = [f"  {point}" for point in _points(estimates)]
+        points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
+        points = [f"  {point}" for point in (*points, *_beside_verdicts(estimates))]
         parts.append("\n".join([headline([item.verdict for item in estimates]), *points, "", *lines]))
     return "\n\n".join(parts)
 
@@ -146,18 +201,36 @@ def _estimates(table: Table | Estimates) -> Estimates:
     return estimate_table(table if isinstance(table, pl.DataFrame) else read_episodes(table)[0])
 
 
-def _points(estimates: Sequence[Estimate]) -> Iterator[str]:
-    """Yield the sentences under the headline: the evidence for each verdict, and the best clock of each policy."""
-    yield from (item.verdict.sentence for item in estimates[:MOST_POINTS])
+def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
+    """Yield the sentences under the verdicts: how many are left out, and the best clock of each policy."""
     if len(estimates) > MOST_POINTS:
         yield f"{len(estimates) - MOST_POINTS} more policies and clocks are in the table."
     yield from endured(estimates)
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
+def _advice(estimates: Sequence[Estimate]) -> list[tuple[str, str]]:
+    """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
+    parts: dict[str, list[Verdict]] = {}
+    for item in estimates:
+        parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
+    found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
+    watch = f"See the first failure: {WATCH}."
+    failed = any(item.group.failed.any() for item in estimates)
+    return [*list(found)[:MOST_NAMED], *([(watch, f"{DOCS}watch-a-failure.md")] if failed else [])]
+
+
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
-    yield table("All policies and clocks", tuple(_CELLS), _rows(estimates), f"Intervals over {over}.")
+    missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
+    left_out = "".join(f" Of {label}, this world could not apply {what}." for label, what in sorted(missing))
+    yield table("Policies, clocks and conditions", tuple(_CELLS), _rows(estimates), f"Intervals over {over}.{left_out}")
+    episodes = sum(item.group.episodes for item in estimates)
+    rows = [row for item in estimates for row in _episode_rows(item)][:MOST_EPISODES]
+    left = (
+        f"The first {len(rows):,} of {episodes:,}; the table episodes.parquet has all." if len(rows) < episodes else ""
+    )
+    yield table(wording.count(episodes, "episode").capitalize(), _EPISODE, rows, left, episodes > MOST_SHOWN)
     if runs := list(_run_rows(estimates)):
         note = (
             "Training runs of one method often differ more than methods do. A run that you choose here was chosen on "
@@ -207,6 +280,7 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
     "policy": lambda item: item.group.line,
     "clock": lambda item: item.group.clock,
     "episodes": lambda item: f"{item.group.episodes:,}",
+    "steps": lambda item: wording.whole(item.group.test_horizon),
     "return": lambda item: wording.quantity(item.final_return),
     "95 % interval": lambda item: _bounds(item.returns),
     "verdict": lambda item: item.verdict.label,
@@ -222,6 +296,29 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
 
 def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     return [tuple(cell(item) for cell in _CELLS.values()) for item in estimates]
+
+
+_EPISODE = [
+    "policy",
+    "clock",
+    "training seed",
+    "start state",
+    "outcome",
+    "failed at step",
+    "ended at step",
+    "end",
+    "return",
+]
+
+
+def _episode_rows(item: Estimate) -> Iterator[tuple[str, ...]]:
+    """Yield one row for each episode."""
+    group = item.group
+    columns = [group[name] for name in ("train_seed", "eval_seed", "failed_step", "end_step", "end_reason")]
+    rows = zip(*columns, group.verdicts, group.failed, group.returns[:, -1], strict=True)
+    for run, start, failure, end, reason, outcome, failed, earned in rows:
+        cells = (str(run), str(start), outcome, f"{failure:,}" if failed else "\u2013", f"{end:,}", reason)
+        yield group.line, group.clock, *cells, wording.quantity(earned)
 
 
 def _run_rows(estimates: Sequence[Estimate]) -> Iterator[tuple[str, ...]]:

@@ -20,7 +20,7 @@ def test_release_speed_draws_shares_of_enough_placements_released_in_motion():
     rows = [(0, True, 20, 0.9), (2, True, 40, 0.25), (3, True, 19, 0.1), (4, False, 40, 0.8)]
     values = [(number, moving, "apples", count, share, None) for number, moving, count, share in rows]
     (figure,) = speed_figures(pl.DataFrame(values, schema=COLUMNS["release-speed"], orient="row"))
-    chart = figure.chart.to_dict()
+    chart = figure.spec
     points = {(row["x"], row["y"]) for data in chart["datasets"].values() for row in data if {"x", "y"} <= row.keys()}
     assert points == {("0 to 0.02", 0.9), ("0.05 to 0.1", 0.25)}
     assert "apples (n = 60)" in str(chart)
@@ -52,7 +52,7 @@ def test_the_figure_of_strategies_has_a_row_for_each_task_and_world(tmp_path):
     rows = [{**base, **KEYS, **numbers, "strategy": name} for name in names]
     tables = {**empty(tmp_path), "success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
     (figure,) = strategy_figures(tables)
-    text = str(figure.chart.to_dict())
+    text = str(figure.spec)
     assert "'SetTable'" in text
     assert "'SetTable, apple a convex hull'" in text
     assert "n = 3 training seeds. Small open marks: each seed (n = 10 episodes each)" in figure.note
