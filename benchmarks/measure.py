@@ -116,9 +116,9 @@ def disturbed(task: str, lanes: int, steps: int, *texts: str) -> dict[str, float
     policy, rates = load_policy(f"{task}/geometric"), []
     for disturbances in (parse_disturbances(texts), ()) * 10:
         world = make_world(disturbed_task(task, disturbances), range(lanes))  # before the clock runs
-        specs = [EpisodeSpec(0, policy.clock, seed, disturbances) for seed in range(lanes)]
+        specs = [EpisodeSpec(0, policy.clock, seed, disturbances, steps) for seed in range(lanes)]
         began = time.perf_counter()
-        records = evaluate_episodes([policy], specs, steps, world=world)
+        records = evaluate_episodes([policy], specs, world=world)
         rates.append(records.end_step.sum() / (time.perf_counter() - began))
         world.close()
     return {"disturbed": float(np.median(rates[::2])), "calm": float(np.median(rates[1::2]))}
