@@ -184,7 +184,8 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """
         RecordConstructorArgs.__init__(self, disturbances=disturbances, seed=seed, observation_std=observation_std)
         super().__init__(env)
-        space, name = env.action_space, str(env.spec.id if env.spec else type(env.unwrapped).__name__)
+        name = str(env.spec.id if env.spec else type(env.unwrapped).__name__)
+        space: Any = env.action_space
         box = (space.low.ravel().astype(float), space.high.ravel().astype(float)) if _is_box(space) else None
         std = None if observation_std is None else np.asarray(observation_std, float).reshape(1, -1)
         if std is not None and not (
@@ -193,7 +194,7 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise PerdureError(
                 f"observation_std has {std.size} components, the observations are {env.observation_space}"
             )
-        seeds = [np.random.SeedSequence().entropy if seed is None else seed]
+        seeds = [int(np.random.default_rng().integers(2**31)) if seed is None else seed]
         self._disturber = Disturber(name, parse_disturbances(disturbances), seeds, box, std, [env])
         self._fixed, self._lane, self._elapsed = seed is not None, np.zeros(1, np.int64), np.zeros(1, np.int64)
 
@@ -208,7 +209,7 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Make one step."""
-        space = self.env.action_space
+        space: Any = self.env.action_space
         if _is_box(space):
             actions = self._disturber.act(np.asarray(action, float).reshape(1, -1), self._lane, self._elapsed)
             action = np.clip(actions.reshape(space.shape), space.low, space.high).astype(space.dtype)

@@ -27,7 +27,7 @@ class Humanoid(HumanoidEnv):
     """Gymnasium's Humanoid-v4 without contact forces in the observation."""
 
     def _get_obs(self) -> Any:
-        observation = super()._get_obs()
+        observation = super()._get_obs()  # type: ignore[no-untyped-call]
         observation[-6 * BODIES :] = 0.0
         return observation
 

@@ -171,7 +171,8 @@ class PPO:
 
     def observation_std(self, state: PPOState) -> NDArray[np.float64]:
         """Return the spread that the running normalizer divides by; see `Algorithm.observation_std`."""
-        return np.sqrt(np.asarray(state.statistics.observations.var)[: self._spec.observation_size])
+        variance = np.asarray(state.statistics.observations.var, np.float64)
+        return np.asarray(np.sqrt(variance[: self._spec.observation_size]))
 
     def policy(self, state: PPOState) -> Policy:
         """Return the policy of the current weights, without provenance and reference."""
