@@ -69,7 +69,7 @@ Case = tuple[Callable[[], tuple[float, float]], str, str]
 
 def sb3_config(task: str, seed: int, iterations: int) -> dict[str, Any]:
     """Return the settings that our preset gives this task, in the form the peer's script reads."""
-    config = method_config("ppo", task, task_spec(task).observation_size)
+    config = method_config("ppo", task, task_spec(task).observation_size, "zoo")
     values = {k: v for k, v in config.to_json().items() if k not in ("protocol", "segment_steps")}
     horizon = int(config.protocol.horizon.longest)
     gammas = {"gamma": config.protocol.gamma, "normalizer_gamma": config.protocol.normalizer_gamma}

@@ -42,11 +42,11 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
     from perdure.envs import task_spec
     from perdure.learn import TrainRun, method_config, on_report, train
 
-    config = method_config("ppo", task, task_spec(task).observation_size)
+    config = method_config("ppo", task, task_spec(task).observation_size, "zoo")
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
     marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
-    run = TrainRun(task, "ppo", config, tuple(marks))
+    run = TrainRun(task, "ppo", config, tuple(marks), preset="zoo")
     observe = on_report(run, lambda report: marks[report.seed].append((report.step, time.perf_counter())))
     with tempfile.TemporaryDirectory() as out:
         train(run, out, cores=processes, on="here" if processes == 1 else "local", observe=observe)
@@ -153,7 +153,7 @@ def floors(task: str, steps: int = 5000) -> dict[str, float]:
     from perdure.learn import method_config
 
     spec = task_spec(task)
-    config = method_config("ppo", task, spec.observation_size)
+    config = method_config("ppo", task, spec.observation_size, "zoo")
     actions, lane = np.random.default_rng(0).uniform(-1, 1, (steps, 1, spec.action_size)), np.zeros(1, np.int32)
     engine = engine_seconds(task, [0], [(action, lane) for action in actions]) / steps
     return {"engine": engine, "products": products(config, spec.observation_size, spec.action_size)}

@@ -23,10 +23,10 @@ from perdure.learn import TrainRun, method_config, train
 def study(config: dict[str, Any], out: Path) -> float:
     """Return the seconds from the start of the training runs to the written table."""
     task, total = config["task"], config["total_steps"]
-    settings = method_config("geometric", task, task_spec(task).observation_size)
+    settings = method_config("geometric", task, task_spec(task).observation_size, "zoo")
     settings = dataclasses.replace(settings, total_steps=total, segment_steps=total)
     began = time.perf_counter()
-    run = TrainRun(task, "geometric", settings, tuple(config["seeds"]))
+    run = TrainRun(task, "geometric", settings, tuple(config["seeds"]), preset="zoo")
     policies = tuple(train(run, out / "training", cores=config["cores"], on="local"))
     clocks, states = ("constant:500", "countdown"), config["start_states"]
     evaluation = Extrapolation(policies, config["test_steps"], clocks, states, disturb=("none",))

@@ -46,7 +46,7 @@ ROOMS = ("sim", "tasks", "skills", "agents", "evaluate")
 SCREENS = ("pictures", "film", "failures")
 """Files that show what happens in the rooms, each above those before it."""
 
-ONLY = {("report", "runs"): {"write_atomic"}, ("film", "runs"): {"write_atomic"}}
+ONLY = {("report", "runs"): {"write_atomic"}, ("film", "runs"): {"refuse_replacing", "write_atomic"}}
 """Where an arrow carries certain names only."""
 
 TYPES_ONLY: set[tuple[str, str]] = set()

@@ -84,4 +84,5 @@ def row(task: str, number: int, across: float, caption: str) -> Picture:
 if __name__ == "__main__":
     first, second = (row(*each) for each in ROWS)
     gap = np.full((GAP, first.shape[1], 3), 255, np.uint8)
+    PICTURE.unlink(missing_ok=True)
     print(save_picture(np.concatenate([first, gap, second]), PICTURE, COLORS))

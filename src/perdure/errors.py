@@ -1,8 +1,10 @@
-"""Errors and warnings of perdure, and the sentence that offers the nearest name."""
+"""Errors and warnings of perdure, the sentence that offers the nearest name, and the call that a hang is blamed on."""
 
 from __future__ import annotations
 
 import difflib
+import itertools
+import mmap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
@@ -45,3 +47,20 @@ def did_you_mean(name: object, names: Iterable[str], most: int = 1, first: Seque
     near = difflib.get_close_matches(str(name)[:80].casefold(), folded, n=most, cutoff=0.65)
     offered = [*first, *(folded[each] for each in near)]
     return f"; did you mean {' or '.join(map(repr, offered))}?" if offered else ""
+
+
+call_pages = [mmap.mmap(-1, PAGE_BYTES := 512)]
+"""What third-party code this process and its workers are calling, readable when it hangs or has ended the process."""
+_numbers = itertools.count()
+
+
+def note_call(words: str) -> None:
+    """Write into this process's page what is called from now on; "" for nothing."""
+    text = f"{next(_numbers)} {words}"[: PAGE_BYTES // 4] if words else ""
+    call_pages[0].seek(0)
+    call_pages[0].write(text.encode() + b"\0")
+
+
+def noted_call(page: mmap.mmap) -> str:
+    """Return the number and the words of the call that a page names; "" between calls."""
+    return page[:].partition(b"\0")[0].decode(errors="replace")

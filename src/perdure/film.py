@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
-from perdure.runs import write_atomic
+from perdure.runs import refuse_replacing, write_atomic
 
 Picture = NDArray[np.uint8]
 """Red, green and blue from 0 to 255. Shape (height, width, 3)."""
@@ -45,7 +45,7 @@ OFF = ("disable", "disabled", "off", "false", "0")
 
 
 def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
-    """Raise PerdureError if a file name has none of these suffixes, or imageio-ffmpeg or Pillow is missing."""
+    """Raise PerdureError for a file that exists or has none of these suffixes, or without imageio-ffmpeg and Pillow."""
     if path.suffix.lower() not in suffixes:
         kind = "a film" if ".mp4" in suffixes else "a picture"
         raise PerdureError(f"{kind} is written as {' or '.join(suffixes)}, not as {path.name}")
@@ -53,6 +53,7 @@ def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
     missing = [name for module, name in needed.items() if not find_spec(module)]
     if missing:
         raise PerdureError(f"films and pictures need {' and '.join(missing)}: pip install 'perdure[film]'")
+    refuse_replacing(path)
 
 
 def open_context(width: int, height: int) -> Any:

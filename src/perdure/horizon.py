@@ -378,6 +378,11 @@ def robot_of(task: str) -> str:
     return task.removeprefix("gymnasium:").split("-")[0]
 
 
+def usual_preset(task: str) -> str:
+    """Return the preset that a task is trained with by default: with RL Zoo's, few Hoppers and Walkers hold."""
+    return "cleanrl" if robot_of(task) in ("Hopper", "Walker2d") else "zoo"
+
+
 # Distributions of the training horizon
 
 

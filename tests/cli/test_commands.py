@@ -152,7 +152,9 @@ def test_clocks_of_a_policy_without_a_time_to_go_are_told_to_have_no_effect(comm
     process = command("extrapolate", "Hopper-v3/ppo", "--clocks", "constant:500", *few, cwd=tmp_path)
     succeeded(process)
     assert told in process.stderr
-    process = command("extrapolate", "Hopper-v3/geometric", "--clocks", "constant:500", *few, cwd=tmp_path)
+    process = command(
+        "extrapolate", "Hopper-v3/geometric", "--clocks", "constant:500", *few, "--out", "more", cwd=tmp_path
+    )
     succeeded(process)
     assert told not in process.stderr
 

@@ -57,6 +57,21 @@ def test_import_writes_a_policy_file_that_extrapolate_and_inspect_take(command, 
     assert done.returncode == 0, done.stderr
 
 
+def test_import_does_not_replace_a_file(command, tmp_path):
+    (tmp_path / "made.safetensors").write_text("mine")
+    made = command("import", MODEL, *FLAGS, "--out", "made.safetensors", cwd=tmp_path)
+    assert made.returncode == 2
+    assert "made.safetensors exists and would be replaced" in made.stderr
+    assert (tmp_path / "made.safetensors").read_text() == "mine"
+
+
+def test_a_policy_that_never_worked_without_a_normalizer_gets_a_hint(command, tmp_path):
+    asked = ("extrapolate", MODEL, "--env", "Pendulum-v1", "--normalizer", "none", *SHORT)
+    made = command(*asked, "--training-horizon", 20, cwd=tmp_path)
+    assert "never worked" in made.stdout
+    assert "give the file that its save() wrote, often vecnormalize.pkl beside the model" in made.stderr
+
+
 def test_a_training_horizon_is_that_of_the_policy_file(command, tmp_path):
     made = command("import", MODEL, *FLAGS, "--training-horizon", 50, "--out", "made.safetensors", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
@@ -103,6 +118,7 @@ MISTAKES = {
     "another environment": ("takes 3 numbers", (MODEL, "--env", "Hopper-v5", "--normalizer", "none")),
     "a normalizer forgotten": ("--normalizer", (MODEL, "--env", "Pendulum-v1")),
     "a missing normalizer": ("nowhere.pkl", (MODEL, "--env", "Pendulum-v1", "--normalizer", "nowhere.pkl")),
+    "a device as normalizer": ("not a regular file", (MODEL, "--env", "Pendulum-v1", "--normalizer", "/dev/zero")),
     "a model as normalizer": ("ppo.zip", (MODEL, "--env", "Pendulum-v1", "--normalizer", MODEL)),
     "a time feature that is none": ("linear:1000", (*(MODEL, *FLAGS), "--time-feature", "1000")),
     "trust without the library": ("pip install stable-baselines3", (MODEL, *FLAGS, "--trust")),

@@ -11,6 +11,7 @@ import pytest
 from perdure.envs import GymnasiumWorld, VectorEnvWorld, make_world
 from perdure.errors import PerdureError
 from perdure.learn import PPOConfig, TrainRun, train
+from perdure.policy import FunctionPolicy, TaskInfo, measure_reference
 
 
 class Broken(gymnasium.Env):
@@ -169,3 +170,32 @@ def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
         make_world("gymnasium:perdure_test_exits:Id-v0", [0])
     with pytest.raises(PerdureError, match="No module named 'perdure_test_absent'; put its folder on PYTHONPATH"):
         make_world("gymnasium:perdure_test_absent:Id-v0", [0])
+
+
+@pytest.mark.parametrize("reward", [float("nan"), 1e308])
+def test_training_names_the_environment_whose_rewards_nobody_can_learn_from(tmp_path, reward):
+    gymnasium.register("perdure-test-Unpaid-v0", lambda: Broken(lambda: (np.zeros(3), reward, False, False, {})))
+    config = PPOConfig(n_envs=1, n_steps=8, batch_size=8, total_steps=8)
+    with pytest.raises(PerdureError, match=r"gymnasium:perdure-test-Unpaid-v0: step returned .* rewards \[") as refusal:
+        train(TrainRun("gymnasium:perdure-test-Unpaid-v0", "ppo", config), tmp_path / "out", cores=1)
+    assert "JAX" not in str(refusal.value)
+    gymnasium.registry.pop("perdure-test-Unpaid-v0")
+
+
+def test_rewards_that_add_up_to_infinity_are_blamed_on_the_environment():
+    world = GymnasiumWorld([lambda: Dazzling()], [0], "mine", default_horizon=10)
+    policy = FunctionPolicy(lambda seen: np.zeros((len(seen), 1)), TaskInfo("mine", 3, (-1.0,), (1.0,)))
+    with pytest.raises(PerdureError, match="mine: rewards within the training horizon add up to inf"):
+        measure_reference(policy, 1, world)
+
+
+class Dazzling(Broken):
+    def step(self, action):
+        return np.zeros(3), 1e308, False, False, {}
+
+
+def test_robots_are_made_without_advice_to_their_authors(capfd):
+    """HalfCheetah's file has settotalmass, which MuJoCo calls deprecated, once for each environment."""
+    pytest.importorskip("mujoco")
+    make_world("gymnasium:HalfCheetah-v5", [0, 1, 2]).close()
+    assert "deprecated" not in "".join(capfd.readouterr())

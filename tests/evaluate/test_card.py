@@ -98,7 +98,7 @@ def test_a_card_is_written_again_but_another_readme_is_left_alone(made, tmp_path
     strange = tmp_path / "README.md"
     for text in ("# My project\nlibrary_name: perdure\n", "---\nlibrary_name: theirs\n---\nlibrary_name: perdure\n"):
         strange.write_text(text)
-        with pytest.raises(PerdureError, match="is no model card of perdure"):
+        with pytest.raises(PerdureError, match="is no model card of this policy"):
             write_card(policy, result.path, strange)
         assert strange.read_text() == text
 
@@ -116,12 +116,12 @@ def test_a_card_is_not_made_from_another_preset_s_episodes(made, tmp_path):
     """Same task, method and training seed: only the preset in the label differs."""
     _, result, _ = made
     subject = policy_for(HOPPER, seed=2, phi=True, method="true")
-    preset = replace(subject, provenance={**subject.provenance, "preset": "cleanrl"})
+    preset = replace(subject, provenance={**subject.provenance, "preset": "zoo"})
     path = save_policy(preset, tmp_path / "policy.safetensors")
     with pytest.raises(PerdureError, match="does not say which episodes are those of this policy"):
         write_card(path, write_table(tmp_path / "episodes.parquet", result.frame, {}))
     asked = {"steps": STEPS, "clocks": "constant:500", "eval_seeds": 2, "disturb": "none", "out": tmp_path / "own"}
-    assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (cleanrl)"]
+    assert perdure.extrapolate(preset, **asked).frame["policy"].unique().to_list() == ["true (zoo)"]
     assert write_card(path, tmp_path / "own" / "episodes.parquet").is_file()
 
 

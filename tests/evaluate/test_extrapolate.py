@@ -331,6 +331,13 @@ def test_policies_for_two_tasks_are_refused(policies, tmp_path):
         evaluate_files(calm((policies[0], other), steps=5), tmp_path / "out")
 
 
+def test_one_robot_in_two_engines_is_refused_with_a_way_out(policies, tmp_path):
+    theirs = save_policy(policy_for(TaskInfo("gymnasium:Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)), tmp_path / "hopper")
+    way_out = "read models with --env envpool:Hopper-v3; for Gymnasium's, train in gymnasium:Hopper-v3"
+    with pytest.raises(PerdureError, match=way_out):
+        evaluate_files(Extrapolation((policies[0], theirs), steps=5), tmp_path / "out")
+
+
 @given(episodes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
 def test_groups_hold_every_episode_once_in_order_even_and_small_enough(episodes, size, parts):
     every = [EpisodeSpec(0, None, seed) for seed in range(episodes)]
@@ -357,17 +364,20 @@ def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, m
     assert trace.exists()
 
 
-def test_a_disturbed_evaluation_stands_beside_the_calm_one_and_resumes(tmp_path):
+def test_a_disturbed_evaluation_does_not_replace_the_calm_one_and_resumes(tmp_path):
     """Calm episodes in one folder are not taken for disturbed ones; the same draws come whatever runs beside."""
     run = partial(Extrapolation, (Path("Hopper-v3/ppo"),), 300, eval_seeds=2)
     quiet = evaluate_files(run(disturb=("none",)), tmp_path, on="here").final()
     both = ("push:0", "action_noise:0.2")
-    noisy = evaluate_files(run(disturb=both), tmp_path, on="here").final()
+    with pytest.raises(PerdureError, match="another evaluation, which would be replaced"):
+        evaluate_files(run(disturb=both), tmp_path, on="here")
+    noisy = evaluate_files(run(disturb=both), tmp_path / "noisy", on="here").final()
     assert quiet["disturbance"].unique().to_list() == ["none"]
     assert noisy["disturbance"].unique().to_list() == ["action_noise:0.2 push:0"]
     assert (noisy["return"] != quiet["return"]).all()
     alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), tmp_path / "again", on="here").final()
     assert alone["return"].equals(noisy["return"])
-    again = evaluate_files(run(disturb=both), tmp_path, observe=lambda status: pytest.fail("nothing is left to run"))
+    folder = tmp_path / "noisy"
+    again = evaluate_files(run(disturb=both), folder, observe=lambda status: pytest.fail("nothing is left to run"))
     assert again.final()["return"].equals(noisy["return"])
     assert "ppo under action_noise:0.2 push:0" in str(again)

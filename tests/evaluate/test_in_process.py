@@ -204,6 +204,15 @@ def test_what_is_no_action_is_refused(function, message):
         extrapolate(function, Falling, steps=10)
 
 
+def test_a_function_for_one_observation_is_told_that_it_gets_a_batch():
+    def one(observation):
+        return np.zeros((1, 2)) @ observation
+
+    said = r"Falling, step 1: the policy raised ValueError: matmul.*gets 20 observations at once.*of shape \(20, 1\)"
+    with pytest.raises(PerdureError, match=said):
+        perdure.extrapolate(one, Falling, steps=10)
+
+
 def test_a_discrete_action_out_of_range_is_refused():
     with pytest.raises(PerdureError, match="whole numbers from 3 to 5; lane 0 got 6"):
         extrapolate(lambda seen: np.full(len(seen["pointer"]), 6), Dial, steps=10)

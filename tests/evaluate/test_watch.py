@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
+import gymnasium
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -160,9 +162,49 @@ class TestTwins:
         with pytest.raises(PerdureError, match=f"{task} cannot be filmed"):
             find_render_env(task, 11)
 
-    def test_are_mujoco_environments(self):
-        with pytest.raises(PerdureError, match="Pendulum-v1 is not a MuJoCo environment"):
-            find_render_env("gymnasium:Pendulum-v1", 3).build()
+    def test_an_environment_that_renders_no_array_is_refused(self):
+        gymnasium.register("perdure-test-Dark-v0", Dark)
+        with pytest.raises(PerdureError, match=r"cannot be filmed: it renders \[\x27human\x27\], and not rgb_array"):
+            find_render_env("gymnasium:perdure-test-Dark-v0", 1).build()
+
+
+class Dark(gymnasium.Env):
+    """Lights up more with every step; a picture has odd sides."""
+
+    metadata: ClassVar = {"render_modes": ["human"]}
+    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (11,), np.float64)
+    action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        self.steps = 0
+        return np.zeros(11), {}
+
+    def step(self, action):
+        self.steps += 1
+        return np.zeros(11), 1.0, False, False, {}
+
+    def render(self):
+        return np.full((65, 97, 3), 10 * self.steps, np.uint8)
+
+
+class Light(Dark):
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 2}
+
+
+def test_any_environment_that_renders_an_array_is_filmed(policy, tmp_path):
+    """Two steps a second, a picture for each: 10 steps before the sixth second and 2 after it."""
+    gymnasium.register("perdure-test-Light-v0", Light, max_episode_steps=30)
+    lit = replace(policy, task=replace(policy.task, name="gymnasium:perdure-test-Light-v0"), clock=ALWAYS)
+    film = watch(lit, tmp_path / "film.mp4", steps=15)
+    shown = pictures(film.path)
+    assert len(shown) == film.pictures == 13 - 1
+    brightness = [each[TOP + 10 : TOP + 50, 10:80].mean() for each in shown]
+    assert brightness == pytest.approx([10 * step for step in range(1, 13)], abs=4)
+    with pytest.raises(PerdureError, match="exists and would be replaced"):
+        watch(lit, film.path, steps=15)
 
 
 def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_env):

@@ -3,6 +3,7 @@
 import pytest
 
 from perdure.errors import PerdureError
+from perdure.horizon import Fixed, Uniform
 from perdure.learn import TrainRun, method_config
 
 
@@ -25,11 +26,25 @@ def test_a_near_name_is_offered():
         method_config("ppo", "Hopper-v3", 11, "cleanlr")
 
 
-def test_a_run_with_the_usual_preset_is_the_run_it_was_before_there_were_presets():
-    config = method_config("ppo", "Hopper-v3", 11)
-    run = TrainRun("Hopper-v3", "ppo", config)
+def test_a_run_with_the_zoo_s_preset_is_the_run_it_was_before_there_were_presets():
+    config = method_config("ppo", "Hopper-v3", 11, "zoo")
+    run = TrainRun("Hopper-v3", "ppo", config, preset="zoo")
     assert run.key(3) == "Hopper-v3/ppo/seed-3"
     assert run.identity(3) == {"task": "Hopper-v3", "method": "ppo", "seed": 3, "config": config.to_json()}
     other = TrainRun("Hopper-v3", "ppo", config, preset="cleanrl")
     assert other.key(3) == "Hopper-v3/ppo@cleanrl/seed-3"
     assert other.identity(3)["preset"] == "cleanrl"
+
+
+@pytest.mark.parametrize(
+    ("task", "usual"), [("Hopper-v3", "cleanrl"), ("gymnasium:Walker2d-v5", "cleanrl"), ("Ant-v3", "zoo")]
+)
+def test_a_task_has_a_usual_preset_that_works(task, usual):
+    assert method_config("ppo", task, 11) == method_config("ppo", task, 11, usual)
+    assert TrainRun(task, "ppo", method_config("ppo", task, 11)).preset == usual
+
+
+def test_the_horizons_of_the_methods_scale_with_the_step_limit_of_the_environment():
+    for limit, low, high in ((1000, 200, 1000), (50, 10, 50), (1, 1, 1)):
+        assert method_config("geometric", "Mine-v0", 3, limit=limit).protocol.horizon == Uniform(low, high)
+        assert method_config("ppo", "Mine-v0", 3, limit=limit).protocol.horizon == Fixed(high)

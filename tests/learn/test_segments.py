@@ -340,6 +340,6 @@ def test_kill_minus_9_in_the_middle_of_a_segment_then_the_same_command_leaves_th
         assert process.wait() == -signal.SIGKILL
     subprocess.run([*command, str(tmp_path / "killed"), on], check=True, stdout=subprocess.DEVNULL)
     for seed in (0, 1):
-        whole, killed = (tmp_path / name / f"Hopper-v3/ppo/seed-{seed}" for name in ("whole", "killed"))
+        whole, killed = (tmp_path / name / f"Hopper-v3/ppo@cleanrl/seed-{seed}" for name in ("whole", "killed"))
         for name in LEFT_BEHIND:
             assert (whole / name).read_bytes() == (killed / name).read_bytes(), (seed, name)

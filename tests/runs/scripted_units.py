@@ -1,9 +1,12 @@
 """Functions of units, for tests of the runner."""
 
+import ctypes
 import os
 import signal
 import time
 from pathlib import Path
+
+from perdure.errors import note_call
 
 
 def write(work, *, text, log=None):
@@ -49,3 +52,20 @@ def sleep(work, *, log, seconds, text="slept"):
         file.write(f"{os.getpid()}\n")
     time.sleep(seconds)
     (work.folder / "text").write_text(text)
+
+
+def stuck(work, *, log, seconds):
+    """Sleeps in a call that lets no other thread of the process run."""
+    with Path(log).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    ctypes.PyDLL(None).sleep(seconds)
+
+
+def end(work, *, how):
+    """Ends its process, or tries to, in the middle of a step of an environment."""
+    note_call("mine, lane 0, step 3: step")
+    if how == "interrupt":
+        raise KeyboardInterrupt
+    if how == "exit":
+        os._exit(3)
+    os.kill(os.getpid(), signal.SIGTERM)

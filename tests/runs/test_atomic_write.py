@@ -13,7 +13,7 @@ import textwrap
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.runs import write_atomic
+from perdure.runs import file_digest, read_bounded, write_atomic
 
 
 def names(folder):
@@ -158,3 +158,20 @@ def test_on_a_file_system_without_locks_it_says_so_and_leaves_nothing(tmp_path, 
     with pytest.raises(PerdureError, match=r"is on a file system without file locks \(flock\); choose another"):
         write_atomic(tmp_path / "file", b"text")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_what_is_no_regular_file_is_not_read(tmp_path, make):
+    """A FIFO would block for ever, /dev/zero would fill the memory."""
+    path = tmp_path / "model.zip"
+    make(path)
+    for read in (lambda: read_bounded(path, 10), lambda: file_digest(path)):
+        with pytest.raises(PerdureError, match=r"model\.zip is not a regular file"):
+            read()
+
+
+def test_files_are_read_up_to_a_size(tmp_path):
+    path = write_atomic(tmp_path / "file", b"12345")
+    assert read_bounded(path, 5) == b"12345"
+    with pytest.raises(PerdureError, match="has 5 bytes; at most 4 are read"):
+        read_bounded(path, 4)

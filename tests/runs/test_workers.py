@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from perdure.errors import PerdureError
-from perdure.runs import LocalWorkers, Store, Unit, make_workers, read_unit_progress, run_units, workers
+from perdure.errors import PerdureError, note_call
+from perdure.runs import LocalWorkers, Store, Unit, make_workers, progress, read_unit_progress, run_units, workers
 from perdure.runs.progress import show_progress
 
 HERE = Path(__file__).parent
@@ -83,6 +83,31 @@ def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
     run_units([bad], tmp_path / "store", LocalWorkers(1))
     assert not Store(tmp_path / "store").note_path("failures", "unit").exists()
     assert (Store(tmp_path / "store").get("unit") / "text").read_text() == "second life"
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("exit", "its process ended with exit code 3 in mine, lane 0, step 3: step"),
+        ("kill", "its process was ended by SIGTERM in mine, lane 0, step 3: step"),
+        ("interrupt", "KeyboardInterrupt"),
+    ],
+)
+def test_the_end_of_a_process_is_blamed_on_what_it_was_calling(tmp_path, how, said):
+    with pytest.raises(PerdureError) as failure:
+        run_units([unit("unit", "end", how=how)], tmp_path, LocalWorkers(1))
+    assert str(failure.value) == f"1 of 1 units failed: unit: {said}"
+
+
+def test_a_call_that_lasts_is_named(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "HANG_SECONDS", 0.01)
+    progress._watch_calls.__wrapped__()
+    with show_progress("test"):
+        note_call("mine, lane 0: reset")
+        while not (printed := capsys.readouterr().err):
+            time.sleep(0.01)
+        note_call("")
+    assert "  still in mine, lane 0: reset, for more than 0.01 s" in printed
 
 
 def test_a_killed_worker_is_replaced_for_the_units_that_wait(tmp_path):
@@ -163,7 +188,7 @@ import sys
 sys.path.insert(0, sys.argv[1])
 from perdure.runs import LocalWorkers, Unit, run_units
 
-units = [Unit(f"u-{k}", {}, "scripted_units:sleep", {"log": sys.argv[3], "seconds": 300}) for k in range(2)]
+units = [Unit(f"u-{k}", {}, "scripted_units:stuck", {"log": sys.argv[3], "seconds": 300}) for k in range(2)]
 run_units(units, sys.argv[2], LocalWorkers(2))
 """
 

@@ -14,6 +14,7 @@ from perdure.cli.parse import Cores, On, call
 from perdure.cli.show import methods, policies, policy_text, tasks
 from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
+from perdure.horizon import usual_preset
 from perdure.report.charts import Format
 
 if TYPE_CHECKING:
@@ -64,20 +65,24 @@ def main(name: str, args: list[str]) -> None:
     task = None if not args or args[0].startswith("-") else args[0]
     if task is None and {"-h", "--help"}.isdisjoint(args):
         raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
-    call(train_command(task, _value(args, "--method", "geometric"), _value(args, "--preset", "zoo")), args, name)
+    preset = _value(args, "--preset", usual_preset(task or ""))
+    call(train_command(task, _value(args, "--method", "geometric"), preset), args, name)
 
 
-def train_command(task: str | None, method: str = "geometric", preset: str = "zoo") -> Callable[..., None]:
+def train_command(task: str | None, method: str = "geometric", preset: str | None = None) -> Callable[..., None]:
     """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
     from perdure.envs import task_spec
     from perdure.learn import PPOConfig, method_config
 
-    config = PPOConfig() if task is None else method_config(method, task, task_spec(task).observation_size, preset)
+    config = PPOConfig()
+    if task is not None:
+        spec = task_spec(task)
+        config = method_config(method, task, spec.observation_size, preset, spec.default_horizon)
 
     def train(
         task: tyro.conf.Positional[str],
         method: str = "geometric",
-        preset: str = "zoo",
+        preset: str | None = None,
         name: str | None = None,
         disturb: tuple[str, ...] = (),
         seeds: tuple[int, ...] = (0,),
@@ -93,7 +98,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str = "zo
             task: A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first.
             method: A method as `perdure list methods` names it.
             preset: Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one
-                set). For Hopper and Walker2d use cleanrl: with zoo most Hopper policies stand still.
+                set). By default cleanrl for Hopper and Walker2d, zoo otherwise: with zoo most Hoppers stand still.
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
             disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
                 push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
@@ -218,7 +223,7 @@ def extrapolate(
     if clocks != ("default",) and not function and not any(map(takes_clock, files)):
         print("perdure: no policy here has a time-to-go input, so --clocks has no effect", file=sys.stderr)
     with aside, show_progress("extrapolate", "steps") as observe:
-        table = evaluate(
+        result = evaluate(
             subject,
             env if elsewhere else None,
             steps=steps,
@@ -236,8 +241,16 @@ def extrapolate(
             command=command,
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {out}", file=sys.stderr),
-        ).path  # the table itself is not kept: the report needs the memory
+        )
+    table, states = result.path, result.frame["policy_state"].unique().to_list()
+    del result  # the report needs the memory
     assert table is not None
+    if normalizer == "none" and "never worked" in states:
+        print(
+            "perdure: with --normalizer none the policy sees raw observations; if it was trained behind VecNormalize, "
+            "give the file that its save() wrote, often vecnormalize.pkl beside the model",
+            file=sys.stderr,
+        )
     write_and_show(table, out, () if function else ("png",), require, json)  # the figures of a function are there
 
 
@@ -259,7 +272,9 @@ def import_model(
         out: The file to write.
     """
     from perdure.policy import Policy, save_policy
+    from perdure.runs import refuse_replacing
 
+    refuse_replacing(out)
     found = Policy.from_sb3(
         *(model, env),
         normalizer=normalizer,
@@ -284,9 +299,11 @@ def export(
     """
     from perdure.policy import load_policy
     from perdure.policy.onnx import export_onnx, is_onnx
+    from perdure.runs import refuse_replacing
 
     if not is_onnx(out):
         raise PerdureError(f"out must be a file named .onnx, not {out}")
+    refuse_replacing(out)
     loaded = load_policy(policy)
     print(export_onnx(loaded, out, read_clock("--clock", clock, loaded)))
 
@@ -326,6 +343,8 @@ def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: 
         formats: File formats of the figures beside the page.
     """
     table = find_table(table)
+    if out is not None and (other := find_table(out)) != out and other.exists() and not other.samefile(table):
+        raise PerdureError(f"{out} holds another evaluation, whose report would be replaced: name another folder")
     write_and_show(table, out or table.parent, formats)
 
 
@@ -374,11 +393,12 @@ def watch(
     steps: int = 10_000,
     eval_seeds: int = 10,
     first_eval_seed: int = 0,
+    modules: tuple[str, ...] = (),
 ) -> None:
     """Film a policy as it fails. Needs the extra perdure[film].
 
-    EnvPool cannot render. The film, and the search for a failure, use Gymnasium's environment of the same name, on
-    another build of MuJoCo.
+    Any environment of Gymnasium that renders rgb_array can be filmed. EnvPool cannot render: the film of its tasks, and
+    the search for a failure, use Gymnasium's environment of the same name, on another build of MuJoCo.
 
     Args:
         clock: Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its
@@ -389,6 +409,7 @@ def watch(
         steps: Steps of each episode, unless it ends earlier.
         eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: First start state.
+        modules: Python modules that the policy's task may import.
     """
     from perdure.evaluate import watch as films
     from perdure.policy import load_policy
@@ -403,8 +424,10 @@ def watch(
         steps=steps,
         eval_seeds=eval_seeds,
         first_eval_seed=first_eval_seed,
+        modules=modules,
     )
-    print(*film.sentences, f"Filmed in {film.world}; a policy of EnvPool was trained on another build.", sep="\n")
+    build = "" if loaded.task.name.startswith("gymnasium:") else "; a policy of EnvPool was trained on another build"
+    print(*film.sentences, f"Filmed in {film.world}{build}.", sep="\n")
     print(f"\nFilm: {film.path.resolve()}")
 
 

@@ -375,7 +375,8 @@ def failures(
     assigned = {failure.assignment: failure for failure in drawn}
     agents = {assignment: logged_agent(failure, chosen) for assignment, failure in assigned.items()}
     _ = [failure.episode for failure in drawn]
-    check_film(out / drawn[0].file_name, (".png",))
+    for failure in drawn:
+        check_film(out / failure.file_name, (".png",))
     open_context(16, 16).free()
     others = 0
     for failure in drawn:

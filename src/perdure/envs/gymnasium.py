@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,7 +25,7 @@ from perdure.envs.world import (
     checked_actions,
     checked_seeds,
 )
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, note_call
 
 if TYPE_CHECKING:
     import gymnasium
@@ -73,6 +75,8 @@ class GymnasiumWorld(TrackedWorld):
         self._envs: list[Any] = []
         try:
             for factory in factories:
+                if mujoco := sys.modules.get("mujoco"):  # imported with the first robot
+                    mujoco.set_mju_user_warning(_show_model_warning)
                 self._envs.append(call(name, "making it", factory))
             self._spec = self._checked_spec(name, suite, default_horizon)
         except BaseException:
@@ -122,12 +126,7 @@ class GymnasiumWorld(TrackedWorld):
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
             raise unknown_task(f"gymnasium:{env_id}", known) from None
 
-        def build() -> Any:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # about outdated versions
-                return gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True)
-
-        factories = [build] * len(checked_seeds(seeds))
+        factories = [partial(make_env, env_id)] * len(checked_seeds(seeds))
         return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
 
     @property
@@ -183,6 +182,21 @@ def _import(module: str, env_id: str) -> None:
         if isinstance(error.__cause__, ImportError):
             raise error.__cause__ from None
         raise
+
+
+def make_env(env_id: str, **options: Any) -> Any:
+    """Return an environment of Gymnasium without its step limit; warnings about outdated versions are not shown."""
+    import gymnasium
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+
+
+def _show_model_warning(text: str) -> None:
+    """Print a warning of MuJoCo, but no advice to the author of a robot file: it would come for each environment."""
+    if "deprecated" not in text:
+        print(f"MuJoCo: {text}", file=sys.stderr)
 
 
 # Spaces as vectors
@@ -334,13 +348,19 @@ def call(where: str, method: str, function: Callable[..., T], *args: Any, **keyw
     Raises:
         PerdureError: Whatever it raised, SystemExit included, in one line.
     """
+    note_call(f"{where}: {method}")
     try:
         return function(*args, **keywords)
-    except (KeyboardInterrupt, PerdureError):
+    except PerdureError:
         raise
     except BaseException as error:
+        # Worker processes ignore SIGINT: there it is the environment that raises KeyboardInterrupt.
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+            raise
         text = " ".join(str(error).split())
         raise PerdureError(f"{where}: {method} raised {type(error).__name__}{f': {text}' if text else ''}") from error
+    finally:
+        note_call("")
 
 
 def read_tuple(where: str, method: str, returned: Any, length: int) -> tuple[Any, ...]:

@@ -16,6 +16,8 @@ from jax.experimental import io_callback
 from numpy.typing import NDArray
 
 from perdure.envs.envpool import EnvPoolWorld, observation_keys
+from perdure.errors import PerdureError
+from perdure.schema import LARGEST
 
 if TYPE_CHECKING:
     from perdure.envs.world import World
@@ -116,6 +118,9 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
         step = slot.world.step(_float64(actions))
         # A state that the engine made up is neither bootstrapped nor paid for.
         rewards = np.where(step.diverged, 0.0, step.rewards)
+        if not (np.isfinite(step.observations).all() and (np.abs(rewards) <= LARGEST).all()):
+            words = f"observations {step.observations} and rewards {rewards}, which nobody can learn from"
+            raise PerdureError(f"{slot.world.spec.name}: step returned {' '.join(words.split())[:300]}")
         return _bits(step.observations), _bits(rewards), step.terminated | step.diverged, step.truncated
 
     def step(handle: Handle, actions: jax.Array) -> tuple[Handle, TracedStep]:

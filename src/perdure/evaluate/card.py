@@ -58,8 +58,8 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     subject = load_policy(file)
     frame, notes = read_table(table)
     path = Path(out) if out is not None else _beside(file)
-    if path.exists() and not _is_ours(path.read_text(errors="replace")):
-        raise PerdureError(f"{path} exists and is no model card of perdure; name another file with --out")
+    if path.exists() and not (_is_ours(old := path.read_text(errors="replace")) and f"# {_title(subject)}\n" in old):
+        raise PerdureError(f"{path} exists and is no model card of this policy; name another file with --out")
     files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
     mine = _rows_of_file(file, frame, files, str(table)) if files else _rows_of(subject, frame, str(table))
     (estimates,) = estimate_table(mine).values()

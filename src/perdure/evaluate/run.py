@@ -20,6 +20,7 @@ from perdure.evaluate.table import TABLE, ExtrapolationResult, judge_table, meth
 from perdure.policy import Policy, PolicyLike
 from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.runs import Observer, Store, UnitProgress
+from perdure.runs.progress import Lines
 
 if TYPE_CHECKING:
     import polars as pl
@@ -44,7 +45,7 @@ def extrapolate(
     max_episodes: int = 48,
     modules: Sequence[str] = (),
     command: str = "",
-    observe: Observer = lambda status: None,
+    observe: Observer | None = None,
     waiting: Callable[[], None] = lambda: None,
 ) -> ExtrapolationResult:
     """Evaluate policies far beyond their training horizon.
@@ -77,7 +78,7 @@ def extrapolate(
         max_episodes: As in `Extrapolation`.
         modules: Python modules that the tasks of policy files may import.
         command: Stored with the table.
-        observe: Called with the progress.
+        observe: Called with the progress; by default a line is printed on standard error every half minute.
         waiting: Called once before waiting, if another evaluation into ``out`` is running.
 
     Returns:
@@ -89,6 +90,7 @@ def extrapolate(
         PerdureError: If a policy does not fit its environment, or returns what is no action.
         PerdureError: If an environment cannot be built or breaks its contract.
     """
+    observe = observe or Lines("extrapolate", "steps")
     files = (policy,) if isinstance(policy, str | Path) else policy if isinstance(policy, list | tuple) else ()
     named: Any = (clocks,) if isinstance(clocks, str) else clocks
     if named is None or (isinstance(named, list | tuple) and not named):
@@ -116,7 +118,7 @@ def extrapolate(
     if env is None:
         if not isinstance(subject, Policy):
             raise PerdureError("env is missing: name the task, or give a factory or a VectorEnv")
-        refuse_import(subject.task.name, (), "the policy")
+        refuse_import(subject.task.name, evaluation.modules, "the policy")
         env = subject.task.name
     with ExitStack() as stack:
         if out is not None:

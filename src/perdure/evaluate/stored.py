@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, task_of_environment
 from perdure.envs.disturbances import disturbed_task, parse_disturbance
-from perdure.envs.suites import task_source_digest
+from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import (
     FIRST_EVAL_SEED,
@@ -218,8 +218,35 @@ def _files(evaluation: Extrapolation) -> list[_PolicyFile]:
         files.append(_PolicyFile(path, digest, identity, policy, policy.task.name))
     tasks = sorted({file.task for file in files})
     if len(tasks) > 1:
-        raise PerdureError(f"all policies of one evaluation must be for one task, these are for {', '.join(tasks)}")
+        robot, *others = {task.removeprefix(GYMNASIUM_PREFIX) for task in tasks}
+        way_out = (
+            f"; for EnvPool's, read models with --env {ENVPOOL_PREFIX}{robot}; for Gymnasium's, train in {tasks[-1]}"
+        )
+        raise PerdureError(
+            f"all policies of one evaluation must be for one task, these are for {', '.join(tasks)}"
+            f"{'' if others else way_out}"
+        )
     return files
+
+
+def _refuse_replacing(root: Path, files: Sequence[_PolicyFile], episodes: Sequence[EpisodeSpec]) -> None:
+    """Refuse to replace a table that has episodes of other files or settings than those asked for."""
+    if not (root / TABLE).exists():
+        return
+    asked = set[tuple[Any, ...]]()
+    for each in episodes:
+        file, clock = files[each.policy], "none" if each.clock is None else each.clock.label
+        settings = file.task, float(file.policy.training_horizon), each.steps, clock, each.eval_seed, each.disturbance
+        asked.add((file.digest, *settings))
+    columns = ("policy", "train_seed", "task", "train_horizon", "test_horizon", "clock", "eval_seed", "disturbance")
+    try:
+        table = Parquet((root / TABLE).read_bytes())
+        rows = table.read(columns).unique().iter_rows()
+        kept = {(table.notes.get(file_note(policy, seed)), *others) for policy, seed, *others in rows}
+    except PerdureError:  # of another version, or damaged
+        kept = {()}
+    if not kept <= asked:
+        raise PerdureError(REPLACED.format(root))
 
 
 def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str]) -> TaskSpec:
@@ -277,8 +304,7 @@ def evaluate_files(
     with ExitStack() as stack:
         store = Store(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
         stack.enter_context(store.exclusive("extrapolate", waiting))
-        if (store.root / TABLE).exists() and not store.keys(GROUPS):
-            raise PerdureError(REPLACED.format(store.root))
+        _refuse_replacing(store.root, files, episodes)
         versions = _versions(files[0].task)
         setups = _setups(files[0].task, episodes)
         finished = _finished(store, setups)

@@ -17,6 +17,7 @@ import numpy as np
 from perdure.evaluate.episodes import END_REASONS, SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
 from perdure.evaluate.score import ScoreScale
 from perdure.evaluate.verdict import judge_episode
+from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
 from perdure.runs import versions
 
@@ -118,9 +119,10 @@ def made_with() -> dict[str, str]:
 
 
 def method_label(policy: PolicyLike, default: str) -> str:
-    """Return how tables call a policy: its method, and its preset if that is not the usual one; "ppo (cleanrl)"."""
-    method, preset = str(policy.provenance.get("method", default)), policy.provenance.get("preset")
-    return f"{method} ({preset})" if preset else method
+    """Return how tables call a policy: its method, and its preset if that is not the usual one of the task."""
+    known, usual = policy.provenance, usual_preset(policy.task.name)
+    method, preset = str(known.get("method", default)), known.get("preset") or ("zoo" if "config" in known else usual)
+    return method if preset == usual else f"{method} ({preset})"
 
 
 def train_seed(policy: PolicyLike) -> int:

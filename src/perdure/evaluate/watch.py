@@ -1,22 +1,19 @@
-"""Films of a locomotion policy, at its failure or from its first step.
+"""Films of a policy, at its failure or from its first step.
 
 EnvPool cannot render, so a film shows the Gymnasium environment of the same name. Robots of one name move alike in
 both, up to rounding (`tests/envs/test_gymnasium_parity.py`): the two use different builds of MuJoCo. After some hundred
-steps with contacts the trajectories differ. The failure is therefore searched for in the Gymnasium environment.
+steps with contacts the trajectories differ. The failure is therefore searched for in the Gymnasium environment. Any
+other environment of Gymnasium that renders rgb_array is filmed by itself.
 """
 
 from __future__ import annotations
 
 import math
-import os
-import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from copy import copy
 from dataclasses import dataclass, replace
-from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +21,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import GymnasiumWorld, OpenEnv, refuse_import
+from perdure.envs import GymnasiumWorld, OpenEnv, refuse_import, task_spec
+from perdure.envs.gymnasium import call, engine_of, make_env
 from perdure.envs.suites import GYMNASIUM_PREFIX
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
@@ -126,6 +124,7 @@ def watch(
     eval_seeds: int = 10,
     first_eval_seed: int = 0,
     size: tuple[int, int] = SIZE,
+    modules: Sequence[str] = (),
 ) -> Film:
     """Film a policy; the left panel shows an episode that holds, if there is one.
 
@@ -139,7 +138,8 @@ def watch(
         steps: Steps of each episode, unless it ends earlier.
         eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: The first of them.
-        size: Width and height of a panel's picture in pixels, even.
+        size: Width and height of a panel's picture in pixels, even; environments without MuJoCo have their own.
+        modules: Python modules that the policy's task may import.
 
     Raises:
         PerdureError: If Gymnasium lacks the environment, no episode fails, rendering fails, the policy takes no clock,
@@ -154,15 +154,16 @@ def watch(
     clock = clock or policy.clock
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
-    refuse_import(policy.task.name, (), "the policy")
+    refuse_import(policy.task.name, modules, "the policy")
     render_env = find_render_env(policy.task.name, policy.task.observation_size)
     judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
     episode = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
     episodes = [episode] if beside is None else [episode, *judge.judge(beside, [episode.eval_seed])]
     episodes.sort(key=lambda each: each.outcome != "holds")
-    shown, rate = _shown_steps(render_env, judge.scale, episode if until_failure else None)
-    world = f"{render_env.env_id}, Gymnasium {gymnasium.__version__}, MuJoCo {version('mujoco')}"
+    with closing(render_env.build()) as env:
+        shown, rate = _shown_steps(env, judge.scale, episode if until_failure else None)
+        world = f"{render_env.env_id}, {engine_of(env)}"
 
     panels = [_panel(judge, each, render_env, shown, size, world) for each in episodes]
     pictures = (tile(row, len(row)) for row in zip(*panels, strict=True))
@@ -185,7 +186,7 @@ class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
 
 @dataclass(frozen=True)
 class RenderEnv:
-    """A MuJoCo environment of Gymnasium."""
+    """An environment of Gymnasium: one of its MuJoCo robots, or any other that renders rgb_array."""
 
     env_id: str
     forces: int | None = None
@@ -193,27 +194,21 @@ class RenderEnv:
 
     def build(self) -> Any:
         """Return a new environment without a step limit."""
-        try:
-            mujoco = import_module("mujoco")
-        except Exception as error:  # it loads the driver that MUJOCO_GL names, and every driver fails in its own way
-            reason = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}): {' '.join(str(error).split())}"
-            raise PerdureError(f"MuJoCo cannot be loaded ({reason}") from None
-        mujoco.set_mju_user_warning(lambda message: None)  # advice for the author of the robot file
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about outdated versions
-            env = gymnasium.make(self.env_id, max_episode_steps=-1, disable_env_checker=True)
+        env = make_env(self.env_id)
         if not hasattr(env.unwrapped, "mujoco_renderer"):
-            raise PerdureError(f"{self.env_id} is not a MuJoCo environment of Gymnasium; only those can be filmed")
+            modes = env.metadata.get("render_modes", [])
+            env.close()
+            if "rgb_array" not in modes:
+                raise PerdureError(f"{self.env_id} cannot be filmed: it renders {modes}, and not rgb_array")
+            env = make_env(self.env_id, render_mode="rgb_array")
         return env if self.forces is None else _ZeroForces(env, self.forces)
 
     def open(self) -> OpenEnv:
         """Return a source of worlds of this environment."""
-        limit = gymnasium.spec(self.env_id).max_episode_steps
-        return OpenEnv(
-            lambda seeds: GymnasiumWorld(
-                [self.build] * len(seeds), seeds, f"{GYMNASIUM_PREFIX}{self.env_id}", default_horizon=limit
-            )
-        )
+        name = f"{GYMNASIUM_PREFIX}{self.env_id}"
+        spec = task_spec(name)
+        limit = spec.default_horizon if spec.has_step_limit else None
+        return OpenEnv(lambda seeds: GymnasiumWorld([self.build] * len(seeds), seeds, name, default_horizon=limit))
 
 
 def find_render_env(task: str, observation_size: int) -> RenderEnv:
@@ -231,8 +226,8 @@ def find_render_env(task: str, observation_size: int) -> RenderEnv:
     robot, _, version = task.partition("-")
     if robot not in ROBOTS or version not in VERSIONS:
         raise PerdureError(
-            f"{task} cannot be filmed; films exist for {', '.join(ROBOTS)}, and for MuJoCo environments of Gymnasium "
-            "(gymnasium:ID); for the home benchmark, see perdure home video"
+            f"{task} cannot be filmed; films exist for {', '.join(ROBOTS)}, and for environments of Gymnasium that "
+            "render rgb_array (gymnasium:ID); for the home benchmark, see perdure home video"
         )
     return RenderEnv(f"{robot}-{VERSIONS[version]}", observation_size if (robot, version) in ZERO_FORCES else None)
 
@@ -354,11 +349,17 @@ class RobotCamera(Renderer):
         return self.draw(self._data, self._camera)
 
 
-def _shown_steps(render_env: RenderEnv, scale: ScoreScale, failing: JudgedEpisode | None) -> tuple[range, float]:
+def _own_picture(env: Any) -> Picture:
+    """Return the picture that an environment renders itself, cut to an even width and height."""
+    picture = np.asarray(call(str(env.spec.id), "render", env.render))
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        raise PerdureError(f"{env.spec.id}: render must return bytes of shape (height, width, 3), not {picture.shape}")
+    return picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
+
+
+def _shown_steps(env: Any, scale: ScoreScale, failing: JudgedEpisode | None) -> tuple[range, float]:
     """Return the steps to show, around a failure or from the first one, and the pictures per second."""
-    env = render_env.build()
-    seconds_per_step = float(env.unwrapped.dt)
-    env.close()
+    seconds_per_step = float(getattr(env.unwrapped, "dt", 0.0) or 1.0 / (env.metadata.get("render_fps") or RATE))
     stride = max(1, round(1.0 / (RATE * seconds_per_step)))
     before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
     middle = before if failing is None else failing.failed_step
@@ -387,6 +388,8 @@ def _panel(
             elif judge.scale.policy_state == "worked":
                 score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
                 now += f"   score against its own training {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
-            camera = camera or stack.enter_context(RobotCamera(instant.env, size))
+            if camera is None and hasattr(instant.env.unwrapped, "mujoco_renderer"):
+                camera = stack.enter_context(RobotCamera(instant.env, size))
+            picture = _own_picture(instant.env) if camera is None else camera.take()
             failed = episode.failed and instant.step >= episode.failed_step
-            yield annotate(camera.take(), above, [(BELOW, [(now, INK)])], RED if failed else None)
+            yield annotate(picture, above, [(BELOW, [(now, INK)])], RED if failed else None)

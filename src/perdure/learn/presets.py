@@ -22,7 +22,7 @@ With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure lear
 issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's
 ``ppo_continuous_action.py`` (Huang et al., 2022), which are Stable-Baselines3's defaults with a step size that falls
 linearly to 0. CleanRL also clips the value loss, normalizes with other clipping and counts a time limit as the task's
-end; these are not hyperparameters here.
+end; these are not hyperparameters here. `perdure.horizon.usual_preset` says which preset a task has by default.
 
 | method | gamma | horizon T | at T | phi | what it is |
 |---|---|---|---|---|---|
@@ -71,6 +71,7 @@ from perdure.horizon import (
     Uniform,
     geometric_size,
     robot_of,
+    usual_preset,
 )
 from perdure.learn.config import Conditioning, PPOConfig
 
@@ -84,7 +85,6 @@ class Preset:
 
 
 ZOO = "zoo"
-"""The preset that is used when none is named."""
 _COLUMNS = (
     *("n_steps", "batch_size", "n_epochs", "gae_lambda", "learning_rate"),
     *("ent_coef", "clip_range", "max_grad_norm", "vf_coef"),
@@ -114,7 +114,7 @@ PRESETS: dict[str, Callable[[str], Preset]] = {
 """Name to what makes the preset of a robot, such as "Hopper"."""
 
 
-def find_preset(task: str, name: str = ZOO) -> Preset:
+def find_preset(task: str, name: str) -> Preset:
     """Return the hyperparameters of a task in any of its versions ("Hopper-v3", "gymnasium:Hopper-v5").
 
     Raises:
@@ -123,7 +123,9 @@ def find_preset(task: str, name: str = ZOO) -> Preset:
     return lookup(PRESETS, name, "preset")(robot_of(task))
 
 
-EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(1000), Fixed(200), Uniform(200, 1000)
+EPISODE_STEPS = 1000
+"""Training horizon where the environment has no step limit of its own. The methods' horizons are written for it."""
+EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(EPISODE_STEPS), Fixed(200), Uniform(200, EPISODE_STEPS)
 DEPLOYED_STEPS_TO_GO = 500
 """Largest C of the default clock."""
 
@@ -132,7 +134,7 @@ DEPLOYED_STEPS_TO_GO = 500
 class Method:
     """One row of the table of methods."""
 
-    horizon: HorizonDistribution
+    horizon: Fixed | Uniform
     terminal: bool
     """Whether reaching T is terminal; otherwise the last observation is bootstrapped."""
     undiscounted: bool = False
@@ -181,23 +183,26 @@ def find_method(name: str) -> Method:
     return lookup(METHODS, name, "method")
 
 
-def method_config(method: str, task: str, observation_size: int, preset: str = ZOO) -> PPOConfig:
+def method_config(
+    method: str, task: str, observation_size: int, preset: str | None = None, limit: int = EPISODE_STEPS
+) -> PPOConfig:
     """Return the full configuration of a method on a task.
 
     Args:
         method: A key of METHODS.
         task: The task's name, as in `perdure list tasks`.
         observation_size: Length of its observations; phi's size follows from it.
-        preset: A key of `perdure.learn.presets.PRESETS`: the set of hyperparameters.
+        preset: A key of `perdure.learn.presets.PRESETS`: the set of hyperparameters; None: `usual_preset` of the task.
+        limit: Steps after which an episode of the environment ends; the horizons of the methods scale with it.
 
     Raises:
         PerdureError: If there is no such method or preset.
     """
-    chosen, tuned = find_method(method), find_preset(task, preset)
+    chosen, tuned = find_method(method), find_preset(task, usual_preset(task) if preset is None else preset)
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
-        horizon=chosen.horizon,
+        horizon=_scaled(chosen.horizon, limit),
         end="terminated" if chosen.terminal else "truncated",
         gamma=gamma,
         normalizer_gamma=tuned.gamma,
@@ -206,6 +211,12 @@ def method_config(method: str, task: str, observation_size: int, preset: str = Z
         protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
     )
     return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
+
+
+def _scaled(horizon: Fixed | Uniform, limit: int) -> HorizonDistribution:
+    """Return a method's horizon for episodes of `limit` steps instead of EPISODE_STEPS."""
+    steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in vars(horizon).items()}
+    return dataclasses.replace(horizon, **steps)
 
 
 def default_clock(config: PPOConfig) -> Clock | None:

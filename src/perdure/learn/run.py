@@ -28,7 +28,7 @@ from perdure.envs.suites import task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
-from perdure.horizon import Embedding
+from perdure.horizon import Embedding, usual_preset
 from perdure.learn.algorithm import Algorithm
 from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
 from perdure.learn.config import PPOConfig
@@ -36,6 +36,7 @@ from perdure.learn.ppo import PPO
 from perdure.learn.presets import METHODS, ZOO, find_method, method_config
 from perdure.policy import Policy, measure_reference, save_policy
 from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
+from perdure.runs.progress import Lines, total_share
 
 POLICY = "policy.safetensors"
 """Written last."""
@@ -57,8 +58,9 @@ class TrainRun:
     """Trained side by side; each gives the same result as if trained alone."""
     command: str | None = None
     """Command that repeats the run, with `{seed}` for the seed; None: `perdure train ...`. Kept in the policy file."""
-    preset: str = ZOO
-    """Preset of hyperparameters that `config` started from; part of the folder's name unless it is the default."""
+    preset: str | None = None
+    """Preset of hyperparameters that `config` started from, part of the folder's name unless it is zoo. None: the usual
+    one of the task."""
     base_method: str | None = None
     """Method that `config` started from, for the recorded command; None: `method`. Results do not depend on it."""
     disturb: tuple[str, ...] = ()
@@ -72,6 +74,7 @@ class TrainRun:
         disturbances = parse_disturbances(self.disturb)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
+        object.__setattr__(self, "preset", self.preset or usual_preset(self.task))
         if self.base_method is not None:
             find_method(self.base_method)
         if not self.seeds:
@@ -111,7 +114,7 @@ def train(
     *,
     cores: int | None = None,
     on: str = "here",
-    observe: Observer = lambda status: None,
+    observe: Observer | None = None,
     waiting: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Train every seed that is not finished and return the policy files in the order of the seeds.
@@ -125,7 +128,8 @@ def train(
         cores: Cores to use; all of them by default. Results do not depend on it.
         on: Where seeds are trained: "here", "local", "ray" or "ray:ADDRESS", see `perdure.runs.make_workers`. Results
             do not depend on it.
-        observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`.
+        observe: Called with the progress of every seed; `on_report` makes an observer of a function of `Report`. By
+            default a line is printed on standard error every half minute.
         waiting: Called once, before waiting for seeds that other commands train.
 
     Raises:
@@ -135,7 +139,7 @@ def train(
     check_on(on)
     store, units = Store(out), [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
-    run_missing(units, out, on, cores, observe, waiting)
+    run_missing(units, out, on, cores, observe or Lines("train", "steps"), waiting)
     return [store.get(unit.key) / POLICY for unit in units]
 
 
@@ -160,8 +164,6 @@ def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
     last: dict[int, float] = {}
 
     def observe(status: Status) -> None:
-        from perdure.runs.progress import total_share
-
         for seed in run.seeds:
             progress = status[run.key(seed)]
             if progress.facts and progress.done != last.get(seed):
@@ -343,9 +345,9 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     words = ["perdure", "train", run.task, "--method", base]
     words += [] if run.method == base else ["--name", run.method]
     words += ["--seeds", str(seed)]
-    words += [] if run.preset == ZOO else ["--preset", run.preset]
+    words += [] if run.preset == usual_preset(run.task) else ["--preset", str(run.preset)]
     words += ["--disturb", *run.disturb] if run.disturb else []
-    usual = method_config(base, run.task, spec.observation_size, run.preset)
+    usual = method_config(base, run.task, spec.observation_size, run.preset, spec.default_horizon)
     try:
         words += _overrides(run.config, usual, "--ppo")
     except LookupError:

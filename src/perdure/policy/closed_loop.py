@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import FloatArray, IntArray, Step, World, batch_of
+from perdure.envs.gymnasium import call
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, LaneClocks
 
@@ -290,12 +291,19 @@ class _FunctionEpisodes:
         time = {}
         if self._clocks is not None:
             time = dict(zip(("elapsed", "horizon"), self._clocks.time(np.full(episodes, float(elapsed))), strict=True))
+        state = (self._state, np.full(episodes, elapsed == 0)) if self._policy.recurrent else ()
+        where = f"{self._policy.task.name}, step {elapsed + 1}"
+        try:
+            actions = call(where, "the policy", self._policy.function, seen, *state, **time)
+        except PerdureError as error:
+            if error.__cause__ is None:  # perdure's own, such as an ONNX model's
+                raise
+            wanted = (
+                f"it gets {episodes} observations at once and must return actions of shape {(episodes, *self._shape)}"
+            )
+            raise PerdureError(f"{error}; {wanted}") from error.__cause__
         if self._policy.recurrent:
-            starts = np.full(episodes, elapsed == 0)
-            returned = self._policy.function(seen, self._state, starts, **time)
-            actions, self._state = self._pair(returned)
-        else:
-            actions = self._policy.function(seen, **time)
+            actions, self._state = self._pair(actions)
         return self._rows(actions, elapsed)[self._running]
 
     def _pair(self, returned: Any) -> tuple[Any, Any]:

@@ -24,7 +24,7 @@ from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.network import LARGEST_INPUT
 from perdure.policy.policy import Normalizer, Policy, TanhSquash, TaskInfo
 from perdure.policy.reference import Reference
-from perdure.runs import write_atomic
+from perdure.runs import open_regular, write_atomic
 from perdure.schema import LARGEST, Count, Line, Name, Number, Record, checked, read_json
 
 FORMAT = "perdure.policy"
@@ -34,6 +34,8 @@ VERSION = VERSIONS[-1]
 which is still read, had neither the scale of the returns nor reference episodes."""
 MAX_HEADER = 10_000_000
 """Bytes; a policy's header is a few thousand."""
+MAX_FILE = 1_000_000_000
+"""Bytes: 250 million weights."""
 ARRAYS: Mapping[str, str] = {
     "normalizer.mean": "f8",
     "normalizer.var": "f8",
@@ -282,7 +284,7 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
 def _read(path: Path) -> tuple[str, str | None, bytes]:
     """Return description, checksum and the whole file. Nothing but the header is read of a file that is no policy."""
     foreign = f"{path} is not a perdure policy (a safetensors file is expected), or its end is missing"
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         start = file.read(8)
         size = int.from_bytes(start, "little")
         if start.startswith(b"PK\x03\x04"):
@@ -290,7 +292,7 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
                 f"{path} is a zip archive. Convert a model of Stable-Baselines3 first: perdure import {path} "
                 "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
             )
-        if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8):
+        if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8) or path.stat().st_size > MAX_FILE:
             raise PerdureError(foreign)
         text = file.read(size)
         try:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, Constant
 from perdure.policy.policy import Policy
-from perdure.runs import write_atomic
+from perdure.runs import read_bounded, write_atomic
 
 __all__ = ["OnnxModel", "export_onnx", "is_onnx"]
 
@@ -72,16 +75,19 @@ class OnnxModel:
             what: Which file it is, for messages.
         """
         require()
+        with _refusing(what):
+            self._open(data, what)
+        self._thread = ThreadPoolExecutor(1)
+
+    def _open(self, data: bytes, what: str) -> None:
         import onnxruntime
 
         _check(data, what)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
-        try:
+        with redirect_stdout(io.StringIO()):  # it prints before it raises
             self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own kinds of error share no base
-            raise PerdureError(f"{what} cannot be run by onnxruntime: {_one_line(error)}") from None
         inputs = {each.name: each for each in self._session.get_inputs()}
         self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
         """Which inputs hold the time."""
@@ -111,11 +117,9 @@ class OnnxModel:
             PerdureError: If there is no such file, or see the class.
         """
         path = Path(path)
-        if not path.is_file():
+        if not path.exists():
             raise PerdureError(f"there is no file {path}")
-        if path.stat().st_size > MAX_BYTES:
-            raise PerdureError(f"{path} is larger than {MAX_BYTES:,} bytes")
-        return cls(path.read_bytes(), str(path))
+        return cls(read_bounded(path, MAX_BYTES), str(path))
 
     def __call__(self, observations: Any, **times: NDArray[np.float64]) -> NDArray[Any]:
         """Return actions for a batch. A row's action does not depend on the other rows, bit for bit: each is run alone.
@@ -135,7 +139,7 @@ class OnnxModel:
         feed = {self._input.name: rows}
         feed |= {name: np.asarray(value, _dtype(inputs[name].type)) for name, value in times.items()}
         size = self._input.shape[0] if isinstance(self._input.shape[0], int) else 1
-        return np.concatenate([self._run(part)[:1] for part in _single_rows(feed, size)])
+        return self._run(list(_single_rows(feed, size)))
 
     def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return observations in the model's own shape and dtype."""
@@ -160,12 +164,36 @@ class OnnxModel:
         if not held:
             raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
-    def _run(self, feed: dict[str, NDArray[Any]]) -> NDArray[Any]:
-        try:
-            (actions,) = self._session.run([self._output], feed)
-        except Exception as error:  # see above
-            raise PerdureError(f"{self._what} failed: {_one_line(error)}") from None
-        return np.asarray(actions)
+    def _run(self, feeds: list[dict[str, NDArray[Any]]]) -> NDArray[Any]:
+        """Run the model on each feed in another thread, so that an interruption ends a loop that does not end."""
+        import onnxruntime
+
+        options = onnxruntime.RunOptions()
+        options.log_severity_level = 4
+
+        def rows() -> NDArray[Any]:
+            return np.concatenate([self._session.run([self._output], feed, options)[0][:1] for feed in feeds])
+
+        with _refusing(self._what):
+            try:
+                job = self._thread.submit(rows)
+                while not job.done():
+                    wait([job], 0.5)  # without a limit, an interruption that another thread gets would wait too
+                return job.result()
+            finally:
+                options.terminate = True
+
+
+@contextmanager
+def _refusing(what: str) -> Iterator[None]:
+    """Raise whatever a damaged model makes onnx and onnxruntime raise as PerdureError: their errors share no base."""
+    try:
+        yield
+    except PerdureError:
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split())[:300]
+        raise PerdureError(f"{what} cannot be run by onnxruntime: {text or type(error).__name__}") from None
 
 
 def _single_rows(feed: dict[str, NDArray[Any]], size: int) -> Iterator[dict[str, NDArray[Any]]]:
@@ -244,10 +272,6 @@ def _tensors(graph: Any) -> Iterator[Any]:
             sparse += attribute.sparse_tensors
     for each in sparse:
         yield from (each.values, each.indices)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300]
 
 
 # Export

@@ -107,7 +107,7 @@ def measure_reference(
         detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
         lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
-        with one_thread():
+        with one_thread(), np.errstate(over="ignore"):
             for step in range(horizon):
                 loop_step = loop.advance()
                 observe(loop_step)
@@ -124,6 +124,8 @@ def measure_reference(
                 terminated[loop_step.episodes[ended]] = result.terminated[ended]
                 if not len(loop.running):
                     break
+        if not np.isfinite(rewards).all():
+            raise PerdureError(f"{world.spec.name}: rewards within the training horizon add up to {rewards.sum()}")
     finally:
         world.close()
     return Reference(horizon, rewards, lengths, terminated, low, high)

@@ -6,11 +6,11 @@
 | `run.py` | `run_units`: run a graph of units on workers; status, failures |
 | `workers.py` | worker processes on this machine, bound to idle cores; tasks on a Ray cluster |
 | `identity.py` | the SHA-256 of a config, a unit's record, versions of packages |
-| `files.py` | `write_atomic`: replace a file atomically; locks |
+| `files.py` | `write_atomic`: replace a file atomically; `read_bounded`: regular files only; locks |
 | `progress.py` | show progress: a bar in a terminal, a line every half minute elsewhere |
 """
 
-from perdure.runs.files import write_atomic, write_result
+from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic, write_result
 from perdure.runs.identity import config_digest, file_digest, versions
 from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing, run_units
 from perdure.runs.store import Store, Unit, Work, attempt
@@ -33,7 +33,10 @@ __all__ = [
     "core_count",
     "file_digest",
     "make_workers",
+    "open_regular",
+    "read_bounded",
     "read_unit_progress",
+    "refuse_replacing",
     "run_missing",
     "run_units",
     "versions",

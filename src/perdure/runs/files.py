@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import io
 import os
 import secrets
 import stat
@@ -76,6 +77,32 @@ def write_result(path: Path, data: bytes) -> Path:
             f"{os.fspath(path)}: {error.strerror}; the finished result is kept in {kept}: make the disk writable, "
             f"copy it to {os.fspath(path)} and run the same command"
         ) from error
+
+
+def read_bounded(path: str | os.PathLike[str], most: int) -> bytes:
+    """Return the contents of a regular file of at most `most` bytes; PerdureError for others.
+
+    A FIFO does not block, and a device is not read.
+    """
+    with open_regular(path) as file:
+        if (size := os.fstat(file.fileno()).st_size) > most:
+            raise PerdureError(f"{os.fspath(path)} has {size:,} bytes; at most {most:,} are read")
+        return file.read()
+
+
+def open_regular(path: str | os.PathLike[str]) -> io.FileIO:
+    """Return a regular file, open for reading; PerdureError if it is a FIFO or a device."""
+    file = io.FileIO(path, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise PerdureError(f"{os.fspath(path)} is not a regular file")
+    return file
+
+
+def refuse_replacing(path: str | os.PathLike[str]) -> None:
+    """Raise PerdureError if there is a file: no command replaces a finished one."""
+    if os.path.lexists(path):
+        raise PerdureError(f"{os.fspath(path)} exists and would be replaced: name another file, or remove it")
 
 
 def sync(path: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from perdure.errors import PerdureError
-from perdure.runs.files import write_atomic
+from perdure.runs.files import open_regular, write_atomic
 from perdure.schema import Record, read_json
 
 PACKAGE = Path(__file__).parents[1]
@@ -99,8 +99,8 @@ def config_digest(config: Mapping[str, Any]) -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file as hexadecimal digits."""
-    with path.open("rb") as file:
+    """Return the SHA-256 of a regular file as hexadecimal digits."""
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
-
+from perdure.errors import call_pages, noted_call
 from perdure.runs.run import Observer, Status
 
 LINE_SECONDS = 30.0
 """Seconds between lines if there is no terminal."""
+HANG_SECONDS = 30.0
+"""Seconds after which a call of third-party code is named."""
 
 
 @contextmanager
@@ -26,14 +27,18 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         title: What runs.
         measure: What units count as done, such as "steps", to show how many a second; not shown by default.
     """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    _watch_calls()
     console = Console(stderr=True)
     if not console.is_terminal:
-        lines = _Lines(title, measure)
+        lines = Lines(title, measure)
         yield lines
         lines.close()
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"))
-    bar, rate = Bar(*columns, TimeRemainingColumn(), console=console), _Rate(measure)
+    bar, rate = Progress(*columns, TimeRemainingColumn(), console=console), _Rate(measure)
     task = bar.add_task(title, total=1.0, words="")
 
     def draw(status: Status) -> None:
@@ -47,16 +52,36 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         bar.stop()
 
 
-class _Lines:
+@cache
+def _watch_calls() -> None:
+    """Start a thread that names, every HANG_SECONDS, each call of third-party code that has lasted so long."""
+
+    def look() -> None:
+        before: set[str] = set()
+        while True:
+            time.sleep(HANG_SECONDS)
+            now = set(map(noted_call, call_pages)) - {""}
+            for words in sorted(each.partition(" ")[2] for each in before & now):
+                shown = f"still in {words}, for more than {HANG_SECONDS:g} s"
+                print(f"{time.strftime('%H:%M:%S')}  {shown}", file=sys.stderr, flush=True)
+            before = now
+
+    threading.Thread(target=look, daemon=True).start()
+
+
+class Lines:
     """Prints a line now and then, the first one after LINE_SECONDS: short runs stay silent."""
 
     def __init__(self, title: str, measure: str) -> None:
+        """Keep what runs, and what units count; see `show_progress`."""
+        _watch_calls()
         self._title, self._rate = title, _Rate(measure)
         self._began = self._printed = time.monotonic()
         self._first_share: float | None = None
         self._status: Status = {}
 
     def __call__(self, status: Status) -> None:
+        """See `Observer`."""
         self._status = status
         if self._first_share is None:
             self._first_share = total_share(status)

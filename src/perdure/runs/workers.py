@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import json
+import mmap
 import os
 import pickle
 import re
@@ -13,7 +15,6 @@ import stat
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from perdure.errors import PerdureError, did_you_mean
+from perdure.errors import PAGE_BYTES, PerdureError, call_pages, did_you_mean, noted_call
 from perdure.runs.store import AttemptResult, Unit, attempt
 from perdure.schema import printable
 
@@ -29,8 +30,6 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Environment of a process whose libraries multiply on one thread from their first import on."""
 PLACES = ("here", "local", "ray")
 """Values of `on` in `make_workers`, beside ray:ADDRESS."""
-PARENT_SECONDS = 0.5
-"""How often a worker checks whether the process that started it still lives."""
 # The parent's module search path, and not the current folder: a worker imports what its parent would.
 _START = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from perdure.runs.workers import serve; serve()"
 STAT = Path("/proc/stat")
@@ -200,12 +199,17 @@ class _Process:
     def __init__(self, cores: Sequence[int], selector: selectors.BaseSelector) -> None:
         self.cores, self._selector = cores, selector
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - `end` closes it
+        self._page = tempfile.TemporaryFile()  # noqa: SIM115
+        self._page.truncate(PAGE_BYTES)
+        self._call = mmap.mmap(self._page.fileno(), PAGE_BYTES)
+        call_pages.append(self._call)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, json.dumps(sys.path), json.dumps(list(cores)), str(os.getpid())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
             env={**os.environ, **ONE_THREAD},
+            pass_fds=[self._page.fileno()],
         )
         assert self._process.stdout is not None
         selector.register(self._process.stdout, selectors.EVENT_READ, self)
@@ -213,7 +217,7 @@ class _Process:
     def send(self, root: str, unit: Unit, threads: int) -> None:
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):  # it has ended: `receive` finds the end of its answers
-            self._process.stdin.write(pickle.dumps((root, unit, threads)))
+            self._process.stdin.write(pickle.dumps((self._page.fileno(), root, unit, threads)))
             self._process.stdin.flush()
 
     def receive(self) -> dict[str, Any] | None:
@@ -229,8 +233,15 @@ class _Process:
         """Release the resources of the process and return how it ended, in one line."""
         assert self._process.stdout is not None
         assert self._process.stdin is not None
-        self._process.kill()
-        code = self._process.wait()
+        try:
+            code = self._process.wait(5.0)  # if it is killed while it ends, the cause is lost
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code = self._process.wait()
+        call_pages.remove(self._call)
+        self._page.close()
+        _, _, words = noted_call(self._call).partition(" ")
+        inside = f" in {words}" if words else ""
         self._selector.unregister(self._process.stdout)
         self._process.stdout.close()
         with suppress(BrokenPipeError):  # a job that was never read
@@ -239,10 +250,10 @@ class _Process:
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
         self._errors.close()
         if code < 0 and signal.Signals(-code) != signal.SIGKILL:
-            return f"its process was ended by {signal.Signals(-code).name}"
+            return f"its process was ended by {signal.Signals(-code).name}{inside}"
         if code < 0:
-            return "its process was ended by SIGKILL (out of memory?)"
-        return lines[-1] if lines else f"its process ended with exit code {code}"
+            return f"its process was ended by SIGKILL{inside} (out of memory?)"
+        return lines[-1] if lines and not inside else f"its process ended with exit code {code}{inside}"
 
 
 def serve() -> None:
@@ -252,14 +263,18 @@ def serve() -> None:
     """
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
+    # PR_SET_PDEATHSIG: the kernel ends this process with its parent. No file is left incomplete.
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if os.getppid() != int(sys.argv[3]):  # the parent has ended while this process was starting
+        os._exit(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C reaches the parent too, which ends its workers
     if cores := json.loads(sys.argv[2]):
         os.sched_setaffinity(0, cores)
-    # The parent is named by itself: it may have ended while this process was starting.
-    threading.Thread(target=_end_with, args=(int(sys.argv[3]),), daemon=True).start()
     with suppress(EOFError):  # the parent has closed the pipe
         while True:
-            answers.write(json.dumps(answer(*pickle.load(sys.stdin.buffer))) + "\n")
+            page, *job = pickle.load(sys.stdin.buffer)
+            call_pages[0] = mmap.mmap(page, PAGE_BYTES)
+            answers.write(json.dumps(answer(*job)) + "\n")
             answers.flush()
 
 
@@ -267,7 +282,7 @@ def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
     """Run a unit and return {"result": ...}, or {"error": ...} in one line if it fails."""
     try:
         return {"result": attempt(root, unit, threads)}
-    except Exception as error:
+    except BaseException as error:  # SIGINT is ignored here: a KeyboardInterrupt is the unit's own
         import traceback
 
         traceback.print_exc()
@@ -280,13 +295,6 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, PerdureError) and text:
         return text
     return f"{kind}: {text}" if text else kind
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended. Files are written atomically, so none is left incomplete."""
-    while os.getppid() == parent:
-        time.sleep(PARENT_SECONDS)
-    os._exit(1)
 
 
 # A Ray cluster

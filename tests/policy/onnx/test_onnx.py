@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,10 +197,8 @@ class TestModelsOfOtherMakers:
         resumed = evaluate_files(asked, tmp_path / "out", on="here", cores=2)
         assert resumed.frame.equals(evaluate_files(asked, on="here").frame)
         assert set(Store(tmp_path / "out").keys("groups")) > done
-        started = []
-        other = evaluate_files(replace(asked, training_horizon=60), tmp_path / "out", on="here", observe=started.append)
-        assert started, "another training horizon is another policy"
-        assert other.frame["train_horizon"].unique().to_list() == [60.0]
+        with pytest.raises(PerdureError, match="another evaluation, which would be replaced"):
+            evaluate_files(replace(asked, training_horizon=60), tmp_path / "out", on="here")
 
     def test_act_on_each_row_alone(self, tmp_path):
         for batch in ("batch", 1, 3):
@@ -368,3 +369,51 @@ class TestTime:
         path = export_onnx(POLICIES["geometric"], tmp_path / "runs.onnx", Periodic(300.0))
         with pytest.raises(PerdureError, match="counts time itself"):
             perdure.extrapolate(path, env="Hopper-v3", steps=60)
+
+
+def counting(rounds):
+    """A model that adds 1 to the sum of four numbers in each round of a loop."""
+    scalar, column = [], [1, 1]
+    going_in = [("i", TensorProto.INT64, scalar), ("on", TensorProto.BOOL, scalar), ("sum", TensorProto.FLOAT, column)]
+    going_out = [("still", TensorProto.BOOL, scalar), ("more", TensorProto.FLOAT, column)]
+    steps = [helper.make_node("Identity", ["on"], ["still"]), helper.make_node("Add", ["sum", "one"], ["more"])]
+    inside, outside = ([helper.make_tensor_value_info(*each) for each in part] for part in (going_in, going_out))
+    one = numpy_helper.from_array(np.ones((1, 1), np.float32), "one")
+    body = helper.make_graph(steps, "body", inside, outside, [one])
+    constants = [
+        numpy_helper.from_array(np.array(rounds), "rounds"),
+        numpy_helper.from_array(np.array(True), "on"),
+        numpy_helper.from_array(np.ones((4, 1), np.float32), "ones"),
+    ]
+    nodes = [
+        helper.make_node("MatMul", ["obs", "ones"], ["start"]),
+        helper.make_node("Loop", ["rounds", "on", "start"], ["action"], body=body),
+    ]
+    seen = helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 4])
+    action = helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 1])
+    graph = helper.make_graph(nodes, "counting", [seen], [action], constants)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8).SerializeToString()
+
+
+def test_a_loop_without_an_end_ends_with_an_interruption():
+    assert OnnxModel(counting(3), "three.onnx")(np.ones((2, 4))).tolist() == [[7.0], [7.0]]
+    endless = OnnxModel(counting(2**62), "endless.onnx")
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        endless(np.ones((1, 4)))
+    endless._thread.shutdown()  # waits for the loop
+
+
+def test_flipped_bits_are_refused_or_harmless(capsys):
+    """Every bit of a model in turn, one in eleven."""
+    whole, refused = counting(3), list[str]()
+    for bit in range(0, 8 * len(whole), 11):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        try:
+            OnnxModel(bytes(damaged), "damaged.onnx")
+        except PerdureError as error:
+            refused.append(str(error))
+    assert len(refused) > 20
+    assert all(each.startswith("damaged.onnx") for each in refused)
+    assert capsys.readouterr() == ("", "")

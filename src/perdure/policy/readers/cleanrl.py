@@ -7,6 +7,7 @@ to +-10) and cut what it does (`ClipAction`); their statistics are not in the fi
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -23,7 +24,7 @@ from perdure.policy.policy import Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import TorchState
 from perdure.policy.readers.sb3_import import library_versions
 from perdure.policy.reference import measure_reference, resolve_training_horizon
-from perdure.runs import file_digest
+from perdure.runs import file_digest, read_bounded
 
 NO_NORMALIZER = "none"
 """Says that the model saw raw observations."""
@@ -77,9 +78,7 @@ def import_cleanrl(
     """
     task, path = task_of_environment(env), Path(path)
     spec = task_spec(task)
-    if path.stat().st_size > MAX_BYTES:
-        raise PerdureError(f"{path} is larger than {MAX_BYTES:,} bytes")
-    state = TorchState(path.read_bytes(), str(path))
+    state = TorchState(read_bounded(path, MAX_BYTES), str(path))
     weights = {
         name: array for ours, theirs in _NETWORKS.items() for name, array in _layers(state, ours, theirs, str(path))
     }
@@ -160,9 +159,9 @@ def _normalizer(given: ObservationStatistics | None, spec: TaskSpec, what: str) 
 
 def _read_statistics(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(io.BytesIO(read_bounded(path, MAX_BYTES)), allow_pickle=False) as arrays:
             return np.array(arrays["mean"], np.float64), np.array(arrays["var"], np.float64)
-    except OSError:
+    except (OSError, PerdureError):
         raise
     except Exception as error:  # NumPy and zipfile raise many kinds for damaged files
         raise PerdureError(f"{path} must be an .npz file with the arrays mean and var: {error}") from None

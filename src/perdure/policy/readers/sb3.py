@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.policy.policy import TanhSquash
 from perdure.policy.readers.restricted_pickle import TorchState, ZipMembers
+from perdure.runs import read_bounded
 
 USE_A_FUNCTION = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
 """Where policies go that cannot be read."""
@@ -82,9 +83,7 @@ def read_sb3(path: Path) -> Sb3Model:
         OSError: If it cannot be read.
     """
     what = str(path)
-    if path.stat().st_size > MAX_FILE:
-        raise PerdureError(f"{what} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
-    members = ZipMembers(path.read_bytes(), what)
+    members = ZipMembers(read_bounded(path, MAX_FILE), what)
     settings = read_settings(members.read("data", MAX_SETTINGS), what)
     state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
     version = "_stable_baselines3_version"

@@ -23,7 +23,7 @@ from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normali
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
 from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, is_sb3_zip, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
-from perdure.runs import file_digest, versions
+from perdure.runs import file_digest, read_bounded, versions
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""
@@ -281,9 +281,7 @@ def read_vecnormalize(path: Path) -> Statistics:
             need, or holds statistics that are not finite.
         OSError: If it cannot be read.
     """
-    if path.stat().st_size > MAX_FILE:
-        raise PerdureError(f"{path} has {path.stat().st_size:,} bytes; at most {MAX_FILE:,} are read")
-    saved = read_pickle(path.read_bytes(), ALLOWED, str(path))
+    saved = read_pickle(read_bounded(path, MAX_FILE), ALLOWED, str(path))
     if not (isinstance(saved, Stub) and saved.function == VEC_NORMALIZE and isinstance(saved.state, dict)):
         raise PerdureError(f"{path} is not a saved VecNormalize of Stable-Baselines3")
     return _statistics(saved.state, str(path))

@@ -25,7 +25,8 @@ from perdure.policy.readers.sb3 import (
     read_layers,
     squash_of,
 )
-from perdure.policy.readers.sb3_import import Statistics, checked_normalizer
+from perdure.policy.readers.sb3_import import MAX_FILE, Statistics, checked_normalizer
+from perdure.runs import open_regular, read_bounded
 
 PACKAGES = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3"), "stable_baselines3"),
@@ -57,9 +58,9 @@ def load_vecnormalize(path: Path) -> Statistics:
         PerdureError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
     """
     what = str(path)
-    with _named(what), path.open("rb") as file:
+    with _named(what):
         import_module("stable_baselines3")
-        saved = pickle.load(file)
+        saved = pickle.loads(read_bounded(path, MAX_FILE))
         if not saved.norm_obs:
             return Statistics(None, float(saved.gamma))
         mean, var = (np.asarray(each, np.float64).ravel() for each in (saved.obs_rms.mean, saved.obs_rms.var))
@@ -101,6 +102,7 @@ def _named(what: str) -> Iterator[None]:
 
 
 def _load(path: Path) -> Any:
+    open_regular(path).close()
     settings = import_module("stable_baselines3.common.save_util").load_from_zip_file(str(path), device="cpu")[0]
     algorithm = algorithm_of(settings)
     if algorithm not in PACKAGES:
