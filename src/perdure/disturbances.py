@@ -46,18 +46,19 @@ CALM = "none"
 """Name of no disturbance at all."""
 STANDARDS: dict[str, tuple[str, ...]] = {
     "standard-1": (
-        "action_noise:0.05",
-        "observation_noise:0.02",
-        "push:0.2",
+        "action_noise:0.02",
+        "observation_noise:0.01",
+        "push:0.1",
         "mass:1.05",
-        "friction:0.9",
+        "friction:0.95",
         "strength:0.95",
     )
 }
-"""Disturbances that act together under one name, which always means the same ones. The levels are the hardest tried at
-which time-to-go policies of Hopper and Walker2d mostly survive 3,000 steps and plain PPO mostly does not (five training
-runs each, start states 50000 to 50002). They lie within what the Real-World RL suite (Dulac-Arnold et al. 2020), RRLS
-and Robust-Gymnasium vary. No delay: one control step is 8 ms on Hopper and 50 ms on HalfCheetah."""
+"""Disturbances that act together under one name, which always means the same ones: 1 or 2 % noise, 5 % error in the
+model, small pushes. The levels are mild beside what the Real-World RL suite (Dulac-Arnold et al. 2020), RRLS and
+Robust-Gymnasium vary. They were chosen, on start states that no study uses, so that some policies pass: at twice these
+levels no run of ten Hoppers with a time-to-go did. No delay: a control step is 8 ms on Hopper and 50 ms on HalfCheetah,
+and one step of delay is too much for nearly every policy trained without."""
 STANDARD = "standard-1"
 """What an evaluation applies if nothing else is asked for."""
 NEED_SIMULATOR = ("push", "mass", "friction", "strength", "payload", "slope", "time_step")

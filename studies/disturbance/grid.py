@@ -12,7 +12,8 @@ ROBOTS = ("Hopper-v3", "Walker2d-v3", "HalfCheetah-v3", "Swimmer-v3")
 STAND_STILL = ("Hopper-v3/ppo", "Hopper-v3/geometric")
 """Trained with RL Zoo's settings, under which most policies stand still."""
 FIRST_START = 3000
-"""First of the start states. The horizon study uses 1000 to 2009, the choice of `standard-1` 50000 to 50002."""
+"""First of the start states. The horizon study uses 1000 to 2009, the choice of `standard-1` 4000 to 4003
+and 50000 to 50002."""
 STARTS = 5
 FAST_PUSH = {"HalfCheetah-v3": "push:1"}
 """HalfCheetah runs several meters a second: a push of 0.5 m/s hardly disturbs it."""
