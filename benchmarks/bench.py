@@ -60,8 +60,6 @@ SUMMARY = (
 """The README's table: what, the peer, and the names of the rows whose ratios are shown."""
 ITERATIONS = {"Hopper-v3": 16, "HalfCheetah-v3": 12, "Ant-v3": 5}
 """Rollouts in one measurement; the first of SB3's and the first two of ours (compilation) do not count."""
-SLICE = 240
-"""Rollouts of a training run in the slice of the study: long enough that starting and compiling do not decide."""
 
 Case = tuple[Callable[[], tuple[float, float]], str, str]
 """A measurement of ours and the peer's, its unit, and how it is done."""
@@ -113,9 +111,9 @@ def one_thread() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-def alternate(mine: Callable[[], float], theirs: Callable[[], float], rounds: int = ROUNDS) -> tuple[float, float]:
+def alternate(mine: Callable[[], float], theirs: Callable[[], float]) -> tuple[float, float]:
     """Return the medians of ours and the peer's over alternating rounds."""
-    pairs = [(mine(), theirs()) for _ in range(rounds)]
+    pairs = [(mine(), theirs()) for _ in range(ROUNDS)]
     return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
 
 
@@ -160,30 +158,6 @@ def evaluate_sb3(task: str, *forms: str) -> tuple[float, float]:
         return float(max(result[form] for form in forms))
 
     return alternate(both_cores, best_form)
-
-
-def slice_config(task: str) -> dict[str, Any]:
-    """Return a slice of the horizon study, training and evaluation in its proportion of about 1:7."""
-    config = {**sb3_config(task, 0, SLICE), "seeds": [0, 1], "start_states": 8, "cores": 2}
-    return {**config, "test_steps": 7 * int(config["total_steps"]) // 16}
-
-
-def study(task: str) -> tuple[float, float]:
-    """Steps a second of a slice of the horizon study; a round takes six minutes."""
-    config = slice_config(task)
-    steps = 2 * (config["total_steps"] + 2 * config["start_states"] * config["test_steps"])
-
-    def ours_now() -> float:
-        with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder, "config.json")
-            source.write_text(json.dumps(config))
-            return steps / pinned("0,1", sys.executable, "study_slice.py", source)["seconds"]
-
-    def peer_now() -> float:
-        configs = [{**config, "seed": seed} for seed in config["seeds"]]
-        return steps / max(float(each["seconds"]) for each in peers("0,1", "study", configs))
-
-    return alternate(ours_now, peer_now, rounds=1)
 
 
 def home(what: str, cores: str) -> tuple[float, float]:
@@ -241,15 +215,6 @@ def cases() -> dict[str, Case]:
         partial(evaluate_sb3, cheetah, "subprocesses", "envpool"),
         "env steps/s",
         "evaluation, one process per core, against the faster of SubprocVecEnv and a 48-lane EnvPool VecEnv",
-    )
-    config = slice_config(cheetah)
-    table[f"study.{cheetah}.vs_sb3"] = (
-        partial(study, cheetah),
-        "steps/s",
-        f"a slice of the horizon study from nothing to the table: 2 training runs of {config['total_steps']:,} steps, "
-        f"2 clocks, 8 start states, {config['test_steps']:,} test steps; two cores, worker start and compilation "
-        "included, imports not, against two processes of Stable-Baselines3 with `evaluate_policy` as documented, one "
-        "environment each, not its fastest form; one round",
     )
     worlds = {
         "scene": "full SetTable scene while the oracle manipulates (30 Hz control, physics step 8.3 ms), one core",

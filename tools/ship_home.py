@@ -1,13 +1,12 @@
-"""Score trained home policies, ship those that are good enough, and draw their learning curves.
+"""Score trained home policies, and ship those that are good enough.
 
 python tools/ship_home.py RUNS [seed ...]
 python tools/ship_home.py again [task/policy/seed ...]
 
 RUNS is the `--out` of `perdure home train`. Every policy there runs from 400 val starts with clutter. A place policy
-also runs in the world `drag`. The scores enter tools/home_skills.json, the table in docs/home/training.md and
-docs/images/home-learning-*.png. A policy that succeeds often enough goes to src/perdure/policy/shipped/home, without
-its critic (acting does not need it) and with weights of 16 bits, as it is scored. `again` scores shipped policies anew,
-after a change of the world.
+also runs in the world `drag`. The scores enter tools/home_skills.json and the table in docs/home/training.md. A policy
+that succeeds often enough goes to src/perdure/policy/shipped/home, without its critic (acting does not need it) and
+with weights of 16 bits, as it is scored. `again` scores shipped policies anew, after a change of the world.
 """
 
 from __future__ import annotations
@@ -19,8 +18,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import polars as pl
 from marks import put
 
 from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, read_release, shipped_seeds
@@ -28,19 +25,14 @@ from perdure.home.skills import learned_skills
 from perdure.home.skills.train import evaluate_skill
 from perdure.home.tasks.tasks import TASKS
 from perdure.policy import Policy, load_policy, save_policy
-from perdure.report import charts
-from perdure.report.charts import Axis, Curve, Figure, curve_chart, save, style
-from perdure.report.wording import share
 from perdure.runs import write_atomic
 
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
-IMAGES = HERE.parent / "docs" / "images"
 PAGE = HERE.parent / "docs" / "home" / "training.md"
 WORTH_SHIPPING = 0.90
 """Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
 how it lets go is what release strategies are compared by."""
-BINS = 40
 EPISODES = 400
 
 
@@ -77,57 +69,6 @@ def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
     return scored
 
 
-def curve(path: Path, total: int) -> list[float | None]:
-    """Mean training return in equal parts of the training."""
-    episodes = pl.read_parquet(path / "episodes.parquet")
-    which = np.minimum((episodes["step"].to_numpy() * BINS / total).astype(int), BINS - 1)
-    returns = episodes["return"].to_numpy()
-    return [float(returns[which == part].mean()) if (which == part).any() else None for part in range(BINS)]
-
-
-def draw(task: str, scores: dict[str, dict[str, Any]]) -> None:
-    """The pictures of a task's policies; where there is place for several Deltas it has one of its own."""
-    seeds: dict[tuple[str, int], list[dict[str, Any]]] = {}
-    for name, entry in scores.items():
-        if name.startswith(f"{task}/") and "curve" in entry:
-            seeds.setdefault((name.split("/")[1], entry["steps"]), []).append(entry)
-    lasting = {policy for policy, _ in seeds if policy.startswith("place-")}
-    apart = lasting if len(lasting) > 1 else set()
-    usual = {key: entries for key, entries in seeds.items() if key[0] not in apart}
-    title = task.title().replace("_", "")
-    _draw(f"home-learning-{task}", f"How the skills of {title} are learned", usual)
-    if apart:
-        places = {key: entries for key, entries in seeds.items() if key[0] in ("place", *apart)}
-        _draw(f"home-learning-{task}-place", f"How placing is learned on {title} for several stable times", places)
-
-
-def _draw(name: str, title: str, seeds: dict[tuple[str, int], list[dict[str, Any]]]) -> None:
-    """A curve for each policy and number of training steps: the mean of the seeds, and thin lines for each."""
-    curves = []
-    for number, ((policy, total), entries) in enumerate(seeds.items()):
-        returns = np.array([entry["curve"] for entry in entries], float)
-        steps = (np.arange(BINS) + 0.5) * total / BINS
-        rates = ", ".join(share(entry["success"]).removesuffix(" %") for entry in entries)
-        label = f"{_words(policy)}: {rates} %"
-        curves.append(Curve(label, steps, returns.mean(axis=0), style(number), members=returns))
-    chart = curve_chart(
-        curves, Axis("environment steps"), Axis("mean training return of an episode"), width=charts.WIDE
-    )
-    note = (
-        "Thick: mean of the training seeds. Thin: each seed. Behind the name: success of each seed from "
-        f"n = {EPISODES} starts on the validation set."
-    )
-    save([Figure(name, title, chart, note, wide=True)], IMAGES)
-
-
-def _words(policy: str) -> str:
-    """Such as "place, stay 50 steps"."""
-    skill, _, rest = policy.partition("-delta-")
-    steps, _, limit = rest.partition("-in-")
-    stay = f", stay {steps} steps" + (f" of {limit}" if limit else "") if steps else ""
-    return skill.replace("_", " ") + stay
-
-
 def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
     """How well policies that are learned on one task for all do on the others; `renewed` are (task, skill)."""
     for skill, home in LEARNED_ON.items():
@@ -141,7 +82,7 @@ def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> No
 
 
 def main(folder: Path, seeds: list[int]) -> None:
-    """Takes over, scores, draws, prints."""
+    """Takes over, scores, prints."""
     scores = json.loads(SCORES.read_text()) if SCORES.exists() else {}
     renewed = set()
     for task, skill, seed, path in runs(folder):
@@ -164,7 +105,6 @@ def main(folder: Path, seeds: list[int]) -> None:
             "steps": total,
             "shipped": ships,
             **scored,
-            "curve": curve(path, total),
         }
         _write(scores)
     finish(scores, renewed)
@@ -187,14 +127,12 @@ def again(names: list[str]) -> None:
 
 
 def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
-    """Scores what is lent to other tasks, writes the table, draws the pictures."""
+    """Scores what is lent to other tasks, writes the table."""
     lent(scores, renewed)
     _write(scores)
     text = table(scores)
     write_atomic(PAGE, put(PAGE.read_text(), "scores", text))
     print(text)
-    for task in {name.split("/")[0] for name in scores}:
-        draw(task, dict(sorted(scores.items())))
 
 
 def table(scores: dict[str, dict[str, Any]]) -> str:

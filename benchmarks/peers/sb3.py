@@ -1,10 +1,9 @@
 """Stable-Baselines3's side of the benchmarks, in an environment that does not have perdure installed.
 
-Usage: python sb3.py train|evaluate|study CONFIG.json OUT.json
+Usage: python sb3.py train|evaluate CONFIG.json OUT.json
 
 train       PPO on an EnvPool task: the training episodes, and steps a second inside PPO.learn
 evaluate    steps a second of ``evaluate_policy``: as its documentation shows it, and in its fastest vectorized forms
-study       seconds of one seed of a slice of the horizon study, as benchmarks/study_slice.py does it
 
 The configuration is written by the caller from perdure's own presets, so both sides read the same numbers.
 """
@@ -29,7 +28,6 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
-FACTORS = np.linspace(0.99, 1.0, 10)
 SETTINGS = ("learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef",
             "vf_coef", "max_grad_norm", "seed")  # fmt: skip
 NO_LIMIT = 1_000_000_000
@@ -168,57 +166,10 @@ def evaluate(config: dict[str, Any]) -> dict[str, float]:
     }
 
 
-class TimeToGo(gymnasium.Wrapper):  # type: ignore[type-arg]
-    """Appends FACTORS ** (steps to go): of a random horizon (training), of the test horizon, or a constant."""
-
-    def __init__(self, env: Any, horizon: int | None, constant: int | None = None) -> None:
-        super().__init__(env)
-        self.horizon, self.constant, self.rng = horizon, constant, np.random.default_rng(0)
-        size = env.observation_space.shape[0] + len(FACTORS)
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
-
-    def _observe(self, observation: Any) -> Any:
-        to_go = self.length - self.elapsed if self.constant is None else self.constant
-        return np.concatenate([observation, FACTORS**to_go])
-
-    def reset(self, **options: Any) -> Any:
-        self.length = self.horizon or int(self.rng.integers(200, 1001))
-        self.elapsed = 0
-        observation, info = self.env.reset(**options)
-        return self._observe(observation), info
-
-    def step(self, action: Any) -> Any:
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self.elapsed += 1
-        ended = self.elapsed >= self.length
-        terminated, truncated = terminated or (ended and self.horizon is None), truncated or ended
-        return self._observe(observation), reward, terminated, truncated, info
-
-
-def make(task: str, horizon: int | None = None, constant: int | None = None) -> Any:
-    env = gymnasium.make(task.replace("-v3", "-v4"), max_episode_steps=10**9)
-    return Monitor(TimeToGo(env, horizon, constant))
-
-
-def study(config: dict[str, Any]) -> dict[str, float]:
-    """A wrapper appends the time-to-go, PPO trains in one environment, ``evaluate_policy`` runs each clock."""
-    began = time.perf_counter()
-    task, steps = config["task"], config["test_steps"]
-    model, normalized = make_model(config, DummyVecEnv([lambda: make(task)]))
-    model.learn(config["total_steps"])
-    for constant in (500, None):
-        env = VecNormalize(
-            DummyVecEnv([lambda constant=constant: make(task, steps, constant)]), training=False, norm_reward=False
-        )
-        env.obs_rms = normalized.obs_rms
-        evaluate_policy(model, env, n_eval_episodes=config["start_states"], warn=False)
-    return {"seconds": time.perf_counter() - began}
-
-
 def main() -> None:
     what, source, out = sys.argv[1:]
     torch.set_num_threads(1)
-    result = {"train": train, "evaluate": evaluate, "study": study}[what](json.loads(Path(source).read_text()))
+    result = {"train": train, "evaluate": evaluate}[what](json.loads(Path(source).read_text()))
     temporary = Path(out).with_suffix(".tmp")
     temporary.write_text(json.dumps(result))
     os.replace(temporary, out)

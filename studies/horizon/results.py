@@ -389,7 +389,7 @@ def select(
     return Results(grid, measure(mine), *others)
 
 
-def cross_validated(validation: pl.DataFrame, kind: str = "constant", measure: str = "return") -> dict[int, str]:
+def cross_validated(validation: pl.DataFrame, kind: str = "constant") -> dict[int, str]:
     """Return the clock of each training run: that under which the *other* runs earn most on validation start states.
 
     Neither the run nor the test start states take part in the choice. With a single training run it is chosen by that
@@ -398,21 +398,18 @@ def cross_validated(validation: pl.DataFrame, kind: str = "constant", measure: s
     Args:
         validation: Runs of one row, as `Results.of` gives them.
         kind: Of the clocks to choose among: "constant" or "periodic".
-        measure: What shall be high.
 
     Raises:
         PerdureError: There is no clock of that kind.
     """
     runs = _kind(validation, kind, VALIDATION)
     seeds = runs["train_seed"].unique().sort().to_list()
-    return {
-        seed: _best(runs.filter(pl.col("train_seed") != seed) if len(seeds) > 1 else runs, measure) for seed in seeds
-    }
+    return {seed: _best(runs.filter(pl.col("train_seed") != seed) if len(seeds) > 1 else runs) for seed in seeds}
 
 
-def optimistic(test: pl.DataFrame, kind: str = "constant", measure: str = "return") -> str:
+def optimistic(test: pl.DataFrame, kind: str = "constant") -> str:
     """Return the clock with the highest mean over training runs on the very start states that are reported."""
-    return _best(_kind(test, kind, TEST), measure)
+    return _best(_kind(test, kind, TEST))
 
 
 def values_under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
@@ -435,6 +432,6 @@ def _kind(runs: pl.DataFrame, kind: str, split: str) -> pl.DataFrame:
     return found
 
 
-def _best(runs: pl.DataFrame, measure: str) -> str:
-    means = runs.group_by("clock", "clock_steps").agg(pl.col(measure).mean()).sort("clock_steps")
-    return str(means["clock"][int(means[measure].arg_max() or 0)])
+def _best(runs: pl.DataFrame) -> str:
+    means = runs.group_by("clock", "clock_steps").agg(pl.col("return").mean()).sort("clock_steps")
+    return str(means["clock"][int(means["return"].arg_max() or 0)])

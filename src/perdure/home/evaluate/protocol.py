@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
@@ -245,7 +245,6 @@ def run_protocol(
     on: str = "here",
     command: str = "",
     observe: Observer = lambda status: None,
-    waiting: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Run what is missing of a protocol and return the paths of all its logs.
 
@@ -256,7 +255,6 @@ def run_protocol(
         on: Where to run, see `perdure.runs.make_workers`.
         command: The command that asked for it, noted in new logs.
         observe: Called with the progress of every unit, measured in episodes.
-        waiting: Called once, before waiting for units that other commands run.
 
     Raises:
         PerdureError: If a policy is missing, before anything is run.
@@ -264,5 +262,5 @@ def run_protocol(
     """
     store, units = Store(out), list(protocol_units(protocol, command))
     store.warn_of_other_source(unit.key for unit in units)
-    run_missing(units, out, on, cores, observe, waiting)
+    run_missing(units, out, on, cores, observe)
     return [store.get(unit.key, unit.config) / LOGS for unit in units]

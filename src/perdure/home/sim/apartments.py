@@ -119,7 +119,7 @@ def _draw_pieces(layout: Layout, rng: np.random.Generator) -> tuple[Piece, ...]:
     for kind, places in layout.places.items():
         order = np.argsort(rng.random(len(places)), kind="stable")
         for name, choice in zip(NAMES.get(kind, (kind,)), order, strict=False):
-            pieces.append(furniture.FURNITURE[kind](name, _draw_pose(places[choice], rng)))
+            pieces.append(furniture.make_piece(kind, name, _draw_pose(places[choice], rng)))
     return tuple(pieces)
 
 
@@ -215,30 +215,6 @@ def farthest_point(apartment: Apartment, receptacle: Receptacle, space: FreeSpac
     return float(space.nearest(points)[1].max())
 
 
-COLORS: dict[str, tuple[float, float, float, float]] = {
-    "floor": (0.80, 0.72, 0.62, 1.0),
-    "floor_dark": (0.76, 0.68, 0.58, 1.0),
-    "wall": (0.93, 0.91, 0.87, 1.0),
-    "oak": (0.72, 0.56, 0.40, 1.0),
-    "walnut": (0.45, 0.33, 0.25, 1.0),
-    "white": (0.92, 0.92, 0.90, 1.0),
-    "front": (0.66, 0.71, 0.66, 1.0),
-    "stone": (0.55, 0.54, 0.53, 1.0),
-    "steel": (0.70, 0.72, 0.74, 1.0),
-    "handle": (0.32, 0.33, 0.35, 1.0),
-    "fridge": (0.80, 0.82, 0.83, 1.0),
-    "glass": (0.80, 0.88, 0.90, 0.45),
-    "fabric": (0.44, 0.52, 0.58, 1.0),
-    "cushion": (0.56, 0.63, 0.68, 1.0),
-    "ochre": (0.77, 0.62, 0.38, 1.0),
-    "terracotta": (0.70, 0.46, 0.36, 1.0),
-    "leaf": (0.40, 0.52, 0.38, 1.0),
-    "rug": (0.74, 0.66, 0.60, 1.0),
-    "screen": (0.12, 0.13, 0.15, 1.0),
-    "picture": (0.62, 0.66, 0.64, 1.0),
-    "lamp": (0.95, 0.90, 0.78, 1.0),
-}
-"""Red, green, blue and alpha in [0, 1], by name."""
 GROUPS = {"solid": COLLIDES_AND_SEEN, "wall": WALL, "look": ONLY_SEEN, "hull": ONLY_COLLIDES}
 """Geom groups by role."""
 
@@ -273,8 +249,8 @@ def _add_floor(spec: Any, apartment: Apartment) -> None:
         name="floor",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=COLORS["floor"][:3],
-        rgb2=COLORS["floor_dark"][:3],
+        rgb1=furniture.COLORS["floor"][:3],
+        rgb2=furniture.COLORS["floor_dark"][:3],
         width=256,
         height=256,
     )
@@ -311,7 +287,7 @@ def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | N
         type=geom_type(solid.shape),
         pos=solid.center,
         size=(solid.half[0], solid.half[2], 0.0) if solid.shape == "cylinder" else solid.half,
-        rgba=COLORS[solid.color],
+        rgba=furniture.COLORS[solid.color],
         group=GROUPS[group or solid.role],
         contype=collides,
         conaffinity=collides,

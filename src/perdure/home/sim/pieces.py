@@ -59,7 +59,7 @@ class Solid:
     half: Vec3
     """Half extents along x, y, z; of a cylinder (radius, radius, half height)."""
     color: str
-    """A name in `perdure.home.sim.apartments.COLORS`."""
+    """A name in `perdure.home.sim.furniture.COLORS`."""
     role: Role = "solid"
     shape: Literal["box", "cylinder", "ellipsoid"] = "box"
 

@@ -13,13 +13,18 @@ which links of 0.002 kg m^2 could not be held stiffly at steps of 1/120 s.
 The robot meets furniture, floor and objects, but not itself, with one exception: the links after the elbow carry a
 second collision bit and meet base, torso and head, so that the hand cannot pass through the body.
 
-The visual geometry is drawn by eye to the sizes of the links (our choice); it is in `data/fetch_visuals.json`.
+`data/fetch.json` holds masses, links, collision shapes and colors. Our choice there: the inertia each servo is made for
+(the arm stretched out, rotor included) and that of the rotor alone (armature); a base 4 cm above the floor, as it
+slides on its joints and not on contacts; an effort of the shoulder pan of 200 N m, as the URDF's 33.82 N m cannot hold
+the arm when the base starts or stops within 0.2 s, as the benchmark's base does (its own motors push with up to 10 N m
+s in 1/120 s). The URDF's finger has moments (0.002, 0, 0), which no body can have; ours are those of the finger's box.
+The faces of closed fingers are 0.6 mm apart; `l` is on the side of -y, as in the URDF. The colors blue, gray and red
+are the URDF's. The visual geometry is drawn by eye to the sizes of the links (our choice): `data/fetch_visuals.json`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -45,13 +50,8 @@ if TYPE_CHECKING:
 
 Vec6 = tuple[float, float, float, float, float, float]
 
-HEAD_PAN_ORIGIN: Vec3 = (0.053125, 0.0, 0.603001)
-HEAD_TILT_ORIGIN: Vec3 = (0.195655, 0.0, 0.661)
-"""The head's two axes in the torso's frame in [m]."""
 
-
-@dataclass(frozen=True)
-class Inertial:
+class Inertial(Record, frozen=True):
     """Mass in [kg], center of mass in [m], moments about it (xx, yy, zz, xy, xz, yz) in [kg m^2]."""
 
     mass: float
@@ -74,13 +74,7 @@ def combined(parts: tuple[Inertial, ...]) -> Inertial:
     return Inertial(mass, (x, y, z), (xx, yy, zz, float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])))
 
 
-def _shifted(by: Vec3, part: Inertial) -> Inertial:
-    x, y, z = (a + b for a, b in zip(by, part.center, strict=True))
-    return Inertial(part.mass, (x, y, z), part.moments)
-
-
-@dataclass(frozen=True)
-class Link:
+class Link(Record, frozen=True):
     """One moving body and the joint that carries it."""
 
     body: str
@@ -94,78 +88,50 @@ class Link:
     """Range in [rad] or [m], None for a continuous joint."""
     effort: float
     """Largest torque in [N m] or force in [N]."""
+    inertia: float
+    """What the servo is made for, in [kg m^2] or [kg]."""
+    armature: float
+    """Inertia of the rotor."""
     parts: tuple[Inertial, ...]
     """What it weighs, in its own frame."""
 
 
-_WHEEL = Inertial(4.3542, (0.0, 0.0, 0.0), (0.0045, 0.005, 0.0045, 0.0, 0.0, 0.0))
-_TORSO_FIXED = Inertial(13.2775, (-0.0722, 0.0057, 0.2656), (0.3861, 0.3388, 0.1018, 0.0015, -0.0102, 0.0117))
-BASE_PARTS = (
-    Inertial(70.1294, (-0.0036, 0.0, 0.0014), (1.225, 1.2853, 0.987, 0.0099, 0.0062, -0.0034)),
-    _shifted((0.0012914, 0.18738, 0.055325), _WHEEL),
-    _shifted((0.0012914, -0.18738, 0.055325), _WHEEL),
-    _shifted((-0.086875, 0.0, 0.377425), _TORSO_FIXED),
-)
-"""The base, its wheels and the fixed part of the torso, in the base frame."""
+class CollisionShape(Record, frozen=True):
+    """One primitive in the frame of its body; sizes in [m]."""
 
-_TORSO_PARTS = (
-    Inertial(10.7796, (-0.0013, -0.0009, 0.2935), (0.3354, 0.3354, 0.0954, 0.0, -0.0162, -0.0006)),
-    _shifted(HEAD_PAN_ORIGIN, Inertial(2.2556, (0.0321, 0.0161, 0.039), (0.0129, 0.0095, 0.0184, 0.0002, 0.0007, 0.0))),
-    _shifted(HEAD_TILT_ORIGIN, Inertial(0.9087, (0.0081, 0.0025, 0.0113), (0.0061, 0.0014, 0.0061, 0.0, 0.0002, 0.0))),
-)
-_GRIPPER = Inertial(1.5175, (-0.09, -0.0001, -0.0017), (0.0013, 0.0019, 0.0024, 0.0, 0.0, 0.0))
-# The URDF's finger has moments (0.002, 0, 0), which no body can have; these are those of the finger's box.
-_FINGER = Inertial(0.0798, (-0.01, 0.0, 0.0), (6.3e-6, 2.88e-5, 2.54e-5, 0.0, 0.0, 0.0))
+    body: str
+    name: str
+    kind: Literal["box", "cylinder", "capsule"]
+    center: Vec3
+    half: Vec3
+    """Box: half extents. Cylinder and capsule: (radius, half length, 0) along z, or along x for an arm's capsule."""
+    part_of: Literal["body", "arm", "hand"]
+
+
+class _Fetch(Record, frozen=True):
+    base: tuple[Inertial, ...]
+    """The base, its wheels and the fixed part of the torso, in the base frame."""
+    gripper: Inertial
+    links: tuple[Link, ...]
+    """The torso, the seven links of the arm from the shoulder to the wrist, the two fingers."""
+    shapes: tuple[CollisionShape, ...]
+    colors: dict[str, tuple[float, float, float, float]]
+
+
+_DATA = Path(__file__).parents[1] / "data"
+_FETCH: _Fetch = read_json((_DATA / "fetch.json").read_bytes(), _Fetch)
+LINKS = _FETCH.links
+TORSO, ARM, FINGERS = LINKS[0], LINKS[1:8], LINKS[8:]
 
 GRIPPER_ORIGIN: Vec3 = (0.16645, 0.0, 0.0)
 """`gripper_link` in the frame of `wrist_roll_link`, to which it is fixed."""
 GRIPPER_POINT: Vec3 = (-0.01, -0.0001, -0.0017)
 """M3's gripper point in the frame of `gripper_link` in [m]: what is near or far, and what a held object hangs on."""
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-
-_TORSO_ORIGIN = (-0.086875, 0.0, 0.37743)
-TORSO = Link(
-    "torso_lift_link", "robot", "torso_lift_joint", "slide", _Z, _TORSO_ORIGIN, (0.0, 0.38615), 450.0, _TORSO_PARTS
-)
-_ARM_PARTS = {
-    "shoulder_pan": Inertial(2.5587, (0.0927, -0.0056, 0.0564), (0.0043, 0.0087, 0.0087, -0.0001, 0.001, -0.0001)),
-    "shoulder_lift": Inertial(2.6615, (0.1432, 0.0072, -0.0001), (0.0028, 0.0111, 0.0112, -0.0021, 0.0, 0.0)),
-    "upperarm_roll": Inertial(2.3311, (0.1165, 0.0014, 0.0), (0.0019, 0.0045, 0.0047, -0.0001, 0.0, 0.0)),
-    "elbow_flex": Inertial(2.1299, (0.1279, 0.0073, 0.0), (0.0024, 0.0082, 0.0084, -0.0016, 0.0, 0.0)),
-    "forearm_roll": Inertial(1.6563, (0.1097, -0.0266, 0.0), (0.0016, 0.003, 0.0035, -0.0003, 0.0, 0.0)),
-    "wrist_flex": Inertial(1.725, (0.0882, 0.0009, -0.0001), (0.0018, 0.0042, 0.0042, -0.0001, 0.0, 0.0)),
-    "wrist_roll": Inertial(0.1354, (0.0095, 0.0004, -0.0002), (0.0001, 0.0001, 0.0001, 0.0, 0.0, 0.0)),
-}
-ARM = tuple(
-    Link(f"{name}_link", f"{parent}_link", f"{name}_joint", "hinge", axis, origin, limit, effort, (_ARM_PARTS[name],))
-    for name, parent, axis, origin, limit, effort in (
-        ("shoulder_pan", "torso_lift", _Z, (0.119525, 0.0, 0.34858), (-1.6056, 1.6056), 33.82),
-        ("shoulder_lift", "shoulder_pan", _Y, (0.117, 0.0, 0.06), (-1.221, 1.518), 131.76),
-        ("upperarm_roll", "shoulder_lift", _X, (0.219, 0.0, 0.0), None, 76.94),
-        ("elbow_flex", "upperarm_roll", _Y, (0.133, 0.0, 0.0), (-2.251, 2.251), 66.18),
-        ("forearm_roll", "elbow_flex", _X, (0.197, 0.0, 0.0), None, 29.35),
-        ("wrist_flex", "forearm_roll", _Y, (0.1245, 0.0, 0.0), (-2.16, 2.16), 25.7),
-        ("wrist_roll", "wrist_flex", _X, (0.1385, 0.0, 0.0), None, 7.36),
-    )
-)
-"""The seven links of the arm, from the shoulder to the wrist."""
-
-
-FINGERS = tuple(
-    Link(f"{finger}_link", "gripper_link", f"{finger}_joint", "slide", axis, origin, (0.0, 0.05), 60.0, (_FINGER,))
-    for finger, axis, origin in (
-        ("l_gripper_finger", (0.0, -1.0, 0.0), (0.0, -0.015425, 0.0)),
-        ("r_gripper_finger", (0.0, 1.0, 0.0), (0.0, 0.015425, 0.0)),
-    )
-)
-"""The two fingers. As in the URDF, `l` is on the side of -y."""
-
-
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """Slides along the room's x and y in [m], then the heading in [rad]."""
 ARM_JOINTS = tuple(link.joint for link in ARM)
 """The seven joints of the arm, from the shoulder to the wrist."""
-JOINTS = (*BASE_JOINTS, *(link.joint for link in (TORSO, *ARM, *FINGERS)))
+JOINTS = (*BASE_JOINTS, *(link.joint for link in LINKS))
 """All joints and all actuators, in the order of the model."""
 
 ARM_LOW = tuple(-math.inf if link.limit is None else link.limit[0] for link in ARM)
@@ -193,39 +159,19 @@ STIFFNESS_RATE = 60.0
 """Natural frequency w of the position servos in [rad/s]."""
 DAMPING_RATIO = 0.7
 
-INERTIA = {
-    "torso_lift_joint": (30.0, 0.0),
-    "shoulder_pan_joint": (3.0, 0.3),
-    "shoulder_lift_joint": (3.0, 0.3),
-    "upperarm_roll_joint": (1.0, 0.2),
-    "elbow_flex_joint": (1.0, 0.2),
-    "forearm_roll_joint": (0.3, 0.1),
-    "wrist_flex_joint": (0.3, 0.1),
-    "wrist_roll_joint": (0.1, 0.05),
-    "l_gripper_finger_joint": (0.5, 0.4),
-    "r_gripper_finger_joint": (0.5, 0.4),
-}
-"""Our choice, in [kg m^2] or [kg]: the inertia I each servo is made for (the arm stretched out, rotor included), and
-that of the rotor alone (armature)."""
-
 BASE_GAIN = {"base_x": 10_000.0, "base_y": 10_000.0, "base_yaw": 500.0}
 """Our choice: force per velocity error in [N s/m], [N m s/rad]: the base follows within 12 to 20 ms."""
 BASE_FORCE = {"base_x": 800.0, "base_y": 800.0, "base_yaw": 150.0}
 """Our choice: what the wheels can pass to the floor, 0.67 of the robot's weight of 121 kg; torque at 0.187 m."""
-EFFORT = {"shoulder_pan_joint": 200.0}
-"""Our choice: the URDF's 33.82 N m cannot hold the arm when the base starts or stops within 0.2 s, as the benchmark's
-base does; its own motors push with up to 10 N m s in 1/120 s. All other joints keep the URDF's effort."""
 
 
 def add_servos(spec: Any) -> None:
     """Add the thirteen actuators, each named after its joint, in the order of the joints."""
     for joint, gain in BASE_GAIN.items():
         _add_servo(spec, joint, gain, (0.0, 0.0, -gain), BASE_FORCE[joint])
-    for link in (TORSO, *ARM, *FINGERS):
-        inertia, _ = INERTIA[link.joint]
-        kp, kv = inertia * STIFFNESS_RATE**2, 2.0 * DAMPING_RATIO * inertia * STIFFNESS_RATE
-        effort = EFFORT.get(link.joint, link.effort)
-        _add_servo(spec, link.joint, kp, (0.0, -kp, -kv), effort, link.limit)
+    for link in LINKS:
+        kp, kv = link.inertia * STIFFNESS_RATE**2, 2.0 * DAMPING_RATIO * link.inertia * STIFFNESS_RATE
+        _add_servo(spec, link.joint, kp, (0.0, -kp, -kv), link.effort, link.limit)
 
 
 def _add_servo(
@@ -248,60 +194,8 @@ def _add_servo(
     actuator.biasprm[:3] = bias
 
 
-TUBE = 0.052
-"""Radius of the arm in [m]."""
-
-
-@dataclass(frozen=True)
-class CollisionShape:
-    """One primitive in the frame of its body; sizes in [m]."""
-
-    body: str
-    name: str
-    kind: Literal["box", "cylinder", "capsule"]
-    center: Vec3
-    half: Vec3
-    """Box: half extents. Cylinder and capsule: (radius, half length, 0) along z, or along x for an arm's capsule."""
-    part_of: Literal["body", "arm", "hand"]
-
-
-def _tube(body: str, name: str, start: float, end: float, z: float = 0.0, hand: bool = False) -> CollisionShape:
-    """Return a capsule along x whose axis runs from `start` to `end`."""
-    center, half = (0.5 * (start + end), 0.0, z), (TUBE, 0.5 * (end - start), 0.0)
-    return CollisionShape(body, name, "capsule", center, half, "hand" if hand else "arm")
-
-
-SHAPES = (
-    # The base keeps 4 cm above the floor: it slides on its joints, not on contacts.
-    CollisionShape("robot", "base", "cylinder", (0.0, 0.0, 0.2), (0.285, 0.16, 0.0), "body"),
-    CollisionShape("robot", "column", "box", (-0.1, 0.0, 0.48), (0.11, 0.15, 0.12), "body"),
-    CollisionShape("torso_lift_link", "torso", "box", (0.0, 0.0, 0.29), (0.123, 0.1735, 0.2865), "body"),
-    CollisionShape("torso_lift_link", "head", "box", (0.145, 0.0, 0.655), (0.11, 0.12, 0.055), "body"),
-    _tube("shoulder_pan_link", "shoulder", 0.03, 0.117, 0.06),
-    _tube("shoulder_lift_link", "upperarm", 0.0, 0.352),
-    _tube("elbow_flex_link", "forearm", 0.0, 0.3215, hand=True),
-    _tube("wrist_flex_link", "wrist", 0.0, 0.12, hand=True),
-    CollisionShape("gripper_link", "palm", "box", (-0.093, 0.0, 0.0), (0.061, 0.063, 0.04), "hand"),
-    # The faces of closed fingers are 0.6 mm apart.
-    CollisionShape("l_gripper_finger_link", "l_finger", "box", (0.0, 0.0077, 0.0), (0.03, 0.0074, 0.0135), "hand"),
-    CollisionShape("r_gripper_finger_link", "r_finger", "box", (0.0, -0.0077, 0.0), (0.03, 0.0074, 0.0135), "hand"),
-)
-
 BITS = {"body": (ROBOT_BIT, HAND_BIT), "arm": (ROBOT_BIT, 0), "hand": (ROBOT_BIT | HAND_BIT, 0)}
 """(contype, conaffinity) by what a shape is part of."""
-
-
-COLORS = {
-    "white": (0.94, 0.94, 0.93, 1.0),
-    "shell": (0.80, 0.81, 0.82, 1.0),
-    "blue": (0.086, 0.506, 0.767, 1.0),
-    "gray": (0.356, 0.361, 0.376, 1.0),
-    "dark": (0.16, 0.165, 0.175, 1.0),
-    "black": (0.04, 0.04, 0.045, 1.0),
-    "glass": (0.10, 0.16, 0.24, 1.0),
-    "red": (0.80, 0.05, 0.05, 1.0),
-}
-"""`blue`, `gray`, `red` are the URDF's."""
 
 
 class Visual(Record, frozen=True):
@@ -350,16 +244,17 @@ def add_fetch(spec: mujoco.MjSpec, *, visuals: bool = True) -> None:
         visuals: Whether visual geometry is built; without it the colliding shapes are visible.
     """
     base = spec.worldbody.add_body(name="robot", gravcomp=1.0)
-    _set_inertia(base, combined(BASE_PARTS))
-    for name, kind, axis in zip(BASE_JOINTS, ("slide", "slide", "hinge"), (_X, _Y, _Z), strict=True):
-        _add_joint(spec, base, name, kind, axis, None)
+    _set_inertia(base, combined(_FETCH.base))
+    axes = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    for name, kind, axis in zip(BASE_JOINTS, ("slide", "slide", "hinge"), axes, strict=True):
+        add_joint(spec, base, name, kind, axis, None)
     bodies = {"robot": base}
     for link in (TORSO, *ARM):
         _add_link(spec, bodies, link)
     _add_gripper(bodies)
     for link in FINGERS:
         _add_link(spec, bodies, link)
-    for shape in SHAPES:
+    for shape in _FETCH.shapes:
         _add_shape(bodies[shape.body], shape, ONLY_COLLIDES if visuals else COLLIDES_AND_SEEN)
     _add_cameras(bodies)
     if visuals:
@@ -371,14 +266,14 @@ def _add_link(spec: Any, bodies: dict[str, Any], link: Link) -> None:
     """Add one link, its inertia and its joint under its parent, and notes its body in `bodies`."""
     body = bodies[link.parent].add_body(name=link.body, pos=link.origin, gravcomp=1.0)
     _set_inertia(body, combined(link.parts))
-    _add_joint(spec, body, link.joint, link.kind, link.axis, link.limit)
+    add_joint(spec, body, link.joint, link.kind, link.axis, link.limit).armature = link.armature
     bodies[link.body] = body
 
 
 def _add_gripper(bodies: dict[str, Any]) -> None:
     """Add the body `gripper_link` behind the wrist, with the site `gripper` at the gripper point."""
     gripper = bodies[ARM[-1].body].add_body(name="gripper_link", pos=GRIPPER_ORIGIN, gravcomp=1.0)
-    _set_inertia(gripper, combined((_GRIPPER,)))
+    _set_inertia(gripper, combined((_FETCH.gripper,)))
     gripper.add_site(name="gripper", pos=GRIPPER_POINT, size=(0.01, 0.01, 0.01), group=HIDDEN)
     bodies["gripper_link"] = gripper
 
@@ -386,10 +281,6 @@ def _add_gripper(bodies: dict[str, Any]) -> None:
 def _set_inertia(body: Any, inertial: Inertial) -> None:
     body.mass, body.ipos, body.fullinertia = inertial.mass, inertial.center, inertial.moments
     body.explicitinertial = True
-
-
-def _add_joint(spec: Any, body: Any, name: str, kind: str, axis: Vec3, limit: tuple[float, float] | None) -> None:
-    add_joint(spec, body, name, kind, axis, limit).armature = INERTIA.get(name, (0.0, 0.0))[1]
 
 
 def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
@@ -411,7 +302,7 @@ def _add_shape(body: Any, shape: CollisionShape, group: int) -> None:
 
 
 def _add_visuals(bodies: dict[str, Any]) -> None:
-    drawn = read_json((Path(__file__).parents[1] / "data" / "fetch_visuals.json").read_bytes(), dict[str, list[Visual]])
+    drawn = read_json((_DATA / "fetch_visuals.json").read_bytes(), dict[str, list[Visual]])
     for body, visuals in drawn.items():
         for visual in visuals:
             bodies[body].add_geom(
@@ -419,7 +310,7 @@ def _add_visuals(bodies: dict[str, Any]) -> None:
                 pos=visual.center,
                 quat=visual.quaternion,
                 size=visual.half,
-                rgba=COLORS[visual.color],
+                rgba=_FETCH.colors[visual.color],
                 group=ONLY_SEEN,
                 contype=0,
                 conaffinity=0,

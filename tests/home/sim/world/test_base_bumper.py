@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perdure.home.sim import occupancy, scene
-from perdure.home.sim.furniture import table_01
+from perdure.home.sim.furniture import make_piece
 from perdure.home.sim.occupancy import footprints
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.scene import BUMPER_RADIUS as RADIUS
@@ -23,7 +23,9 @@ FORWARD = np.eye(1, 11)
 def table(empty_room):
     """A room with nothing but a table in its middle, turned as nothing else is."""
     apartment, middle, _ = empty_room
-    return replace(apartment, pieces=(table_01("table_01", Pose(float(middle[0]), float(middle[1]), 0.3)),))
+    return replace(
+        apartment, pieces=(make_piece("table_01", "table_01", Pose(float(middle[0]), float(middle[1]), 0.3)),)
+    )
 
 
 def driven(apartment, heading, steps=90):
